@@ -31,9 +31,12 @@ if TYPE_CHECKING:
     from cpmkit.files.ply_files import read_ply as read_ply
     from cpmkit.files.png_files import write_png as write_png
     from cpmkit.forms.contract import Discretized as Discretized
-    from cpmkit.forms.contract import MeasuredWork as MeasuredWork
-    from cpmkit.forms.contract import PlainWork as PlainWork
-    from cpmkit.forms.contract import StateFlux as StateFlux
+    from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
+    from cpmkit.forms.contract import named_sides as named_sides
+    from cpmkit.forms.form_records import FormTraits as FormTraits
+    from cpmkit.forms.form_records import MeasuredWork as MeasuredWork
+    from cpmkit.forms.form_records import PlainWork as PlainWork
+    from cpmkit.forms.form_records import StateFlux as StateFlux
     from cpmkit.forms.galerkin.cut_mesh import CutMesh as CutMesh
     from cpmkit.forms.galerkin.cut_mesh import cut_along_boundaries as cut_along_boundaries
     from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
@@ -194,7 +197,8 @@ _NAMES = {
     "Forms and back ends": {
         "protocols": "Backend Stiffness no_progress",
         "linear.operators": "Border CsrOperator",
-        "forms.contract": "Discretized MeasuredWork PlainWork StateFlux",
+        "forms.contract": "Discretized conditions_depend_on_time named_sides",
+        "forms.form_records": "FormTraits MeasuredWork PlainWork StateFlux",
         "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
         "mesh.display_mesh": "DisplayMesh",
         "mesh.support": "support_of",

@@ -17,10 +17,9 @@ from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import explain_memory_error
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.field import Field, field_of
-from cpmkit.forms.options import Options
-from cpmkit.forms.solver_choice import solver_of
+from cpmkit.forms.options import Options, solver_of
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
@@ -182,7 +181,7 @@ class Prepared(Generic[Solved]):
     @property
     def points(self) -> Floats:
         """(p, d) where the scene's form keeps values: samples, or feet of nodes; in the scene's coordinates."""
-        return self.discretized.points
+        return self.discretized.points.copy()
 
     def field(self, data: Any) -> Field:
         """Return values at the points where the scene's form keeps them; see :class:`~cpmkit.Field`.
@@ -204,9 +203,8 @@ class Prepared(Generic[Solved]):
     ) -> Solution:
         """Solve a scene that differs from the prepared one in its equation and data alone."""
         started = time.perf_counter() if started is None else started
-        form = self.discretized if scene is self.discretized.scene else self.discretized.restated(scene)
+        form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
         chosen = solver_of(form, self.solver.solver)
-        form.check_solver_fits(chosen)
         steps = scene.problem.family == "time"
         made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
         with shown_progress(self.progress) as progress:
@@ -229,7 +227,7 @@ class Prepared(Generic[Solved]):
 def _solve_family(context: SolveContext) -> Solution:
     """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
     if context.scene.has_tensor:
-        context.discretized.require("diffusivity that is a tensor")
+        require(context.discretized, "diffusivity that is a tensor")
     module, function = FAMILIES[context.scene.problem.family]
     solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
     if isinstance(context.scene.problem, QuasilinearEquation):

@@ -8,8 +8,7 @@ import numpy as np
 
 from cpmkit.accuracy.comparison import Difference, difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
-from cpmkit.forms.contract import Discretized
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import Diagnosis, ExpectedError
 from cpmkit.protocols import Floats
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
@@ -43,7 +42,8 @@ def from_companions(
     """
     form = solution.discretized
     found = [difference(solution, one) for one in companions]
-    orders = [order or _order(form, solution, *both) for both in zip(companions, found, strict=True)]
+    diagnoses = [_diagnosis(solution, *both) for both in zip(companions, found, strict=True)]
+    orders = [order or one.order for one in diagnoses]
     divisors = [one.ratio**p - 1 for one, p in zip(found, orders, strict=True)]
     last = found[-1]
     apart = {
@@ -55,7 +55,7 @@ def from_companions(
     rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
     left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
     floor = np.full(len(last.unit), left)
-    slow = form.slow_beside(companions[-1].discretized) or (UNRESOLVED_SENTENCE if alone and alone.unresolved else "")
+    slow = diagnoses[-1].slow or (UNRESOLVED_SENTENCE if alone and alone.unresolved else "")
     slow = slow or (RESONANT_SENTENCE if resonant_largest >= 1 else "")
     return ErrorEstimate(
         rms + in_time,
@@ -80,14 +80,14 @@ def _resonant(solution: Solution, companion: Solution, found: Difference) -> tup
     mine, theirs = solution.resonance, companion.resonance
     if mine is None:
         return 0.0, 0.0
-    order = solution.discretized.eigenvalue_order(found.ratio, companion.discretized, 0.0)
+    order = solution.discretized.diagnosis(companion.discretized, found.ratio, eigenvalues=True).order
     error = mine.error if theirs is None else abs(mine.gap - theirs.gap) / (found.ratio**order - 1)
     return mine.amplified(error)
 
 
 def expected_of(solution: Solution) -> ExpectedError | None:
     """Return what a solution alone lets expect of its error; None where that is not known."""
-    return None if isinstance(solution, EigenSolution) else solution.discretized.expected_error(solution.values)
+    return None if isinstance(solution, EigenSolution) else solution.discretized.estimate(solution.values)
 
 
 def _agreed(apart: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
@@ -101,9 +101,10 @@ def _agreed(apart: Floats, norm: str, alone: ExpectedError | None, unit: Floats)
     return np.asarray(np.maximum(mean, LEAST_OF_APART * apart) * (UNRESOLVED_FACTOR if alone.unresolved else 1.0))
 
 
-def _order(form: Discretized, solution: Solution, companion: Solution, found: Difference) -> float:
-    of = form.eigenvalue_order if isinstance(solution, EigenSolution) else form.order_of_difference
-    return of(found.ratio, companion.discretized, float(found.rms.max()))
+def _diagnosis(solution: Solution, companion: Solution, found: Difference) -> Diagnosis:
+    return solution.discretized.diagnosis(
+        companion.discretized, found.ratio, float(found.rms.max()), isinstance(solution, EigenSolution)
+    )
 
 
 def _mean(found: Sequence[Floats]) -> Floats:

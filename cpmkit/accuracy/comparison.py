@@ -46,12 +46,12 @@ class Difference:
 def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
     form = solution.discretized
-    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED, form.point_count)
-    chosen = np.linspace(0, form.point_count - 1, count).astype(np.int64)
-    weights = form.point_weights
-    weights = np.ones(len(chosen)) if weights is None else weights[chosen]
-    points = form.some_points(chosen)
-    values = form.at_some_points(solution.values, chosen) if form.one_reading else solution.evaluate(points)
+    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
+    chosen, points = form.some_points(count)
+    if form.point_weights is None:
+        weights, values = np.ones(len(chosen)), solution.evaluate(points)
+    else:
+        weights, values = form.point_weights[chosen], form.at_points(solution.values, chosen)
     return points, weights / weights.sum(), values.reshape(len(points), -1)
 
 

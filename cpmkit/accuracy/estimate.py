@@ -18,7 +18,7 @@ from cpmkit.families.eigen.resonance import resolves_waves
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.options import Options
+from cpmkit.forms.options import Options, lattice_options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.preparing import solved
 from cpmkit.protocols import Floats
@@ -101,7 +101,7 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
 
 def _is_unresolved(solution: Solution) -> bool:
     form, problem = solution.discretized, solution.scene.problem
-    return form.unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
+    return form.diagnosis().unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
 
 def coarser_scene(scene: Scene) -> Scene:
@@ -136,7 +136,7 @@ def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
         If it was not solved on a lattice.
     """
     form = solution.discretized
-    options = form.lattice_options
+    options = lattice_options(form)
     if solution.estimated is False:
         raise InputError("the error of this solution was not to be estimated, estimate=False; leave that out.")
     if options is None:
@@ -156,8 +156,9 @@ def check_estimable(form: Discretized) -> None:
     InputError
         With the reason.
     """
-    if form.no_estimate:
-        raise InputError(f"The error of this solution has no estimate. {form.no_estimate}")
+    reason = form.diagnosis().no_estimate
+    if reason:
+        raise InputError(f"The error of this solution has no estimate. {reason}")
 
 
 def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[str, Any]) -> Solution:
@@ -166,7 +167,7 @@ def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[s
         return solution
     if how is False:
         return replace(solution, estimated=False)
-    if solution.discretized.no_estimate:  # which its warnings say; what was solved is not lost
+    if solution.discretized.diagnosis().no_estimate:  # which its warnings say; what was solved is not lost
         return solution
     return replace(solution, estimated=estimated(solution, companion_solver(options), how == "tight"))
 

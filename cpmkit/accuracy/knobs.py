@@ -38,7 +38,7 @@ def worth_higher_degree(way: Way, aim: float) -> bool:
         and not scene.boundaries
         and not len(form.sampled.boundary)
         and not form.source_error()
-        and not form.slow
+        and not form.diagnosis().slow
         and aim < error_of_equal_cost()
     )
 

@@ -115,7 +115,7 @@ def _accepted(way: Way, aim: float) -> bool:
     Where the solution alone tells nothing, also if errors fall more slowly than it takes them to: so they do while a
     layer is about as wide as a spacing. Two that tell the same and know nothing of each other need no such caution.
     """
-    if way.last.solution.discretized.unresolved_share > aim**2:
+    if way.last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
     first = len(_known(way)) < 2
     accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[way.target.norm] * aim
@@ -204,7 +204,7 @@ def _prior(way: Way) -> float:
     estimate = way.last.estimate
     if estimate is not None:
         return estimate.order
-    return way.order or way.last.solution.discretized.order_of_difference(2.0)
+    return way.order or way.last.solution.discretized.diagnosis().order
 
 
 def _known(way: Way) -> list[Run]:

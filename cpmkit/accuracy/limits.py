@@ -12,6 +12,7 @@ from cpmkit.forecast.growth import Growth, line_through, rising_growth
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.galerkin.galerkin_cost import SAMPLES_PER_UNKNOWN, expected_unknowns
 from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
+from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
@@ -66,7 +67,7 @@ def predicted_bytes(way: Way, unknowns: float) -> float:
 
 def _needed(way: Way, unknowns: float) -> tuple[float, float]:
     """Return the bytes that a solve of so many unknowns needs, and those that coarser ones hold meanwhile."""
-    options = way.last.solution.discretized.lattice_options
+    options = lattice_options(way.last.solution.discretized)
     assert options is not None  # what a way solves is on a lattice
     solver = solver_for(way.scene, options, way.solver, unknowns)
     used = bytes_needed(way.scene, options, solver, unknowns, _samples(way, unknowns))
@@ -84,7 +85,7 @@ def _samples(way: Way, unknowns: float) -> float | None:
     last = way.last.solution
     if not isinstance(last.work, GalerkinWork):
         return None
-    options: Any = last.discretized.lattice_options
+    options: Any = lattice_options(last.discretized)
     usual = SAMPLES_PER_UNKNOWN[options.own.degree] * unknowns
     return max(usual, float(last.work.samples))
 

@@ -20,7 +20,8 @@ from cpmkit.accuracy.trade import Purpose, Step
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.fewer import fewer_modes
 from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import ExpectedError
+from cpmkit.forms.options import lattice_options
 from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution
@@ -257,7 +258,7 @@ class Way:
 
     def alike(self, solution: Solution, other: Solution | None = None) -> bool:
         """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""
-        mine, theirs = (one.discretized.lattice_options for one in (solution, other or self.last.solution))
+        mine, theirs = (lattice_options(one.discretized) for one in (solution, other or self.last.solution))
         return mine is not None and theirs is not None and mine.own == theirs.own
 
     def _serves(self, companion: Solution, solution: Solution) -> bool:
@@ -267,7 +268,7 @@ class Way:
 
     def _estimate(self, solution: Solution, alone: ExpectedError | None) -> ErrorEstimate | None:
         companion, solution = self.companion(solution), self.asked_of(solution)
-        if companion is None or solution.discretized.no_estimate or companion.discretized.no_estimate:
+        if companion is None or any(one.discretized.diagnosis().no_estimate for one in (solution, companion)):
             return None
         return from_companions(solution, [companion], self.in_time, self.order, alone)
 

@@ -147,7 +147,7 @@ def geodesic_distance(
 
 
 def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
-    points = prepared.discretized.points_in_use  # held here, so that all fields below share them
+    points = prepared.discretized.points  # held here, so that all fields below share them
     pieces = pieces_of(prepared)
     near, reached = _near(prepared, given, pieces, points)
     field, phi = _by_heat(prepared, given, near, pieces)
@@ -217,7 +217,7 @@ def _move(phi: Solution, near: _Near, own: Ints) -> float:
     beside = (straight > h) & (straight < HELD_SPACINGS * h)
     beside = beside if beside.any() else straight <= straight.min() + h
     rows = own[beside]
-    off = near.straight[rows] - phi.discretized.at_some_points(phi.values, rows)[:, 0]
+    off = near.straight[rows] - phi.discretized.at_points(phi.values, rows)[:, 0]
     found, label = np.unique(near.number[rows], return_inverse=True)
     constants = np.bincount(label, off) / np.bincount(label)
     if len(found) > 1 and np.ptp(constants) > HELD_SPACINGS * h:

@@ -51,7 +51,7 @@ def pieces_of(prepared: Prepared) -> Pieces:
         border = form.free_constants(form.stiffness(Terms()))
         count = 1 if border is None else border.indicator.shape[1]
         of_unknown = np.zeros(form.size, dtype=np.int64)
-        of_point = np.zeros(len(form.points_in_use), dtype=np.int64)
+        of_point = np.zeros(len(form.points), dtype=np.int64)
         if border is not None and count > 1:
             numbers = border.indicator @ np.arange(count, dtype=np.float64)
             of_unknown = np.rint(numbers).astype(np.int64)

@@ -101,7 +101,7 @@ def measured(
 
 def _again(prepared: Prepared, measure: Callable[[Prepared], Measured]) -> Callable[[float, Any], Solution]:
     """Return what measures at another spacing, with the options that a scene was prepared with."""
-    options = prepared.discretized.lattice_options
+    options = prepared.options
     given = {} if options is None else options.as_dict()
     kept = {name: value for name, value in given.items() if name not in ("spacing", "origin")}
 

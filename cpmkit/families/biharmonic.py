@@ -15,9 +15,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.families.context import SolveContext
-from cpmkit.forms.contract import Discretized
-from cpmkit.forms.free_constants import defects_of
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.free_constants import Imbalance, defects_of
 from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.solve_report import SolveReport
@@ -66,15 +65,15 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
     """
     problem, form = context.scene.problem, context.discretized
     assert isinstance(problem, Biharmonic)
-    form.require("second Laplacian")
-    form.check()
+    require(form, "second Laplacian")
+    form.check(context.solver_name)
     if problem.c and context.solver_name not in COMPLEX_SOLVERS:
         raise InputError(
             f"a biharmonic problem with c takes solver={', '.join(map(repr, COMPLEX_SOLVERS[:-1]))} or "
             f"{COMPLEX_SOLVERS[-1]!r}, got {context.solver_name!r}: its system is complex."
         )
     stiffness = form.stiffness(Terms())
-    r, q = form.data(stiffness), form.load(problem.f) + form.data(stiffness, of="laplacian")
+    r, q = form.condition_load(stiffness), form.load(problem.f) + form.condition_load(stiffness, of="laplacian")
     built = time.perf_counter()
     solve_pair = _solve_coupled if problem.c else _solve_in_turn
     u, v, report, unbalanced = solve_pair(context, stiffness, problem.c, r, q)

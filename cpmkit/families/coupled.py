@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.free_constants import MOSTLY
 from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.multigrid.cycle import Level
@@ -45,14 +45,13 @@ def solve_coupled(context: SolveContext) -> Solution:
     """
     form, problem = context.discretized, context.scene.problem
     assert isinstance(problem, Coupled)
-    form.require("coupled channels")
-    form.check()
+    require(form, "coupled channels")
+    form.check(context.solver_name)
     coupling, channels = _read(problem, form), form.channels
     stiffness = form.stiffness(problem.terms())
     _check_fixed(form, stiffness, coupling)
     operator = operator_of(stiffness, form, coupling)
-    form.check_solver_fits(context.solver_name)
-    b = (form.load(problem.f) + form.data(stiffness)).reshape(-1, 1)
+    b = (form.load(problem.f) + form.condition_load(stiffness)).reshape(-1, 1)
     prepared = context.solver.prepare(operator, _levels(form, stiffness, channels))
     built = time.perf_counter()
     guess = None if context.guess is None else context.guess.reshape(-1, 1)
@@ -67,7 +66,7 @@ def solve_coupled(context: SolveContext) -> Solution:
 def _read(problem: Coupled, form: Discretized) -> Floats:
     """Return C (p, k, k) at the form's points."""
     points, channels = form.points, form.channels
-    found = np.asarray(problem.coupling(points), dtype=np.float64)
+    found = np.asarray(problem.coupling(points.copy()), dtype=np.float64)
     if found.shape != (len(points), channels, channels) or not np.isfinite(found).all():
         raise InputError(
             f"coupling must return finite matrices {(len(points), channels, channels)} at {len(points)} points, one "
@@ -115,7 +114,7 @@ def operator_of(stiffness: Stiffness, form: Discretized, coupling: Floats) -> Cs
             if (j, i) in tied and symmetric:
                 tied[i, j] = tied[j, i]
             elif coupling[:, i, j].any():
-                tied[i, j] = form.mass_of(coupling[:, i, j])
+                tied[i, j] = form.weighted_mass(coupling[:, i, j])
     if tied:
         pattern = next(iter(tied.values()))
         blocks = np.zeros((len(pattern.data), channels, channels))

@@ -51,7 +51,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     applications = iterations = 0
     for step in range(1, MOST_NEWTON_STEPS + 1):
         solution = solve_linear(
-            replace(context, discretized=form.linearized(boundary_values), kept=Kept(), by_default=False)
+            replace(context, discretized=form.linearise(boundary_values), kept=Kept(), by_default=False)
         )
         if not all(flux.grows(v) for flux, v in zip(fluxes, boundary_values, strict=True)):
             _check_balance(solution)

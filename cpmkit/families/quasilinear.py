@@ -16,6 +16,7 @@ from cpmkit.errors import ConvergenceError
 from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
+from cpmkit.forms.contract import require
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
@@ -103,9 +104,9 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearSolution:
     """
     form, problem = context.discretized, context.scene.problem
     assert isinstance(problem, QuasilinearEquation)
-    form.require("diffusivity that depends on u")
+    require(form, "diffusivity that depends on u")
     check_one_channel(context.scene.channels)
-    form.check()
+    form.check(context.solver_name)
     terms = replace(problem.terms(), f=_Remembered(problem.terms().f))
     u = _start(context, problem, terms)
     held = _mean_diffusivity(context, problem, u) if problem.held_evenly else None
@@ -161,7 +162,7 @@ def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) ->
 def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> Solution:
     """Return the solution of the linear problem with ``terms``."""
     scene = replace(context.scene, problem=_Frozen(terms))
-    form = context.discretized.restated(scene)
+    form = context.discretized.with_scene(scene)
     return solve_steady(replace(context, discretized=form, guess=guess, kept=Kept()))
 
 
@@ -223,12 +224,12 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
     ``u . A u / 2`` holds half of ``a s^2``, in whose place the density stands.
     """
     form, u = steps.context.discretized, state.u
-    slopes = form.slopes_at_points(u)[:, 0]
+    slopes = form.gradient(u)[:, 0]
     density = problem.energy(slopes)
     if density is None:
         return None
-    a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points)
-    total = form.totals(form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
+    a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points.copy())
+    total = form.integrals(form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
     rest = np.sum(u * (0.5 * state.stiffness.apply(u) - state.b))
     return None if total is None else float(total[0] + rest)
 
@@ -236,5 +237,5 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
 def _mean_diffusivity(context: SolveContext, problem: QuasilinearEquation, u: Floats) -> float:
     """Return the geometric mean of the diffusivity at u."""
     form = context.discretized
-    a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.slopes_at_points(u)[:, 0], form.points)
+    a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
     return float(np.exp(np.log(a).mean()))

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError
 from cpmkit.families.context import SolveContext
-from cpmkit.forms.at_state import AtState
+from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, Stiffness
@@ -81,7 +81,7 @@ class Steps:
     def frozen(self, u: Floats) -> Terms:
         """Return the terms with the diffusivity at u."""
         held = None if self.held is None else self._number
-        return replace(self.terms, diffusivity=AtState(self.law.at, u, held))
+        return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, held))
 
     def _number(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         del slopes, points
@@ -92,7 +92,7 @@ class Steps:
         """Return what is left at u."""
         form = self.context.discretized
         stiffness = form.stiffness(self.frozen(u))
-        b = self.loads + form.data(stiffness)
+        b = self.loads + form.condition_load(stiffness)
         residual = b - stiffness.apply(u)
         border = form.free_constants(stiffness)
         if border is not None:
@@ -115,8 +115,10 @@ class Steps:
         """
         form = self.context.discretized
         held = self.law.at if self.held is None else self._number
-        tangent = form.stiffness(replace(self.terms, diffusivity=AtState(self.law.tangent, state.u, held)))
-        drift = form.transport(AtState(self.law.drift, state.u)) if self.law.of_value else None
+        tangent = form.stiffness(
+            replace(self.terms, diffusivity=StateDependentCoefficient(self.law.tangent, state.u, held))
+        )
+        drift = form.advection(StateDependentCoefficient(self.law.drift, state.u)) if self.law.of_value else None
         change, report = self._solved(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
         before, length, why = _size(state.residual, weights), 1.0, None

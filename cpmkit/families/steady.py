@@ -24,7 +24,7 @@ def assemble(form: Discretized) -> LinearSystem:
         The discretised scene.
     """
     stiffness, operator = _operators(form)
-    return LinearSystem(operator, form.load(form.scene.problem.terms().f) + form.data(stiffness))
+    return LinearSystem(operator, form.load(form.scene.problem.terms().f) + form.condition_load(stiffness))
 
 
 def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
@@ -36,21 +36,18 @@ def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
 
 @dataclass(frozen=True, eq=False)
 class _Ready:
-    """A, what solves with it, its constants, and what looking for an eigenvalue of the wrong sign found and cost."""
+    """A, A with its free constants moved out of the kernel, the solver of systems with it, and its constants."""
 
     stiffness: Stiffness
     operator: Operator
     prepared: PreparedSolver
     constants: Constants
-    wrong: str
-    looked: int
 
 
 def _ready(context: SolveContext) -> _Ready:
     form = context.discretized
     stiffness, operator = _operators(form)
-    wrong, looked = form.indefinite(stiffness)
-    return _Ready(stiffness, operator, context.prepare(operator), context.constants(operator), wrong, looked)
+    return _Ready(stiffness, operator, context.prepare(operator), context.constants(operator))
 
 
 def solve_steady(context: SolveContext) -> Solution:
@@ -65,14 +62,13 @@ def solve_steady(context: SolveContext) -> Solution:
     """
     form, terms = context.discretized, context.scene.problem.terms()
     poor = unresolved_waves(form, terms)
-    form.check()
+    form.check(context.solver_name)
     load = form.load(terms.f)
     ready: _Ready = context.kept.get(("steady", left_side(terms)), _ready, context)
-    operator, prepared, wrong = ready.operator, ready.prepared, ready.wrong
-    b = load + form.data(ready.stiffness)
+    operator, prepared = ready.operator, ready.prepared
+    b = load + form.condition_load(ready.stiffness)
     built = time.perf_counter()
     values, report = solved_or_resonant(context, prepared, ready.constants, b)
-    report = replace(report, operator_applications=report.operator_applications + ready.looked)
     work: Any = form.work(operator, report)
     settled = form.remove_constants(operator, b, values)
     if settled.queries:
@@ -80,7 +76,7 @@ def solve_steady(context: SolveContext) -> Solution:
     resonant, resonance = near_resonance(context, prepared, settled.values)
     small_c = () if isinstance(operator, Bordered) else ready.constants.chance(b, values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
-    found = form.warnings(settled.missed)
+    found = form.warnings()
     unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]
     return Solution(
         form,
@@ -88,7 +84,7 @@ def solve_steady(context: SolveContext) -> Solution:
         report,
         work,
         seconds,
-        warnings=(*found, *([wrong] if wrong else []), *poor, *resonant, *small_c, *unbalanced, *settled.warnings),
+        warnings=(*found, *poor, *resonant, *small_c, *unbalanced, *settled.warnings),
         imbalances=settled.imbalances,
         resonance=resonance,
     )

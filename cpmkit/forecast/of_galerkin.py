@@ -19,8 +19,7 @@ from cpmkit.forms.galerkin.galerkin_cost import (
     scene_extras,
 )
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.options import Options
-from cpmkit.forms.solver_choice import solver_of
+from cpmkit.forms.options import Options, solver_of
 from cpmkit.grid.fitting import suggest_spacing
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.manifold.abilities import integral_floor_of

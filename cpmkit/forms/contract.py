@@ -1,32 +1,39 @@
-"""What a form is: a way of discretising a scene, and all that the families of equations may ask of it.
+"""The contract of a form, a way to discretise a scene: operators, values at points, diagnosis.
 
-With A the operator of an equation's terms, M the form's mass, and b what the right-hand side and the conditions add,
-a steady problem is ``A u = b``, one in time ``M u' = -A u + b``, one of eigenvalues ``A u = lambda B u``. Families are
-written over :class:`Discretized` alone, and know no form; a form knows no family, and no other form.
+With A the operator of an equation's terms, M the mass matrix of the form, and b the load of the right-hand side and of
+the conditions, a steady problem is ``A u = b``, a problem in time ``M u' = -A u + b``, and an eigenvalue problem
+``A u = lambda B u``. Families of equations are written over :class:`Discretized` alone and know no form; a form knows
+no family and no other form.
 
-A form of one's own overrides what is abstract. Everything else has an answer that is right wherever A is all that the
-form knows of the problem, and is overridden where it knows more.
+A new form implements the abstract members. The other members have defaults that are right wherever the form knows the
+problem through A alone.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.at_state import AtState
-from cpmkit.forms.dispersion import SECOND_ORDER, Dispersion
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import (
+    Diagnosis,
+    ExpectedError,
+    FormTraits,
+    MeasuredWork,
+    PlainWork,
+    StateDependentCoefficient,
+    StateFlux,
+    SteadyResult,
+)
 from cpmkit.forms.free_constants import defects_of, free_pieces
-from cpmkit.forms.imbalance import Imbalance
-from cpmkit.forms.options import Options
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES, Floats, Ints, Operator, Side, Sides, Stiffness
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, takes_nothing
@@ -35,119 +42,27 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.forms.unresolved_data import DataAtPoints
     from cpmkit.linear.solve_report import SolveReport
     from cpmkit.mesh.display_mesh import DisplayMesh
 
 
-class MeasuredWork(Protocol):
-    """What a solve cost, in units that no machine changes."""
+class FormOperators(ABC):
+    """The unknowns of a form, and the matrices and loads of equations and conditions."""
 
-    @property
-    def unknowns(self) -> int:
-        """Size of the system."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return all measures as plain values."""
-
-
-@dataclass(frozen=True)
-class PlainWork:
-    """The measures that every form has: unknowns, numbers stored, products with A of all channels together."""
-
-    unknowns: int
-    nonzeros: int
-    operator_applications: int
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the measures as plain values."""
-        return asdict(self)
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyResult:
-    """A steady solution as the form hands it out.
-
-    Attributes
-    ----------
-    values : (n, channels) float64
-        Of mean zero on pieces where a constant is free.
-    imbalances : tuple of Imbalance
-        What did not balance, piece by piece, and what was done about it.
-    missed : float
-        The largest relative error of a mean, whether or not it was put right.
-    warnings : tuple of str
-        What else a reader should know than the imbalances' own sentences.
-    queries : int
-        Closest point queries that it took.
-    seconds : mapping
-        What it took, by stage.
-    """
-
-    values: Floats
-    imbalances: tuple[Imbalance, ...] = ()
-    missed: float = 0.0
-    warnings: tuple[str, ...] = ()
-    queries: int = 0
-    seconds: Mapping[str, float] = field(default_factory=dict)
-
-
-class StateFlux(Protocol):
-    """Points at which a condition's flux depends on the solution there."""
-
-    @property
-    def guess(self) -> float:
-        """Value of u at which Newton's method starts."""
-
-    @property
-    def points(self) -> Floats:
-        """(k, d) where u is read."""
-
-    def read(self, u: Floats, /) -> Floats:
-        """Return u (k,) there, from the unknowns (n, 1)."""
-
-    def grows(self, seen: Floats, /) -> bool:
-        """Tell whether the flux changes with u where u is ``seen``: if not, it fixes no constant."""
-
-
-class Discretized(ABC):
-    """A scene on the unknowns of one form, made once, for many equations and right-hand sides."""
-
-    #: The form's name, for reports.
+    #: Name of the form, for reports.
     form: ClassVar[str]
-    #: Whether :meth:`at_points` and :meth:`evaluate` say the same at :attr:`points`.
-    one_reading: ClassVar[bool] = False
-    #: What :meth:`work` returns.
-    work_record: ClassVar[type] = PlainWork
-    #: Distributions whose versions a summary names.
-    libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "numpy", "scipy")
-    #: What the form cannot do, by name, and what to do instead: families ask before they start.
+    #: Abilities that the form lacks, by name, each with the advice that the error gives.
     cannot: ClassVar[Mapping[str, str]] = {
-        "eigenvalues at boundaries": "use the form 'collocation'",
-        "fluxes that depend on u": "use the form 'collocation'",
-        "second Laplacian": "use the form 'collocation'",
-        "diffusivity that is a tensor": "use form='galerkin'",
-        "diffusivity that depends on u": "use form='galerkin'",
-        "coupled channels": "use form='galerkin'",
-        "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
+        "eigenvalues at boundaries": "use another form",
+        "fluxes that depend on u": "use another form",
+        "second Laplacian": "use another form",
+        "diffusivity that is a tensor": "use another form",
+        "diffusivity that depends on u": "use another form",
+        "coupled channels": "use another form",
+        "explicit steps": "use scheme 'newmark' or 'implicit', or another form",
     }
 
-    #: How many times more unknowns than of the form ``collocation`` a factorisation is worth.
-    factorise_up_to: ClassVar[float] = 1.0
-
     scene: Scene
-
-    # What there is
-
-    @property
-    def finest_spacing(self) -> float:
-        """The smallest spacing anywhere, where there are several."""
-        return self.spacing
-
-    @property
-    def dispersion(self) -> Dispersion:
-        """How well it carries waves."""
-        return SECOND_ORDER
 
     @property
     @abstractmethod
@@ -157,23 +72,7 @@ class Discretized(ABC):
     @property
     @abstractmethod
     def spacing(self) -> float:
-        """How fine it is, in the scene's unit of length."""
-
-    @property
-    @abstractmethod
-    def points(self) -> Floats:
-        """(p, d) the points of the manifold at which the form knows values: in the scene's coordinates."""
-
-    @property
-    def points_in_use(self) -> Floats:
-        """(p, d) the same for reading alone: one array, where a form makes its points anew each time."""
-        return self.points
-
-    @property
-    def lattice_options(self) -> Options[Any] | None:
-        """With which the scene was discretised, and can be at another spacing: ``options``; None without a lattice."""
-        options = getattr(self, "options", None)  # a form's own field: a property here would be taken for its default
-        return options if isinstance(options, Options) else None
+        """Mesh width, in the scene's unit of length."""
 
     @property
     def channels(self) -> int:
@@ -181,8 +80,26 @@ class Discretized(ABC):
         return self.scene.channels
 
     @property
+    def traits(self) -> FormTraits:
+        """Preferred solver, dispersion, and what saved files say of the form."""
+        return FormTraits()
+
+    def check(self, solver: str) -> None:
+        """Refuse, before anything is solved, a problem that the form cannot solve or that does not fit into memory.
+
+        Raises
+        ------
+        InputError, SceneError, ResolutionError
+            ResolutionError with the spacing that would fit.
+        """
+
+    def with_scene(self, scene: Scene) -> Self:
+        """Return the same unknowns for a scene with another equation or other data on the same geometry."""
+        return replace(self, scene=scene)  # type: ignore[type-var]
+
+    @property
     def constant(self) -> Floats:
-        """(n, 1) the unknowns of the function 1, conditions left aside."""
+        """(n, 1) the unknowns of the function 1, without regard to conditions."""
         return np.ones((self.size, 1))
 
     @property
@@ -192,271 +109,59 @@ class Discretized(ABC):
 
     @property
     def mass_in_time(self) -> Operator | None:
-        """M of equations in time, where that of integrals leaves some unknowns without a rate."""
+        """M of equations in time; differs from :attr:`mass` where that is singular."""
         return self.mass
-
-    def check(self) -> None:
-        """Refuse, before anything is solved, what the form is known to get wrong.
-
-        Raises
-        ------
-        InputError, SceneError, ResolutionError
-            In one sentence.
-        """
-
-    def check_solver_fits(self, solver: str) -> None:
-        """Refuse what a solver makes beside the tables, factors above all, that the memory of this process cannot hold.
-
-        Raises
-        ------
-        ResolutionError
-            With the spacing that would fit.
-        """
-
-    def restated(self, scene: Scene) -> Self:
-        """Return the same unknowns with another scene, which differs in its equation and its data alone."""
-        return replace(self, scene=scene)  # type: ignore[type-var]
-
-    def require(self, ability: str) -> None:
-        """Refuse an ability that the form lacks.
-
-        Raises
-        ------
-        SceneError
-            With what to do instead.
-        """
-        if ability in self.cannot:
-            raise SceneError(
-                f"the form {self.form!r} has no {ability}, which {self.scene.problem.kind!r} needs; "
-                f"{self.cannot[ability]}."
-            )
-
-    @property
-    def explicit_steps(self) -> bool:
-        """Whether waves may go in explicit steps."""
-        return "explicit steps" not in self.cannot
-
-    # Equations
 
     @abstractmethod
     def stiffness(self, terms: Terms) -> Stiffness:
-        """Return A of an equation's terms, the conditions' own part included.
+        """Return A of an equation's terms, with the terms of the conditions.
 
         Raises
         ------
         InputError, ResolutionError
-            If a coefficient is not what is accepted, or the spacing is too coarse for it.
+            If a coefficient is not accepted, or the spacing is too coarse for it.
         """
 
-    def transport(self, field: AtState) -> Operator:
-        """Return the integrals of u (w . grad v), w (k, d) given at a state: what of a flux changes with u itself."""
-        self.require("diffusivity that depends on u")
-        raise InputError(f"the form {self.form!r} carries nothing along a field.")
+    def advection(self, field: StateDependentCoefficient) -> Operator:
+        """Return the integrals of ``u (w . grad v)``, w (k, d) the value of ``field``: part of a Newton tangent."""
+        raise lacking(self, "diffusivity that depends on u")
+
+    def weighted_mass(self, values: Floats) -> csr_array:
+        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the points of the form."""
+        raise lacking(self, "coupled channels")
+
+    def boundary_mass(self, stiffness: Stiffness) -> Any:
+        """Return B of Steklov conditions, with a method ``apply``; None without such conditions."""
+        if any(isinstance(condition.law, Spectral) for condition in self.scene.conditions):
+            raise lacking(self, "eigenvalues at boundaries")
+
+    def levels(self, operator: Operator) -> Sequence[Any]:
+        """Return coarser levels for multigrid, prolongations and operators; empty by default."""
+        return ()
 
     @abstractmethod
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return what the right-hand side ``f`` adds to b at ``time``, (n, channels)."""
-
-    def mass_of(self, values: Floats) -> csr_array:
-        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at :attr:`points`."""
-        self.require("coupled channels")
-        raise InputError(f"the form {self.form!r} ties no channels to each other.")
-
-    def load_against_slopes(self, values: Floats) -> Floats:
-        """Return the integrals (n,) of the vectors ``values`` (p, d) at :attr:`points` times each spline's gradient."""
-        raise InputError(f"the form {self.form!r} takes no divergence as a right-hand side; use form='galerkin'.")
+        """Return the load (n, channels) of the right-hand side ``f`` at ``time``."""
 
     @abstractmethod
-    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return what the data of the conditions add to b (n, channels), those of u, or ``of`` -Lap u: "laplacian"."""
-
-    @property
-    def data_move(self) -> bool:
-        """Whether data of the conditions depend on the time."""
-        return any(takes_time(data) for one in self.scene.conditions for _, data in one.data())
-
-    def boundary_mass(self, stiffness: Stiffness) -> Any:
-        """Return B where conditions of Steklov stand, with ``apply``; None where there are none."""
-        if any(isinstance(one.law, Spectral) for one in self.scene.conditions):
-            self.require("eigenvalues at boundaries")
-
-    @property
-    def multigrid(self) -> bool:
-        """Whether A is symmetric for the scene's equation, and :meth:`levels` hands out coarser ones."""
-        return False
-
-    @property
-    def iterative_solver(self) -> str:
-        """The solver of systems too large to be factorised quickly; "direct" where no other one serves."""
-        return "multigrid" if self.multigrid else "reference"
-
-    def levels(self, operator: Operator) -> Sequence[Any]:
-        """Return coarser levels for a multigrid, transfers and operators; none here."""
-        return ()
-
-    # Values
-
-    @property
-    def point_weights(self) -> Floats | None:
-        """What of the manifold stands for each of :attr:`points`, (p,); None where it is the same for all."""
-        return None
-
-    @abstractmethod
-    def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) of u (n, channels) at :attr:`points`."""
-
-    @property
-    def point_count(self) -> int:
-        """How many :attr:`points` there are."""
-        return len(self.points)
-
-    def some_points(self, rows: Ints) -> Floats:
-        """Return the :attr:`points` (k, d) of these numbers (k,)."""
-        return self.points[rows]
-
-    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
-        """Return the values (k, channels) of u at the :attr:`points` of these numbers (k,)."""
-        return self.at_points(u)[rows]
-
-    def slopes_at_points(self, u: Floats) -> Floats:
-        """Return the tangential gradients (p, channels, d) of u (n, channels) at :attr:`points`."""
-        return self.gradient(u, self.points)
-
-    @abstractmethod
-    def project(self, values: Floats) -> Floats:
-        """Return the unknowns (n, channels) that have ``values`` (p, channels) at :attr:`points`, or nearly so."""
-
-    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
-        """Return u (n, channels) moved to ``values`` (p, channels) at :attr:`points`, or as near as :meth:`project`.
-
-        What of u the points do not see stays; where the values are those of u, all of it.
-        """
-        del time  # of forms whose unknowns hold the conditions' data
-        return u + self.project(values - self.at_points(u))
-
-    def load_of(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return what ``function(values (p, channels), points (p, d))`` of u adds to b, (n, channels)."""
-        values = function(self.at_points(u), self.points)
-        return self.load(lambda _: values)
-
-    def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return a coefficient of the equation at :attr:`points`, (p, channels)."""
-        return evaluate_data(data, self.points, channels, what, time)
-
-    def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
-        """Return the unknowns (n, channels) that stand for ``data`` at ``time``, the conditions considered."""
-        return self.project(self.read(data, what, time, self.channels))
-
-    def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
-        """Return the same, within the range of data that the spacing does not resolve: heat then stays there."""
-        return self.interpolate(data, what, time)
-
-    def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
-        """Return the unknowns' rates (n, channels) at the start, those of the conditions' data taken over ``step``."""
-        return self.project(self.read(data, what, self.scene.problem.start_time, self.channels))
-
-    @abstractmethod
-    def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
-
-    def totals(self, u: Floats) -> Floats | None:
-        """Return the integrals (channels,) of u over the manifold; None where the form knows no exact ones."""
-        return None
-
-    @abstractmethod
-    def rows(self, points: Floats, side: Sides = None) -> csr_array:
-        """Return the matrix (k, n) that reads u at the manifold's points nearest to ``points`` (k, d)."""
-
-    def gradient_rows(self, points: Floats, side: Sides = None) -> tuple[csr_array, ...]:
-        """Return the d matrices (k, n) that read the tangential gradient of u, a coordinate each."""
-        raise InputError(f"the form {self.form!r} reads no gradients.")
-
-    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
-        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
-        return np.asarray(self.rows(points, side) @ u)
-
-    def gradient(self, u: Floats, points: Any, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d)."""
-        return np.stack([rows @ u for rows in self.gradient_rows(points, side)], axis=-1)
-
-    def sides(self, side: Sides) -> Mapping[str, Side]:
-        """Return the side that is asked for, by the boundary's name.
-
-        Raises
-        ------
-        InputError
-            If it names no boundary, or is neither left nor right.
-        """
-        names = [boundary.name for boundary in self.scene.boundaries]
-        wanted = side if isinstance(side, Mapping) else {name: side for name in names if side is not None}
-        for name, one in wanted.items():
-            if name not in names or one not in SIDES:
-                raise InputError(
-                    f"side must be 'left' or 'right' of one of the boundaries {names}, got {shown(one)} of {name!r}."
-                )
-        return wanted
-
-    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
-        """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
-        raise InputError(f"the form {self.form!r} tells no flux through boundary {boundary!r}.")
-
-    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
-        """Return du/db (k, channels), b outwards, at ``points`` of the edge."""
-        raise InputError(f"the form {self.form!r} tells no flux through the edge.")
-
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db over a side of a boundary, or a loop of the rim, or ``"edge"``.
-
-        None where the form has no better way than to read du/db at points.
-        """
-        del u, boundary, side, time
-        return None
-
-    # Fluxes that depend on the solution
+    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+        """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
-        """Where conditions' fluxes depend on the solution."""
-        self.require("fluxes that depend on u")
-        return ()
+        """The parts of boundaries on which fluxes depend on u."""
+        raise lacking(self, "fluxes that depend on u")
 
-    def linearized(self, seen: Sequence[Floats]) -> Self:
-        """Return this with the fluxes replaced by their tangents at u = ``seen`` (k,) for each of the fluxes."""
+    def linearise(self, seen: Sequence[Floats]) -> Self:
+        """Return the form with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
         return self
 
-    # Pieces, constants, signs
-
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
         return free_pieces(stiffness, lambda: self.mass)
 
-    def means_without_flux(self) -> csr_array | None:
-        """Return the means (k, n) over pieces that nothing flows out of, where the form tells them exactly enough."""
-        return None
-
-    def indefinite(self, stiffness: Stiffness) -> tuple[str, int]:
-        """Return a sentence where A has an eigenvalue of the wrong sign, and the products that it took to look.
-
-        Raises
-        ------
-        ResolutionError
-            Where that makes solutions worthless.
-        """
-        return "", 0
-
-    def surely_positive(self) -> bool:
-        """Tell whether the continuous operator surely has no eigenvalue below zero."""
-        terms = self.scene.problem.terms()
-        if terms.velocity is not None or float(self.read(terms.c, "the factor c").min(initial=0.0)) < 0:
-            return False
-        return all(takes_nothing(one.law) for one in self.scene.conditions)
-
-    def largest_eigenvalue(self, stiffness: Stiffness) -> float:
-        """Return a bound of ``|A u| / |u|``, by Gershgorin's circles."""
-        return float(abs(stiffness.to_csr()).sum(axis=1).max())
-
     def check_signs(self, least: float, noticed: float) -> None:
-        """Refuse a ``least`` eigenvalue farther below zero than ``noticed`` where the continuous problem has none.
+        """Refuse a smallest eigenvalue below ``-noticed`` where the continuous operator has none below zero.
 
         Raises
         ------
@@ -464,117 +169,250 @@ class Discretized(ABC):
             If so.
         """
 
+    def means_without_flux(self) -> csr_array | None:
+        """Return the means (k, n) over pieces that nothing flows out of; None where they are not exact enough."""
+        return None
+
+
+class FormValues(FormOperators):
+    """Values at the points of a form and back to unknowns; evaluation anywhere on the manifold."""
+
+    @property
+    @abstractmethod
+    def points(self) -> Floats:
+        """(p, d) the points where the form knows values, in the scene's coordinates; not to be written to."""
+
+    @property
+    def point_weights(self) -> Floats | None:
+        """(p,) quadrature weights of :attr:`points`, each read on its own side of a boundary; None without such."""
+        return None
+
+    def some_points(self, count: int) -> tuple[Ints, Floats]:
+        """Return the numbers (k,) and positions (k, d) of about ``count`` of the points, evenly spread over all."""
+        rows = spread_rows(len(self.points), count)
+        return rows, self.points[rows]
+
+    @abstractmethod
+    def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
+        """Return the values (p, channels) of u (n, channels) at the points, or at those with the numbers ``rows``."""
+
+    @abstractmethod
+    def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
+        """Return the unknowns (n, channels) whose values at the points are nearest to ``values`` (p, channels).
+
+        Parameters
+        ----------
+        values : (p, channels) float64
+            At the points.
+        start : (n, channels) float64, optional
+            Unknowns that are kept as far as the values at the points do not determine them.
+        time : float, optional
+            At which data of conditions are read; by default the start of the problem.
+        """
+
+    #: The name of :meth:`project` before.
+    put_back = DeprecatedMember("project")
+
+    def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return data of the scene at the points, (p, channels); ``label`` names them in errors."""
+        return evaluate_data(data, self.points, channels, label, time)
+
+    def interpolate(
+        self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
+    ) -> Floats:
+        """Return the unknowns (n, channels) that represent ``data`` at ``time`` and satisfy the conditions.
+
+        Parameters
+        ----------
+        data : Data
+            Of the scene.
+        label : str
+            Names the data in errors.
+        time : float
+            At which data, and those of conditions, are read.
+        in_range : bool
+            Whether the unknowns stay within the range of data that the spacing does not resolve.
+        step : float
+            Above zero: ``data`` are rates du/dt, and the rates of the conditions' data are taken over such a step.
+        """
+        return self.project(self.data_at_points(data, label, time, self.channels), time=time)
+
+    def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
+        """Return the load (n, channels) of ``function(values (p, channels), points (p, d))`` of u."""
+        values = function(self.at_points(u), self.points)
+        return self.load(lambda _: values)
+
+    @abstractmethod
+    def inner(self, u: Floats, v: Floats) -> Floats:
+        """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
+
+    def integrals(self, u: Floats) -> Floats | None:
+        """Return the integrals (channels,) of u over the manifold; None where the form has no exact ones."""
+        return None
+
+    @abstractmethod
+    def rows(self, points: Floats, side: Sides = None) -> csr_array:
+        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
+
+    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
+        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        return np.asarray(self.rows(points, side) @ u)
+
+    def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
+        """Return the tangential gradient (k, channels, d) at ``points`` (k, d), by default the form's own points."""
+        raise InputError(f"the form {self.form!r} evaluates no gradients.")
+
+    def conormal_derivative(
+        self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
+    ) -> Floats:
+        """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
+
+        Without a ``boundary`` at those of the edge of the manifold.
+        """
+        place = "the edge" if boundary is None else f"boundary {boundary!r}"
+        raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
+
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the edge, or ``"edge"``.
+
+        None where the form has nothing better than a quadrature of :meth:`conormal_derivative`.
+
+        Raises
+        ------
+        InputError
+            If the boundary has no sides.
+        """
+        if isinstance(boundary, str) and side is not None:
+            named_sides(self.scene, {boundary: side})
+        return None
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return the distance (k,) of ``points`` from a boundary, positive on its left; NaN where it has no side."""
+        raise InputError(f"the form {self.form!r} knows no sides of boundary {name!r}.")
+
+    def display_mesh(self, u: Floats) -> DisplayMesh | None:
+        """Return the form's own mesh with u at its vertices; None to use the surface's mesh, cut at the boundaries."""
+        return None
+
+
+class FormDiagnosis(FormValues):
+    """Warnings, errors and cost of a solution, and the description by which a saved one is recognised."""
+
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return the solution u of ``operator u = b`` with free constants taken out and what has no solution told."""
+        """Return the solution u of ``operator u = b`` without free constants, and the data that have no solution."""
         if not isinstance(operator, Bordered):
             return SteadyResult(u)
         return SteadyResult(*defects_of(operator, b, u, self))
 
-    # Telling
-
-    def condition_data(self) -> Iterable[DataAtPoints]:
-        """Return the data of conditions, and the points in the scene's coordinates at which they are read."""
+    def warnings(self) -> tuple[str, ...]:
+        """Return warnings that hold for any solution."""
         return ()
 
-    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
-        """Return what a reader of any solution should know; ``missed`` is the share by which a mean was off."""
-        return ()
-
-    def cure(self) -> str:
-        """Return what may help an iteration that does not converge, as the end of a sentence."""
-        return ""
-
-    def source_error(self, apart: float | None = None) -> float:
-        """Return the share of the solution's range that the source alone leaves as an error, whatever the spacing.
-
-        ``apart`` is by how much a solution differs on the flat triangles of a mesh that is read as smooth, root mean
-        square as a share of its range, where that is known.
-        """
-        del apart
-        return advice_of(self.scene.surface, self.spacing).floor
-
-    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error.
+    def diagnosis(
+        self,
+        coarser: Discretized | None = None,
+        ratio: float = 2.0,
+        difference: float = 0.0,
+        eigenvalues: bool = False,
+    ) -> Diagnosis:
+        """Return how the error falls with the spacing, and what the lattice does not resolve.
 
         Parameters
         ----------
-        ratio : float
-            Of spacings, r.
         coarser : Discretized, optional
-            What u_rh is on, if it is known already.
-        apart : float
-            Root mean square of the difference, as a share of the solution's range.
+            The form of the coarser solution with which the solution is compared.
+        ratio : float
+            The coarser spacing over this one.
+        difference : float
+            Root mean square of the difference of the two solutions, as a share of the range.
+        eigenvalues : bool
+            Whether ``order`` is that of eigenvalues.
         """
-        del ratio, coarser, apart
-        return 2.0
+        return Diagnosis()
 
-    def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the same for eigenvalues, which may converge faster than functions."""
-        return self.order_of_difference(ratio, coarser, apart)
-
-    @property
-    def no_estimate(self) -> str:
-        """Why no error can be estimated, in a sentence; empty where one can."""
-        return ""
-
-    def expected_error(self, u: Floats) -> ExpectedError | None:
-        """Return about the error of u (unknowns, channels) from u alone, None where that is not known.
-
-        An estimate by another solution is put right by it, and a spacing foretold where no other solution is there.
-        """
-        del u
+    def estimate(self, u: Floats) -> ExpectedError | None:
+        """Return an estimate of the error of u (n, channels) from u alone; None where the form has none."""
         return None
 
-    @property
-    def slow(self) -> str:
-        """Why errors may fall slowly with the spacing; empty where nothing says so."""
-        return ""
+    def source_error(self, difference: float | None = None) -> float:
+        """Return the error that the representation of the manifold leaves at any spacing, as a share of u's range.
 
-    @property
-    def unresolved(self) -> bool:
-        """Whether parts of the manifold bend too sharply for the spacing, or come too near to others."""
-        return False
-
-    @property
-    def unresolved_share(self) -> float:
-        """About what share of the manifold lies in pieces too small for the lattice: u is one value on each."""
-        return 0.0
-
-    def slow_beside(self, coarser: Discretized) -> str:
-        """Return the same where a solution on a coarser lattice is there to compare."""
-        del coarser
-        return self.slow
+        ``difference`` is the root mean square difference, as a share of the range, from the solution on the flat
+        triangles of a mesh that is read as smooth, where it is known.
+        """
+        return advice_of(self.scene.surface, self.spacing).floor
 
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
-        """Return what a solve cost."""
+        """Return the work of a solve."""
         return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Return how the scene was discretised, as plain values."""
+        """Return the options of the discretisation as plain values."""
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays by which a saved solution is recognised and rebuilt; none where a mesh holds it."""
+        """Return the arrays by which a saved solution is recognised and rebuilt; empty where that is not possible."""
         return {}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return in what a saved solution, known by its :meth:`arrays`, is of another scene; empty where in nothing."""
+        """Return how the discretisation of a saved solution, known by its :meth:`arrays`, differs; empty if equal."""
         return ""
 
     def fingerprint(self, stiffness: Stiffness) -> list[Floats]:
-        """Return arrays that differ where another run in time would differ."""
+        """Return arrays that are equal, bit by bit, for two runs in time of the same problem alone."""
         matrix = stiffness.to_csr()
         return [matrix.data, matrix.indices, matrix.indptr]
 
-    def display_mesh(self, u: Floats) -> DisplayMesh | None:
-        """Return the form's own mesh with u at its vertices; None to take the surface's, cut along the boundaries."""
-        return None
 
-    @property
-    def doubled(self) -> Floats:
-        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
-        return np.zeros((0, self.scene.surface.dim))
+class Discretized(FormDiagnosis):
+    """A scene on the unknowns of one form, prepared once for many equations and right-hand sides."""
 
-    def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of ``points`` from a boundary, positive on its left; NaN where it has no side."""
-        raise InputError(f"the form {self.form!r} tells no side of boundary {name!r}.")
+
+def lacking(form: FormOperators, ability: str) -> SceneError:
+    """Return the error of a problem that needs an ability which the form lacks."""
+    return SceneError(
+        f"the form {form.form!r} has no {ability}, which {form.scene.problem.kind!r} needs; "
+        f"{form.cannot.get(ability, 'use another form')}."
+    )
+
+
+def require(form: FormOperators, ability: str) -> None:
+    """Raise a SceneError, with advice, if the form lacks an ability."""
+    if ability in form.cannot:
+        raise lacking(form, ability)
+
+
+def spread_rows(total: int, count: int) -> Ints:
+    """Return at most ``count`` of the numbers below ``total``, evenly spread."""
+    return np.linspace(0, total - 1, min(count, total)).astype(np.int64)
+
+
+def named_sides(scene: Scene, side: Sides) -> Mapping[str, Side]:
+    """Return ``side`` by the name of each boundary that it concerns.
+
+    Raises
+    ------
+    InputError
+        If it names no boundary, or is neither left nor right.
+    """
+    names = [boundary.name for boundary in scene.boundaries]
+    by_name = side if isinstance(side, Mapping) else {name: side for name in names if side is not None}
+    for name, value in by_name.items():
+        if name not in names or value not in SIDES:
+            raise InputError(
+                f"side must be 'left' or 'right' of one of the boundaries {names}, got {shown(value)} of {name!r}."
+            )
+    return by_name
+
+
+def conditions_depend_on_time(scene: Scene) -> bool:
+    """Return whether data of the scene's conditions depend on the time."""
+    return any(takes_time(data) for condition in scene.conditions for _, data in condition.data())
+
+
+def surely_positive(form: FormValues) -> bool:
+    """Return whether the operator of the scene's equation surely has no eigenvalue below zero."""
+    terms = form.scene.problem.terms()
+    if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:
+        return False
+    return all(takes_nothing(condition.law) for condition in form.scene.conditions)

@@ -64,7 +64,7 @@ class Field:
     @cached_property
     def points(self) -> Floats:
         """(p, d) its points, in the scene's coordinates; all fields share them, and they are not written to."""
-        return self.form.points_in_use
+        return self.form.points
 
     @property
     def columns(self) -> Floats:
@@ -105,7 +105,7 @@ class Field:
         """
         if self.channels != 1:
             raise InputError(f"the gradient is that of one channel, got {self.channels}; take them one by one.")
-        return Field(self.form, self.form.slopes_at_points(self._unknowns)[:, 0])
+        return Field(self.form, self.form.gradient(self._unknowns)[:, 0])
 
     def divergence(self, scale: float = 1.0) -> Divergence:
         """Return ``scale`` times the divergence of a field of vectors (p, d), for a right-hand side.
@@ -157,7 +157,7 @@ class Field:
                 f"the energy is summed over points with weights, which the form {self.form.form!r} has not; use the "
                 "form 'galerkin'."
             )
-        slopes = self.form.slopes_at_points(self._unknowns)
+        slopes = self.form.gradient(self._unknowns)
         return 0.5 * float(np.einsum("p,pcd,pcd->", weights, slopes, slopes))
 
     def __repr__(self) -> str:
@@ -186,7 +186,7 @@ def field_of(form: Discretized, data: Any) -> Field:
 
     own = getattr(data, "discretized", None)
     if isinstance(own, Discretized):
-        here, there = form.points_in_use, own.points_in_use
+        here, there = form.points, own.points
         if own.size == form.size and (here is there or np.array_equal(here, there)):
             values = form.at_points(data.values)
             return Field(form, values if values.shape[1] > 1 else values[:, 0], data.values)

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
+from cpmkit.forms.contract import Discretized
+from cpmkit.linear.solver_options import choose_solver
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import OPTION_KEY, Declared, Option, option
 
@@ -35,3 +38,17 @@ class Options(Declared, Generic[Own]):
     def as_dict(self) -> dict[str, Any]:
         """Return the values of all options, the form's own among them, by their names."""
         return {**super().as_dict(), **self.own.as_dict()}
+
+
+def solver_of(form: Discretized, target: str, unknowns: int | None = None) -> str:
+    """Return the solver that ``target`` means for a discretised scene, or as it would be with so many ``unknowns``."""
+    problem, traits = form.scene.problem, form.traits
+    factor = problem.factors_up_to(traits.iterative_solver == "multigrid") * traits.factorise_up_to
+    count = form.size if unknowns is None else unknowns
+    return choose_solver(target, count, largest_dim(form.scene.surface), factor, traits.iterative_solver)
+
+
+def lattice_options(form: Discretized) -> Options[Any] | None:
+    """Return the options with which a scene was discretised on a lattice; None of a form without one."""
+    options = getattr(form, "options", None)
+    return options if isinstance(options, Options) else None

@@ -6,7 +6,7 @@ Half the mean squared difference of values at two points, as a function of their
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from cpmkit.errors import CpmkitError
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Functional, evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity
+from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
@@ -40,9 +41,20 @@ class DataAtPoints(NamedTuple):
     points: Floats
 
 
-def unresolved_data(form: Discretized) -> list[str]:
-    """Return one sentence for each of a scene's data that varies within a spacing."""
-    return [text for data in _all_data(form) for text in _warnings(form, data)]
+def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
+    """Return a warning for each of a scene's data that varies within a spacing.
+
+    Parameters
+    ----------
+    form : Discretized
+        The form, at whose points the data of the equation are read.
+    conditions : iterable of DataAtPoints
+        The data of the conditions.
+    spacing : float, optional
+        Of the finest lattice; by default that of the form.
+    """
+    width = form.spacing if spacing is None else spacing
+    return [text for data in _all_data(form, conditions) for text in _warnings(form.scene, data, width)]
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
@@ -65,13 +77,14 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     return float(np.sqrt(share.max()))
 
 
-def _all_data(form: Discretized) -> Iterator[DataAtPoints]:
+def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
     terms = form.scene.problem.terms()
-    points = form.some_points(_runs(form.point_count))
+    points = form.points
+    points = points[_runs(len(points))]
     yield DataAtPoints("the right-hand side f", terms.f, points)
     yield DataAtPoints("the factor c", terms.c, points)
     yield DataAtPoints("the diffusivity", terms.diffusivity, points)
-    for one in form.condition_data():
+    for one in conditions:
         yield one._replace(points=one.points[_runs(len(one.points))])
 
 
@@ -83,26 +96,26 @@ def _runs(count: int) -> Any:
     return np.unique(starts[:, None] + np.arange(RUN_LENGTH))
 
 
-def _warnings(form: Discretized, one: DataAtPoints) -> Iterator[str]:
-    values = _values(form, one)
-    share = 0.0 if values is None else nugget(values, one.points, form.finest_spacing)
-    if share > UNRESOLVED_NUGGET and not _is_rounding(form, one, values):
+def _warnings(scene: Scene, one: DataAtPoints, spacing: float) -> Iterator[str]:
+    values = _values(scene, one)
+    share = 0.0 if values is None else nugget(values, one.points, spacing)
+    if share > UNRESOLVED_NUGGET and not _is_rounding(scene, one, values, spacing):
         yield (
             f"{one.what[0].upper()}{one.what[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its size: "
-            f"at spacing={form.finest_spacing:g} it is read at points too few to see how, and the solution may be off "
+            f"at spacing={spacing:g} it is read at points too few to see how, and the solution may be off "
             "by as much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over "
             "a spacing."
         )
 
 
-def _is_rounding(form: Discretized, one: DataAtPoints, values: Any) -> bool:
+def _is_rounding(scene: Scene, one: DataAtPoints, values: Any, spacing: float) -> bool:
     """Tell whether data are zero but for rounding, as ``x`` is on a side at x = 0."""
-    step = MOVED_SPACINGS * form.finest_spacing * np.array(MOVED)[: one.points.shape[1]]
-    moved = _values(form, one._replace(points=one.points + step))
+    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: one.points.shape[1]]
+    moved = _values(scene, one._replace(points=one.points + step))
     return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
 
 
-def _values(form: Discretized, one: DataAtPoints) -> Floats | None:
+def _values(scene: Scene, one: DataAtPoints) -> Floats | None:
     """Return the values (k, channels) of data that are functions of points; None of others."""
     data, several = one.data, one.data if isinstance(one.data, (list, tuple)) else (one.data,)
     kept = isinstance(data, Functional) or getattr(data, "needs_state", False) or hasattr(data, "form")
@@ -111,6 +124,6 @@ def _values(form: Discretized, one: DataAtPoints) -> Floats | None:
     try:
         if one.what == "the diffusivity":
             return evaluate_diffusivity(data, one.points, one.what).reshape(len(one.points), -1)
-        return evaluate_data(data, one.points, None, one.what, form.scene.problem.start_time)
+        return evaluate_data(data, one.points, None, one.what, scene.problem.start_time)
     except CpmkitError:  # of a function that is known at all the form's points alone; what else is wrong is told there
         return None

@@ -13,7 +13,7 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import module_of, options_of
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
@@ -138,7 +138,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         form,
         lattice["unknowns"],
         record_from_table(SolveReport, summary["report"], f"report in {where}"),
-        record_from_table(form.work_record, summary["work"], f"work in {where}"),
+        record_from_table(form.traits.work_record, summary["work"], f"work in {where}"),
         summary["seconds"],
         warnings=tuple(summary["warnings"]),
         imbalances=tuple(

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 def summarize(solution: Solution) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
-    versions = {name: version_of(name) or "not installed" for name in solution.discretized.libraries}
+    versions = {name: version_of(name) or "not installed" for name in solution.discretized.traits.libraries}
     return {
         "scene": describe_scene(solution.scene),
         "discretization": {"spacing": solution.spacing, "channels": solution.channels, **solution.discretization()},

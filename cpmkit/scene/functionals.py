@@ -36,7 +36,7 @@ class TestsFunctionals(Protocol):
     def rows(self, points: Floats) -> Any:
         """Return the matrix (k, n) of the test functions at the manifold's points nearest to ``points``."""
 
-    def load_against_slopes(self, values: Floats) -> Floats:
+    def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of the vectors ``values`` (p, d) times each test function's gradient."""
 
 
@@ -184,4 +184,4 @@ class Divergence(TestedRightSide):
                 f"the field of a divergence must return finite vectors {points.shape} at {len(points)} points, got "
                 f"shape {values.shape}."
             )
-        return np.repeat(-self.scale * form.load_against_slopes(values)[:, None], form.channels, axis=1)
+        return np.repeat(-self.scale * form.gradient_load(values)[:, None], form.channels, axis=1)

@@ -67,7 +67,7 @@ class EvolvedSolution(Solution):
     @property
     def totals(self) -> Floats | None:
         """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
-        return self.discretized.totals(self.values)
+        return self.discretized.integrals(self.values)
 
     def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
         """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.film.animate`."""
@@ -87,7 +87,10 @@ class EvolvedSolution(Solution):
         problem = self.scene.problem
         told: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if isinstance(problem, Evolution):
-            told |= {"scheme": problem.settled(self.discretized.explicit_steps).scheme, "step": problem.step}
+            told |= {
+                "scheme": problem.settled("explicit steps" not in self.discretized.cannot).scheme,
+                "step": problem.step,
+            }
         told["frames"] = [frame.time for frame in self.frames]
         for name in ("totals", "energy"):  # of each frame, and at the end
             values = [getattr(one, name) for one in (*self.frames, self)]

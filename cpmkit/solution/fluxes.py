@@ -19,7 +19,7 @@ EDGE_WORD = "edge"
 
 def flux_density(solution: Solution, boundary: str, side: Side | None, points: Any) -> Floats:
     """Return du/db (n,) or (n, channels); see :meth:`Solution.flux_density`."""
-    density = solution.discretized.outflow(solution.values, boundary, _one_side(boundary, side), points)
+    density = solution.discretized.conormal_derivative(solution.values, points, boundary, _one_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
@@ -33,14 +33,13 @@ def flux(solution: Solution, boundary: str | int, side: Side | None) -> float | 
         feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE_WORD else int(boundary))
         total = form.flux(solution.values, boundary, None, solution.data_time)
         if total is None:
-            total = weights @ form.rim_outflow(solution.values, feet.points)
+            total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
         one, name = _one_side(str(boundary), side), str(boundary)
-        form.sides({name: one})
         total = form.flux(solution.values, name, one, solution.data_time)
         if total is None:
             rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)
-            total = rule.weights @ form.outflow(solution.values, name, one, rule.points)
+            total = rule.weights @ form.conormal_derivative(solution.values, rule.points, name, one)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 

@@ -24,10 +24,10 @@ Integrand = float | Callable[[Floats, Floats], Any]
 def integrate(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
     """Return the integral of the solution, or of a function of it; see :meth:`Solution.integrate`."""
     dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
-    if form.one_reading and form.point_weights is not None:  # the form's own samples, each read on its side
+    if form.point_weights is not None:  # the form's own samples, each read on its side
         read = form.at_points(solution.values)
         if function is not None:
-            read = _integrand(function, form.points, read)
+            read = _integrand(function, form.points.copy(), read)
         return _one_or_each(form.point_weights @ read)
     nodes, values, cells = _nodes_with_values(solution, dimension)
     points, weights, shares = CurvedCells(nodes, cells).rule()

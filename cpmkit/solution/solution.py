@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 
 import numpy as np
 
-from cpmkit.forms.contract import Discretized, MeasuredWork
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.contract import Discretized
+from cpmkit.forms.form_records import MeasuredWork
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import SIDES, Floats, ReadSides, Side, Sides
 from cpmkit.runtime.messages import html_table
@@ -382,7 +383,8 @@ class Solution:
     @property
     def doubled(self) -> Floats:
         """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
-        return self.discretized.doubled
+        doubled = self.discretized.diagnosis().doubled
+        return np.zeros((0, self.scene.surface.dim)) if doubled is None else doubled
 
     def display_mesh(self) -> DisplayMesh:
         """Return a mesh of the manifold with the solution at its vertices, made at the first call."""

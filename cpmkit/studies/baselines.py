@@ -76,7 +76,7 @@ def solve_by_fixed_nodes(
     fixed, values = _fixed_nodes(scene, tables, sources, method)
     terms = scene.problem.terms()
     stiffness = form.stiffness(terms)
-    operator, b = _without(stiffness, form.load(terms.f) + form.data(stiffness), fixed, values)
+    operator, b = _without(stiffness, form.load(terms.f) + form.condition_load(stiffness), fixed, values)
     clock.append(time.perf_counter())
     chosen = choose_solver(solver.solver, operator.size, largest_dim(scene.surface))
     prepared = make_solver(chosen, solver.further).prepare(operator)

@@ -12,6 +12,7 @@ from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.form import Collocation
+from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.memory import bytes_since, forget_peak
@@ -112,7 +113,7 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     """Return the bytes at the peak, measured if the system told, else foretold, and which; null where neither is."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": MEASURED}
-    options, scene = solution.discretized.lattice_options, solution.scene
+    options, scene = lattice_options(solution.discretized), solution.scene
     if options is None:
         return {"bytes": None, "bytes_are": None}
     unknowns = solution.discretized.size

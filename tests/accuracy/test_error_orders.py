@@ -36,11 +36,11 @@ def test_errors_are_taken_to_fall_faster_the_finer_the_lattices_and_the_nearer_t
     form, coarse, fine = (
         ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), h, form="galerkin").discretized for h in (0.3, 0.6, 0.32)
     )
-    by_spacing = [form.order_of_difference(2.0, other) for other in (coarse, fine)]
-    by_distance = [form.order_of_difference(2.0, fine, apart) for apart in (1e-1, 1e-2, 1e-3, 1e-4)]
+    by_spacing = [form.diagnosis(other).order for other in (coarse, fine)]
+    by_distance = [form.diagnosis(fine, difference=apart).order for apart in (1e-1, 1e-2, 1e-3, 1e-4)]
     assert by_spacing[0] < by_spacing[1] == by_distance[-1]
     assert by_distance == sorted(by_distance)
-    assert form.order_of_difference(2.0) == pytest.approx(order_of_divisor(ERROR_DIVISORS[2], 2.0))
+    assert form.diagnosis().order == pytest.approx(order_of_divisor(ERROR_DIVISORS[2], 2.0))
 
 
 @pytest.mark.parametrize("mesh", [plate(0.02), fold(20)])
@@ -66,5 +66,5 @@ def test_errors_are_taken_to_fall_slower_where_the_coarser_lattice_alone_does_no
     fine, near, far = (ck.discretize(torus, h, form="galerkin") for h in (0.1, 0.15, 0.27))
     assert fine.turned.bent == near.turned.bent == 0.0
     assert far.turned.bent > 1e-4
-    assert fine.order_of_difference(2.0, far) == pytest.approx(order_of_divisor(BENDING_DIVISOR, 2.0))
-    assert fine.order_of_difference(2.0, near) > order_of_divisor(ERROR_DIVISORS[2], 2.0)
+    assert fine.diagnosis(far).order == pytest.approx(order_of_divisor(BENDING_DIVISOR, 2.0))
+    assert fine.diagnosis(near).order > order_of_divisor(ERROR_DIVISORS[2], 2.0)

@@ -52,7 +52,7 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
     counted(factorization, "factors_of")
     counted(values, "values_at_samples", lambda found: len(found) >= count)
     counted(values, "slopes_at_samples")
-    counted(equations, "load_against_slopes")
+    counted(equations, "gradient_load")
     for name in ("points_at", "normals_at"):
         counted(FixedSamples, name, lambda found: len(found) >= count)
     geodesic_distance(prepared, [0, 1, 0], method="heat")

@@ -56,12 +56,16 @@ class Cotangent(Discretized):
         return CsrOperator((coo_array((values, (i, j)), shape=(self.size,) * 2) + onto).tocsr(), True)
 
     def load(self, f, time=None):
-        return self.areas[:, None] * self.read(f, "f", time, self.channels)
+        return self.areas[:, None] * self.data_at_points(f, "f", time, self.channels)
 
-    def data(self, stiffness, time=None, of="value"):
+    def condition_load(self, stiffness, time=None, of="value"):
         return np.zeros((self.size, self.channels)) + (self.radiation[0] * self.lengths)[:, None]
 
-    at_points = project = lambda self, values: values
+    def at_points(self, u, rows=None):
+        return u if rows is None else u[rows]
+
+    def project(self, values, start=None, time=None):
+        return values
 
     def inner(self, u, v):
         return u.T @ (self.areas[:, None] * v) / self.areas.sum()
@@ -78,7 +82,7 @@ class Cotangent(Discretized):
         laws = [one.law for one in self.scene.edge_conditions if isinstance(one.law, Nonlinear)]
         return [Radiation(self, law) for law in laws]
 
-    def linearized(self, seen):  # j(v) + j'(v) (u - v)
+    def linearise(self, seen):  # j(v) + j'(v) (u - v)
         (flux,) = self.state_fluxes
         slope = flux.law.slope_at(seen[0], self.vertices)
         return replace(self, radiation=(flux.law.flux_at(seen[0], self.vertices) - slope * seen[0], -slope))

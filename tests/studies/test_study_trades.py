@@ -139,7 +139,7 @@ def test_bytes_are_foretold_where_they_are_not_measured():
     foretold = costs_in_memory(solution, None)
     assert foretold["bytes_are"] == "foretold"
     assert foretold["bytes"] > 1000 * solution.discretized.size
-    other = SimpleNamespace(discretized=SimpleNamespace(lattice_options=None), scene=solution.scene)
+    other = SimpleNamespace(discretized=SimpleNamespace(options=None), scene=solution.scene)
     assert making.costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
 
 

@@ -180,5 +180,5 @@ def _not_converged(stepped: InverseIteration, change: float) -> ConvergenceError
     tolerance = stepped.context.tolerance
     reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
     report = stepped.context.report(False, stepped.solves, stepped.products, change, reason)
-    remedy = f"ask for a larger solver_tolerance, or use solver='direct'{stepped.context.discretized.cure()}"
+    remedy = "ask for a larger solver_tolerance, or use solver='direct'"
     return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)

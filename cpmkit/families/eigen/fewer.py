@@ -25,7 +25,7 @@ def fewer_modes(solution: EigenSolution, scene: Scene) -> EigenSolution:
     told = [text for text in solution.warnings if CUT not in text]
     return replace(
         solution,
-        discretized=solution.discretized.restated(scene),
+        discretized=solution.discretized.with_scene(scene),
         values=np.ascontiguousarray(solution.values[:, kept]),
         eigenvalues=values[kept],
         imaginary=solution.imaginary[kept],

@@ -118,9 +118,9 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     else:
         mass = form.mass
         unit = size_of(problem.diffusivity, form.points) / length**2
-        near = float(form.read(problem.c, "the factor c").min()) if problem.near is None else problem.near
+        near = float(form.data_at_points(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
-    if problem.near is None and stiffness.symmetric and not form.multigrid:
+    if problem.near is None and stiffness.symmetric and form.traits.iterative_solver != "multigrid":
         key = ("below", left_side(problem.terms()), shift)
         shift = context.kept.get(key, _below_all, stiffness, mass, shift, unit)
     key = ("less", left_side(problem.terms()), shift)

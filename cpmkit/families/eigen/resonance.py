@@ -8,11 +8,11 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.preconditioned import followed_by_error
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Ints, PreparedSolver
+from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.diffusivities import StateDiffusivity, size_of
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
@@ -39,7 +39,7 @@ def square_of_wavenumber(terms: Terms) -> float:
 
 def resolves_waves(form: Discretized, terms: Terms) -> bool:
     """Tell whether the spacing resolves the standing waves of a problem well, if it is one of these."""
-    return float(np.sqrt(square_of_wavenumber(terms))) * form.spacing <= form.dispersion.resolved
+    return float(np.sqrt(square_of_wavenumber(terms))) * form.spacing <= form.traits.dispersion.resolved
 
 
 def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
@@ -52,7 +52,7 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     """
     if resolves_waves(form, terms):
         return []
-    k, spacing, carried = float(np.sqrt(square_of_wavenumber(terms))), form.spacing, form.dispersion
+    k, spacing, carried = float(np.sqrt(square_of_wavenumber(terms))), form.spacing, form.traits.dispersion
     sentence = (
         f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and "
         f"{2 * np.pi / carried.resolved:.2g} are needed to keep eigenvalues to 1 percent; use "
@@ -96,7 +96,7 @@ def may_resonate(form: Discretized) -> bool:
     terms = form.scene.problem.terms()
     linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
     linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
-    return form.scene.problem.family == "steady" and terms.velocity is None and linear and not form.surely_positive()
+    return form.scene.problem.family == "steady" and terms.velocity is None and linear and not surely_positive(form)
 
 
 def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
@@ -127,7 +127,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be told: the solver "
             "did not converge on it."
         ], None
-    a = size_of(terms.diffusivity, form.some_points(_some_rows(form)))
+    a = size_of(terms.diffusivity, form.some_points(MODE_POINTS)[1])
     found = _resonance(form, gap / a, square or _square_of_mode(form, mode), gap * step, u)
     if not found.undetermined:
         return [], found
@@ -142,7 +142,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
 
 def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
-    error = form.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
+    error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
     values, whole = form.at_points(part), form.at_points(u)
     unit = np.ptp(whole, axis=0)
     unit = np.where(unit > 0, unit, 1.0)
@@ -169,10 +169,6 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Floats]:
 
 def _square_of_mode(form: Discretized, mode: Floats) -> float:
     """Return the mean of |grad u|^2 over that of u^2."""
-    rows = _some_rows(form)
-    values, slopes = form.at_some_points(mode, rows), form.gradient(mode, form.some_points(rows))
+    rows, points = form.some_points(MODE_POINTS)
+    values, slopes = form.at_points(mode, rows), form.gradient(mode, points)
     return float(np.sum(slopes**2) / np.sum(values**2))
-
-
-def _some_rows(form: Discretized) -> Ints:
-    return np.linspace(0, form.point_count - 1, min(MODE_POINTS, form.point_count)).astype(np.int64)

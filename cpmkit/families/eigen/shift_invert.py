@@ -34,7 +34,7 @@ def shift_inverted_pairs(stepped: InverseIteration, wanted: int) -> Pairs:
         return find(stepped, wanted, start, tolerance)
     except ArpackNoConvergence as error:
         reason = f"{find.__name__.strip('_').capitalize()}'s iteration found {len(error.eigenvalues)} of {wanted}"
-        remedy = f"ask for fewer, or for a larger solver_tolerance{context.discretized.cure()}"
+        remedy = "ask for fewer, or for a larger solver_tolerance"
         report = context.report(False, stepped.solves, stepped.products, np.inf, f"{reason} eigenvalues")
         raise ConvergenceError(f"The eigenvalues did not converge: {reason} eigenvalues; {remedy}.", report) from error
 

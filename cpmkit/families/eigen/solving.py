@@ -51,10 +51,9 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     """
     problem, form = context.scene.problem, context.discretized
     assert isinstance(problem, Eigen)
-    form.check()
+    form.check(context.solver_name)
     stiffness = form.stiffness(problem.terms())
     stepped = inverse_iteration(context, problem, stiffness)
-    stepped.products += form.indefinite(stiffness)[1]
     built = time.perf_counter()
     pairs = _pairs(problem, stepped)
     if stepped.mass is form.mass:  # Steklov's eigenvalues may be of either sign
@@ -182,8 +181,9 @@ def _judge(stepped: InverseIteration, modes: Modes) -> SolveReport:
         converged, reason = residual <= left, f"{reason}, {left:.2e} left by rounding"
     report = context.report(converged, stepped.solves, stepped.products, residual, reason)
     if not report.converged:
-        remedy = f"ask for a larger solver_tolerance{context.discretized.cure()}"
-        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
+        raise ConvergenceError(
+            f"The eigenvalues did not converge: {reason}; ask for a larger solver_tolerance.", report
+        )
     return report
 
 

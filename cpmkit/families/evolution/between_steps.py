@@ -18,10 +18,10 @@ def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Momen
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
-    wanted = changed_values(evolution.after_step, form.points, values, moment.time)
+    wanted = changed_values(evolution.after_step, form.points.copy(), values, moment.time)
     if np.array_equal(wanted, values):
         return moment
-    return replace(moment, u=form.with_values(moment.u, wanted, moment.time))
+    return replace(moment, u=form.project(wanted, moment.u, moment.time))
 
 
 def rate_of_change(form: Discretized, start: Moment, history: History) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.forms.contract import surely_positive
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import takes_time
 from cpmkit.scene.equations_in_time import Heat, Wave
@@ -103,7 +104,7 @@ def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBo
     evolution, form = scene.problem, problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
         return None
-    if problem.moves or form.mass is not None or not form.surely_positive():
+    if problem.moves or form.mass is not None or not surely_positive(form):
         return None
     size, forced = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady))
     if isinstance(evolution, Wave):

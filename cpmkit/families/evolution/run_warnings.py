@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.families.evolution.moment import History, Moment
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
@@ -91,9 +91,9 @@ def _short_pattern_sentence(problem: SemiDiscrete, history: History) -> list[str
     """Tell where what a reaction has grown is so short that the lattice decides its length and direction."""
     form = problem.form
     longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
-    if longest <= form.dispersion.coarsest:
+    if longest <= form.traits.dispersion.coarsest:
         return []
-    wanted = WELL_BELOW * form.spacing * form.dispersion.coarsest / longest
+    wanted = WELL_BELOW * form.spacing * form.traits.dispersion.coarsest / longest
     return [
         f"The pattern is {2 * np.pi / longest:.2g} spacings long, too few for the lattice not to be felt: its length "
         f"and the directions of its stripes are not those of the equation; use a spacing of {wanted:.2g} or less."
@@ -144,7 +144,9 @@ def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Wave, history: H
     """Tell where a wave consists of what the lattice cannot carry."""
     if problem.form.mass_in_time is None:
         u = history[-1].u
-        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / problem.largest_eigenvalue
+        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest_eigenvalue(
+            problem, evolution.speed
+        )
         if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
             return []
         return [

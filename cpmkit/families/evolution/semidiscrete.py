@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.families.evolution.moment import Moment
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, conditions_depend_on_time
 from cpmkit.protocols import Floats, Stiffness
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
@@ -77,12 +77,7 @@ class SemiDiscrete:
     @property
     def moves(self) -> bool:
         """Whether b depends on the time."""
-        return takes_time(self.f) or self.form.data_move
-
-    @cached_property
-    def largest_eigenvalue(self) -> float:
-        """A bound of A's eigenvalues."""
-        return self.form.largest_eigenvalue(self.stiffness)
+        return takes_time(self.f) or conditions_depend_on_time(self.form.scene)
 
     @cached_property
     def _load(self) -> Floats:
@@ -101,7 +96,7 @@ class SemiDiscrete:
         return load + self._data(time)
 
     def _data(self, time: float) -> Floats:
-        return self.joined(lambda group: self.columns(group, self.form.data(group.stiffness, time)))
+        return self.joined(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
 
     def reacting(self, moment: Moment) -> Floats:
         """Return r(u) at a moment, (n, channels); what the last moments gave is kept."""
@@ -109,7 +104,7 @@ class SemiDiscrete:
             if u is moment.u:
                 return known
         start = self.form.scene.problem.start_time or 0.0
-        made = self.form.load_of(
+        made = self.form.reaction_load(
             lambda values, points: rates(self._reaction, values, points, moment.time, start), moment.u
         )
         self._reactions[:] = [*self._reactions[-1:], (moment.u, made)]
@@ -133,3 +128,8 @@ class SemiDiscrete:
         """Return M u' = -A u + b(time)."""
         applied = self.joined(lambda group: group.stiffness.apply(self.columns(group, u)))
         return np.asarray(self.forcing(time) - applied)
+
+
+def largest_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
+    """Return the largest eigenvalue of ``-speed^2 Lap`` by differences of second order on the nodes of a lattice."""
+    return float(4 * problem.form.scene.surface.dim * speed**2 / problem.form.spacing**2)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
+from cpmkit.forms.contract import conditions_depend_on_time
 from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver, Stiffness
@@ -76,7 +77,7 @@ class ShiftedSolver:
         )
 
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        moves = self.problem.form.data_move  # a form's mass may tell whether its data move
+        moves = conditions_depend_on_time(self.problem.form.scene)  # a form's mass may depend on it
         key = ("shifted", left_side(group.terms), moves, factor)
         prepared: tuple[PreparedSolver, Constants] = self.context.kept.get(key, self._prepare, group, factor)
         solver, constants = prepared

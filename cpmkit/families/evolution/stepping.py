@@ -22,7 +22,7 @@ from cpmkit.families.evolution.schemes import Scheme, backward_euler, bdf2, cran
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
 from cpmkit.families.evolution.wave_schemes import implicit_wave, leapfrog, newmark
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, require
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
@@ -56,16 +56,15 @@ def solve_in_time(context: SolveContext) -> EvolvedSolution:
     """
     form, target = context.discretized, context.scene.problem
     assert isinstance(target, Evolution)
-    evolution = target.settled(form.explicit_steps)
-    form.check()
+    evolution = target.settled("explicit steps" not in form.cannot)
+    form.check(context.solver_name)
     if evolution.scheme in NEEDED:
-        form.require(NEEDED[evolution.scheme])
+        require(form, NEEDED[evolution.scheme])
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
     plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
     solver = ShiftedSolver(problem, context)
-    solver.tally.operator_applications += sum(form.indefinite(group.stiffness)[1] for group in problem.groups)
     built = time.perf_counter()
     state = _run(context, plan, solver)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
@@ -86,9 +85,11 @@ def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
     t0 = evolution.t0
     if not isinstance(evolution, Wave):
         assert isinstance(evolution, (Heat, ReactionDiffusion))
-        return Moment(form.interpolate_in_range(evolution.initial, "the initial data", t0), None, 0.0, time=t0)
+        u = form.interpolate(evolution.initial, "the initial data", t0, in_range=True)
+        return Moment(u, None, 0.0, time=t0)
     u = form.interpolate(evolution.initial, "the initial data", t0)
-    return Moment(u, form.interpolate_rate(evolution.initial_rate, "the initial rate", first.length), 0.0, time=t0)
+    rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=first.length)
+    return Moment(u, rate, 0.0, time=t0)
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:

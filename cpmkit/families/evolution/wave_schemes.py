@@ -19,9 +19,10 @@ import numpy as np
 from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.schemes import bdf2_start, extrapolate, previous_moment
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.families.evolution.shifted import ShiftedSolver
 from cpmkit.protocols import Floats
+from cpmkit.scene.equations_in_time import Wave
 
 #: By how much leapfrog damps the shortest waves of the lattice, per time in which a wave crosses a spacing.
 LEAPFROG_DAMPING = 0.8
@@ -52,7 +53,9 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 
 def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
     """Return ``-h eps A^2 v0``, with A v0 taken from the change of A u0: of that, boundary data are part."""
-    largest, dim = problem.largest_eigenvalue, problem.form.scene.surface.dim
+    wave = problem.form.scene.problem
+    assert isinstance(wave, Wave)
+    largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
     strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
     return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
 

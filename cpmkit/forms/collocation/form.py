@@ -33,7 +33,8 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.reading.points import Reader
 from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
-from cpmkit.forms.contract import Discretized, SteadyResult
+from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.fitting import check_fits
@@ -77,7 +78,6 @@ class Collocation(Reader):
         "diffusivity that depends on u": "use form='galerkin'",
         "undamped steps": "use scheme 'leapfrog' or 'implicit', or the form 'galerkin'",
     }
-    work_record: ClassVar[type] = Work
 
     @property
     def balance(self) -> int:
@@ -94,6 +94,11 @@ class Collocation(Reader):
         """How the scene is discretised."""
         return self.tables.layout.options
 
+    @property
+    def traits(self) -> FormTraits:
+        """Measures of work by tables and queries."""
+        return FormTraits(work_record=Work)
+
     @cached_property
     def points(self) -> Floats:
         """(p, d) the feet of the inner nodes, but of those past an edge."""
@@ -104,23 +109,20 @@ class Collocation(Reader):
         band = self.tables.layout.band
         return np.flatnonzero(band.feet.edge[: band.inner] < 0)
 
-    def check(self) -> None:
-        """Refuse what is known to go wrong: waves that would grow, fluxes that cannot balance."""
-        check_waves(self.scene, self.tables.layout)
-        if self.balance:
-            assert self._balancing
-
-    def check_solver_fits(self, solver: str) -> None:
-        """Refuse a factorisation that the memory of this process cannot hold."""
+    def check(self, solver: str) -> None:
+        """Refuse waves that would grow, fluxes that cannot balance, and a factorisation that does not fit."""
         layout = self.tables.layout
         if solver == "direct":  # what others need was checked before the tables
             check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
+        check_waves(self.scene, self.tables.layout)
+        if self.balance:
+            assert self._balancing
 
     @cached_property
     def _balancing(self) -> Balancing:
         return prepare_balance(self.scene, self.tables)
 
-    def restated(self, scene: Scene) -> Collocation:
+    def with_scene(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone."""
         check_terms(scene.problem.terms())
         check_balance(scene, self.balance)
@@ -136,7 +138,7 @@ class Collocation(Reader):
         """Return f at the unknowns, each on the side that it carries, (n, channels)."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
-    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the boundary data add to b through E, (n, channels)."""
         assert isinstance(stiffness, ExtensionOperator)
         if of == "laplacian":
@@ -177,11 +179,11 @@ class Collocation(Reader):
 
     # Values
 
-    def at_points(self, u: Floats) -> Floats:
+    def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
         """Return the values (p, channels) at the feet: unknowns are values."""
-        return u[self._on_manifold]
+        return u[self._on_manifold if rows is None else self._on_manifold[rows]]
 
-    def project(self, values: Floats) -> Floats:
+    def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the values at the nodes, and what the conditions make of them past boundaries and edges.
 
         Conditions are met by rounds of reading, from the value of the nearest foot on the side that is carried: a
@@ -189,6 +191,10 @@ class Collocation(Reader):
         """
         from scipy.spatial import cKDTree
 
+        if start is not None:
+            u = start.copy()
+            u[self._on_manifold] = values
+            return self._continued(u, self.tables.datum(time))
         layout, clear = self.tables.layout, np.ones(len(self.tables.layout.band.nodes), dtype=bool)
         for view in layout.boundaries.side_views:  # nearer feet may count to the other side
             clear[view.rows[np.abs(view.signed) < 0.5 * self.spacing]] = False
@@ -196,31 +202,22 @@ class Collocation(Reader):
         feet = layout.band.feet.points[self._on_manifold[known]]
         u = values[known[cKDTree(feet).query(self.tables.sources.points)[1]]]
         u[self._on_manifold] = values
-        return self._continued(u, self.tables.datum())
+        return self._continued(u, self.tables.datum(time))
 
-    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
-        """Return u with ``values`` at the nodes, and what the conditions at ``time`` make of them past boundaries."""
-        moved = u.copy()
-        moved[self._on_manifold] = values
-        return self._continued(moved, self.tables.datum(time))
-
-    def load_of(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
+    def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return ``function`` of u at all unknowns: a ghost goes on as what it continues does."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
-    def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
+    def interpolate(
+        self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
+    ) -> Floats:
         """Return ``data`` at the unknowns, continued across boundaries by their conditions.
 
         Where the ghosts would start with the values at their feet, they would be off by the order of the spacing
         until diffusion over one spacing has put that right: the whole of a run with very short steps.
         """
-        return self._continued(self.tables.read_sources(data, what, time), self.tables.datum(time))
-
-    def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
-        """Return the rates at the start, continued by the conditions' rates over the first step."""
-        start = self.scene.problem.start_time or 0.0
-        datum = (self._moved(start + step) - self._moved(start)) / step
-        return self._continued(self.tables.read_sources(data, what, start), datum)
+        datum = (self._moved(time + step) - self._moved(time)) / step if step else self.tables.datum(time)
+        return self._continued(self.tables.read_sources(data, label, time), datum)
 
     def _continued(self, u: Floats, datum: Floats) -> Floats:
         """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
@@ -244,7 +241,7 @@ class Collocation(Reader):
         """Rows of E whose datum is a nonlinear flux."""
         return flux_rows_of(self.tables)
 
-    def linearized(self, seen: Sequence[Floats]) -> Collocation:
+    def linearise(self, seen: Sequence[Floats]) -> Collocation:
         """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
         return replace(self, tables=linearized(self.tables, self.state_fluxes, seen))
 
@@ -269,7 +266,7 @@ class Collocation(Reader):
         ResolutionError
             If so; of the plain method, which is there to be compared with, it is told only, in steady problems.
         """
-        if not self.surely_positive():
+        if not surely_positive(self):
             return "", 0
         told, products = find_wrong_sign(self.tables, self.scene, stiffness)
         steady = self.scene.problem.family == "steady"
@@ -277,14 +274,9 @@ class Collocation(Reader):
             raise ResolutionError(told)
         return told, products
 
-    def largest_eigenvalue(self, stiffness: Stiffness) -> float:
-        """Return a bound of A's eigenvalues where the diffusivity is constant: that of a solid's Laplacian."""
-        assert isinstance(stiffness, ExtensionOperator)
-        return 4 * self.tables.layout.lattice.dim * stiffness.scale
-
     def check_signs(self, least: float, noticed: float) -> None:
         """Refuse eigenvalues below zero where the continuous problem has none."""
-        if least < -noticed and self.surely_positive():
+        if least < -noticed and surely_positive(self):
             raise ResolutionError(wrong_sign_sentence(self.tables, self.scene, least))
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
@@ -298,7 +290,11 @@ class Collocation(Reader):
 
     def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
-        return (*self._mixed, *layout_warnings(self.tables.layout, self.scene, missed), *unresolved_data(self))
+        return (
+            *self._mixed,
+            *layout_warnings(self.tables.layout, self.scene, missed),
+            *unresolved_data(self, self.condition_data()),
+        )
 
     def condition_data(self) -> list[DataAtPoints]:
         """Return the data of conditions where ghosts and nodes past an edge read them."""
@@ -346,6 +342,18 @@ class Collocation(Reader):
         """Creases and corners, beside which errors fall with the spacing at best."""
         creased = [one for one in self._features if one.kind == "crease"]
         return f"creases or corners near {place(creased[0].place)}; the error may fall slowly" if creased else ""
+
+    def diagnosis(
+        self,
+        coarser: Discretized | None = None,
+        ratio: float = 2.0,
+        difference: float = 0.0,
+        eigenvalues: bool = False,
+    ) -> Diagnosis:
+        """Return the order of the conditions, and what the band does not resolve."""
+        del eigenvalues
+        order = self.order_of_difference(ratio, coarser, difference)
+        return Diagnosis(order, self.slow, self.no_estimate, self.unresolved, doubled=self.doubled)
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
         """Return what the tables hold and what the solve did."""

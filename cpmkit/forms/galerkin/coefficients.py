@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, place
-from cpmkit.forms.at_state import AtState
+from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.forms.galerkin.advection import Advection, upstream_times, velocity_at
 from cpmkit.forms.galerkin.conditions.nitsche import scale_rows
 from cpmkit.forms.galerkin.shared import cached_on_space
@@ -80,7 +80,7 @@ class Coefficients(SplineValues):
         """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
         if not callable(data) and np.ndim(data) == 0:
             return evaluate_data(data, np.zeros((1, self.space.dof_map.dim)), 1, what)[:, 0]
-        return self._and_on_boundaries(self.read(data, what)[:, 0])
+        return self._and_on_boundaries(self.data_at_points(data, what)[:, 0])
 
     def _and_on_boundaries(self, own: Floats) -> Floats:
         """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
@@ -91,10 +91,10 @@ class Coefficients(SplineValues):
     def _diffusivity(self, given: Any) -> Floats:
         """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
         one = self.sampled
-        if not callable(given) and not isinstance(given, AtState) and np.ndim(given) == 0:
+        if not callable(given) and not isinstance(given, StateDependentCoefficient) and np.ndim(given) == 0:
             return check_positive(self._at_samples(given, "the diffusivity"))
-        points = self.points if isinstance(given, AtState) else self._reading_points(given)
-        if isinstance(given, AtState):
+        points = self.points.copy() if isinstance(given, StateDependentCoefficient) else self._reading_points(given)
+        if isinstance(given, StateDependentCoefficient):
             own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
         else:
             own = evaluate_diffusivity(given, points, "the diffusivity")
@@ -106,9 +106,9 @@ class Coefficients(SplineValues):
 
     def _holding(self, given: Any) -> Floats | None:
         """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
-        if not isinstance(given, AtState) or given.holding is None:
+        if not isinstance(given, StateDependentCoefficient) or given.holding is None:
             return None
-        return self._diffusivity(AtState(given.holding, given.u))
+        return self._diffusivity(StateDependentCoefficient(given.holding, given.u))
 
     def _carried_by(self, terms: Terms) -> Advection:
         """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
@@ -154,7 +154,7 @@ class Coefficients(SplineValues):
         """(b,) the spacing of the splines at the samples on boundaries, (1,) for all of them."""
         return np.full(1, self.spacing)
 
-    def _beside_boundaries(self, at: AtState) -> Callable[[Floats], Floats]:
+    def _beside_boundaries(self, at: StateDependentCoefficient) -> Callable[[Floats], Floats]:
         """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
         one, splines = self.sampled.boundary, at.u[: self._tips.splines]
         patch = self.space.dof_map.patch[self.sampled.interior :]
@@ -162,13 +162,13 @@ class Coefficients(SplineValues):
         slopes = gradients_at(self.space, patch, one.points, one.normals, splines)[:, 0]
         return lambda points: at.coefficient(values, slopes, points)
 
-    def transport(self, field: AtState) -> CsrOperator:
+    def advection(self, field: StateDependentCoefficient) -> CsrOperator:
         """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state.
 
         Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
         with u as it does inside.
         """
-        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points)
+        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points.copy())
         inside = convection_matrix(self.space, w)
         given = [one.rows for one in self.sampled.held if isinstance(one.law, (Flux, Mixed))]
         rows = np.concatenate([np.zeros(0, dtype=np.int64), *given])

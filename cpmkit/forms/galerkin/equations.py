@@ -11,8 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.at_state import AtState
-from cpmkit.forms.contract import StateFlux
+from cpmkit.forms.form_records import StateDependentCoefficient, StateFlux
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.advection import outward_speed
 from cpmkit.forms.galerkin.coefficients import Coefficients
@@ -107,13 +106,17 @@ class EquationAssembly(Coefficients):
         if a is not None and a.ndim == 3:
             patch = self.space.dof_map.patch[one.interior :]
             along = partial(self._derivative_rows, patch, one.boundary.points)
-        given = self._beside_boundaries(diffusivity) if isinstance(diffusivity, AtState) else diffusivity
+        given = (
+            self._beside_boundaries(diffusivity) if isinstance(diffusivity, StateDependentCoefficient) else diffusivity
+        )
         where = (one.held, one.boundary, one.left, self._boundary_rows, self._areas)
         found = condition_terms(*where, given, logarithms, one.lattice, along, self._boundary_spacings)
         if terms.velocity is not None:
             found = replace(found, speed_out=outward_speed(terms.velocity, one.boundary, one.lattice))
         if holding is not None:  # penalties are a over the width, which is so much wider as a is above what holds
-            held = self._conditions(Terms(diffusivity=AtState(diffusivity.holding, diffusivity.u)), holding)
+            held = self._conditions(
+                Terms(diffusivity=StateDependentCoefficient(diffusivity.holding, diffusivity.u)), holding
+            )
             found = replace(found, widths=found.widths * found.a / held.a)
         return self._tips.read_by(found)
 
@@ -121,19 +124,19 @@ class EquationAssembly(Coefficients):
         """Return the integrals of f times each spline, (n, channels)."""
         if isinstance(f, TestedRightSide):
             return f.loads(self, time)
-        values = self.read(f, "the right-hand side f", time, self.channels)
+        values = self.data_at_points(f, "the right-hand side f", time, self.channels)
         loads = self._integrals(values)
         if self._carried is not None:
             self._carried.add_load(values, loads)
         return loads
 
-    def mass_of(self, values: Floats) -> csr_array:
+    def weighted_mass(self, values: Floats) -> csr_array:
         """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the samples."""
         if len(self._tips):
             raise SceneError("tips='singular' takes no channels that are tied to each other; use tips='extended'.")
         return mass(self.space, self._and_on_boundaries(values))
 
-    def load_against_slopes(self, values: Floats) -> Floats:
+    def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each spline."""
         loads = load_against_slopes(self.space, values)
         if not len(self._tips):
@@ -142,7 +145,7 @@ class EquationAssembly(Coefficients):
         own = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._tips.slopes_inside))
         return np.concatenate([loads, own])
 
-    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return what the conditions' data add to b, (n, channels)."""
         assert isinstance(stiffness, GalerkinOperator)
         conditions = self._with_own_data(stiffness)
@@ -169,7 +172,7 @@ class EquationAssembly(Coefficients):
         """Return the conditions with the diffusivity of the scene's own problem, whose solution is u."""
         terms = self.scene.problem.terms()
         if isinstance(terms.diffusivity, StateDiffusivity):
-            at = AtState(terms.diffusivity.at, u)
+            at = StateDependentCoefficient(terms.diffusivity.at, u)
             return self._conditions(replace(terms, diffusivity=at), self._diffusivity(at))
         return self._conditions_of_scene
 
@@ -185,6 +188,8 @@ class EquationAssembly(Coefficients):
         Of a tensor A, b the conormal, that of the derivative along A b / (b . A b).
         """
         one, names = self.sampled, [boundary.name for boundary in self.scene.boundaries]
+        if boundary in names:
+            self.sides({str(boundary): side})  # type: ignore[dict-item]
         samples = one.boundary
         if boundary in names:
             chosen = (samples.owner == names.index(str(boundary))) & ~samples.extends & (one.left == (side == "left"))
@@ -209,7 +214,7 @@ class EquationAssembly(Coefficients):
         """Where conditions' fluxes depend on u."""
         return self._conditions(Terms()).state_fluxes
 
-    def linearized(self, seen: Sequence[Floats]) -> Self:
+    def linearise(self, seen: Sequence[Floats]) -> Self:
         """Return this with the fluxes replaced by their tangents at u = ``seen``."""
-        laws = self._conditions(Terms()).linearized(seen).held
+        laws = self._conditions(Terms()).linearise(seen).held
         return replace(self, sampled=replace(self.sampled, held=laws))

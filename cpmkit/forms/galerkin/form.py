@@ -10,12 +10,17 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.dispersion import SPLINES, Dispersion, on_curved_cells
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions
 from cpmkit.forms.galerkin.equations import EquationAssembly
-from cpmkit.forms.galerkin.error_orders import EIGENVALUE_DIVISORS, ERROR_DIVISORS, difference_order
+from cpmkit.forms.galerkin.error_orders import (
+    DISPERSION_OF_DEGREE,
+    EIGENVALUE_DIVISORS,
+    ERROR_DIVISORS,
+    difference_order,
+    on_curved_cells,
+)
 from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.galerkin_cost import check_unknowns_fit, factorised_share
@@ -75,29 +80,21 @@ class Galerkin(EquationAssembly):
     """
 
     form: ClassVar[str] = "galerkin"
-    one_reading: ClassVar[bool] = True
     cannot: ClassVar[Mapping[str, str]] = {
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
-    work_record: ClassVar[type] = GalerkinWork
 
     @property
-    def multigrid(self) -> bool:
-        """Whether the cycle serves what is solved with: systems that are surely positive, and waves."""
-        return multigrid_applies(self.scene)
+    def traits(self) -> FormTraits:
+        """Multigrid for systems that are surely positive, and waves; factors for others; dispersion by degree."""
+        dispersion = DISPERSION_OF_DEGREE[self.options.own.degree]
+        return FormTraits(
+            iterative_solver="multigrid" if multigrid_applies(self.scene) else "direct",
+            dispersion=on_curved_cells(dispersion) if self.sampled.bend == "feet" else dispersion,
+            work_record=GalerkinWork,
+        )
 
-    @property
-    def iterative_solver(self) -> str:
-        """The multigrid, and where it does not serve none."""
-        return "multigrid" if self.multigrid else "direct"
-
-    def check_solver_fits(self, solver: str) -> None:
-        """Refuse factors, of all or of blocks, that the memory of this process cannot hold."""
-        factors = factorised_share(self.scene, solver)
-        if factors:  # what others need was checked before the tables
-            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
-
-    def restated(self, scene: Scene) -> Galerkin:
+    def with_scene(self, scene: Scene) -> Galerkin:
         """Return the same splines for a scene that differs in its equation and its data alone."""
         check(scene, self.options)
         one = self.sampled
@@ -109,16 +106,13 @@ class Galerkin(EquationAssembly):
         laws = impose_conditions(scene, one.boundary, one.left, one.surface, one.lattice)
         return replace(self, scene=scene, sampled=replace(one, held=laws))
 
-    def check(self) -> None:
-        """Find what is to be told of any solution, before matrices take the memory that this needs on the way."""
+    def check(self, solver: str) -> None:
+        """Refuse factors that do not fit into memory; make the warnings before matrices take memory."""
+        factors = factorised_share(self.scene, solver)
+        if factors:  # what others need was checked before the tables
+            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
         self.warnings()
         hand_back()
-
-    @property
-    def dispersion(self) -> Dispersion:
-        """How well splines of this degree carry waves."""
-        splines = SPLINES[self.options.own.degree]
-        return on_curved_cells(splines) if self.sampled.bend == "feet" else splines
 
     # Levels
 
@@ -132,6 +126,11 @@ class Galerkin(EquationAssembly):
             coarser_levels(self.space.dof_map, self.space.dof_map.patch[self.sampled.interior :])
         )
 
+    @property
+    def finest_spacing(self) -> float:
+        """The smallest spacing of any level."""
+        return self.spacing
+
     # Telling
 
     @property
@@ -139,9 +138,8 @@ class Galerkin(EquationAssembly):
         """The parting on the lattice itself, by which pieces and copies are told."""
         return self.space.dof_map
 
-    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what a reader of any solution should know."""
-        del missed
         return self._told
 
     @cached_property
@@ -151,7 +149,14 @@ class Galerkin(EquationAssembly):
             text for tell in (crossing_warnings, tip_warnings) for text in tell(self.scene, one.mesh, one.lattice)
         ]
         layers = () if self._carried is None else outflow_layer_warnings(self._conditions_of_scene)
-        return (*before, *at_points, *after, *layers, *tensor_layer_warnings(self), *unresolved_data(self))
+        return (
+            *before,
+            *at_points,
+            *after,
+            *layers,
+            *tensor_layer_warnings(self),
+            *unresolved_data(self, self.condition_data(), self.finest_spacing),
+        )
 
     def condition_data(self) -> list[DataAtPoints]:
         """Return the data of conditions at the samples on boundaries and rims."""
@@ -173,8 +178,8 @@ class Galerkin(EquationAssembly):
         resolved = (*of_pieces, *turning_warnings(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
-    @property
-    def unresolved_share(self) -> float:
+    @cached_property
+    def _unresolved_share(self) -> float:
         """The share of the patches whose piece of the manifold has one unknown."""
         dof_map = self._first_dof_map
         count, piece = connected_pieces(dof_map)
@@ -186,28 +191,35 @@ class Galerkin(EquationAssembly):
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return self._areas_and_turned[1]
 
-    def source_error(self, apart: float | None = None) -> float:
+    def source_error(self, difference: float | None = None) -> float:
         """Return what the source leaves in integrals, its noise, or a lift that a mesh does not support."""
         one = self.sampled
         noise = NOISE_FACTOR * one.surface.noise / self.spacing
         left = max(integral_floor_of(self.scene.surface, self.spacing), noise)
         if one.bend != "normals":
             return left
-        return max(left, support_floor(one.surface, float(one.samples.weights.sum()), apart))
+        return max(left, support_floor(one.surface, float(one.samples.weights.sum()), difference))
 
-    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return what divides by 2.7 to 7 at twice the spacing on smooth sources, by 2.5 on meshes, by less if slow.
+    def diagnosis(
+        self,
+        coarser: Discretized | None = None,
+        ratio: float = 2.0,
+        difference: float = 0.0,
+        eigenvalues: bool = False,
+    ) -> Diagnosis:
+        """Return the order that divides differences by 2.7 to 7 on smooth sources, by 2.5 on meshes, by less if slow.
 
-        Of degree 2; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3. At order 3 the difference is
-        7 times the error; were the order 2 there, the estimate would be half the error.
+        Of degree 2 at twice the spacing; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3 and of
+        eigenvalues. At order 3 the difference is 7 times the error; with order 2 the estimate would be half the error.
         """
-        return difference_order(self, ERROR_DIVISORS[self.options.own.degree], ratio, coarser, apart)
+        divisors = EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS
+        return Diagnosis(
+            difference_order(self, divisors[self.options.own.degree], ratio, coarser, difference),
+            self.slow if coarser is None else slow_convergence_reason(self, coarser),
+            unresolved_share=self._unresolved_share,
+        )
 
-    def eigenvalue_order(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the same with 5.4 to 14 on smooth sources, where eigenvalues are of order 4."""
-        return difference_order(self, EIGENVALUE_DIVISORS[self.options.own.degree], ratio, coarser, apart)
-
-    def expected_error(self, u: Floats) -> ExpectedError | None:
+    def estimate(self, u: Floats) -> ExpectedError | None:
         """Return about the error by third differences of the splines' coefficients."""
         return single_solution_estimate(self, u)
 
@@ -220,10 +232,6 @@ class Galerkin(EquationAssembly):
     def slow(self) -> str:
         """Why the error may fall slowly, in words."""
         return slow_convergence_reason(self)
-
-    def slow_beside(self, coarser: Discretized) -> str:
-        """Return why it may fall slowly, folds that are as long on the coarser lattice among the reasons."""
-        return slow_convergence_reason(self, coarser)
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
         """Return what the space holds and what the solve did."""

@@ -58,22 +58,21 @@ class Reader(Discretized):
 
     @property
     def points(self) -> Floats:
-        """(p, d) the samples of the manifold; made anew each time, for they are as large as all unknowns' rows."""
-        points = self.sampled.samples.points_at(slice(self.sampled.interior))  # fixed ones: nobody else's
-        points += self.sampled.lattice.origin
-        return points
+        """(p, d) the samples of the manifold: one read-only array, which lives as long as it is referred to."""
+        return self._points_in_use.get(self._fixed_points)
 
     @property
     def points_in_use(self) -> Floats:
-        """(p, d) the same for reading alone: one array, kept as long as somebody holds it."""
-        return self._points_in_use.get(self._fixed_points)
+        """(p, d) the same, for functionals of the scene."""
+        return self.points
 
     @cached_on_space
     def _points_in_use(self) -> Weakly[Floats]:
         return Weakly()
 
     def _fixed_points(self) -> Floats:
-        points = self.points
+        points = self.sampled.samples.points_at(slice(self.sampled.interior))  # fixed ones: nobody else's
+        points += self.sampled.lattice.origin
         points.flags.writeable = False
         return points
 
@@ -126,7 +125,7 @@ class Reader(Discretized):
         """Return (k, n) the rows that read their derivatives along ``directions`` (k, d)."""
         return derivative_rows(self.space.dof_map, patch, points, directions)
 
-    def project(self, points: Any) -> Floats:
+    def _feet_points(self, points: Any) -> Floats:
         """Return the feet (k, d) of points near the manifold, relative to the lattice's origin.
 
         Raises
@@ -184,10 +183,14 @@ class Reader(Discretized):
             raise InputError(
                 f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
             )
-        return self._locator.signed_distance(names.index(name), self.project(points))
+        return self._locator.signed_distance(names.index(name), self._feet_points(points))
 
-    def outflow(self, u: Floats, boundary: str, side: Side, points: Any) -> Floats:
+    def conormal_derivative(
+        self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
+    ) -> Floats:
         """Return du/db (k, channels), b out of ``side``, at the points of a boundary nearest to ``points``."""
+        if boundary is None or side is None:
+            return self._rim_derivative(u, points)
         ((number, _),) = self._numbered({boundary: side}).items()
         oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
         at = as_points(points, self.scene.surface.dim) - oriented.left.origin
@@ -198,7 +201,7 @@ class Reader(Discretized):
         gradient = self.gradient(u, where, {boundary: side})
         return np.asarray(np.einsum("kcd,kd->kc", gradient, self._conducted(outward, where)))
 
-    def rim_outflow(self, u: Floats, points: Floats) -> Floats:
+    def _rim_derivative(self, u: Floats, points: Floats) -> Floats:
         """Return du/db (k, channels) at ``points`` of the edge, b outwards."""
         lattice, surface = self.sampled.lattice, self.sampled.surface
         on = surface.closest_point(lattice.to_local(as_points(points, self.scene.surface.dim)))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled

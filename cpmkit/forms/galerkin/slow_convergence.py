@@ -83,12 +83,12 @@ def layer_spacings(form: Galerkin) -> float:
     terms = form.scene.problem.terms()
     if form.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):
         return np.inf
-    c = float(form.read(terms.c, "the factor c").max())
+    c = float(form.data_at_points(terms.c, "the factor c").max())
     if form.scene.has_tensor:
         return _tensor_layer(form, c) / form.spacing
     if c <= 0 or not any(not one.seam for one in form.sampled.held):
         return np.inf
-    a = float(form.read(terms.diffusivity, "the diffusivity").min())
+    a = float(form.data_at_points(terms.diffusivity, "the diffusivity").min())
     return float(np.sqrt(a / c) / form.spacing)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.forms.contract import spread_rows
 from cpmkit.forms.field import Field
 from cpmkit.forms.galerkin.conditions.boundary_sides import samples_past_boundary
 from cpmkit.forms.galerkin.facing import Turned, facing, turned
@@ -51,17 +52,19 @@ class SplineValues(Reader):
         """(n, 1) ones, for splines sum to one; zero of singular functions."""
         return (np.arange(self.size) < self._tips.splines).astype(np.float64)[:, None]
 
-    def read(self, data: Any, what: str, time: float | None = None, channels: int | None = 1) -> Floats:
+    def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
         """Return a coefficient of the equation at the samples, (p, channels), each on the side of its cell."""
-        return evaluate_data(data, self._reading_points(data), channels, what, time)
+        return evaluate_data(data, self._reading_points(data), channels, label, time)
 
     def _reading_points(self, data: Any) -> Floats:
         """Return where data are read for the samples, (p, d): on the side of their cell, but fields as they are."""
         each = data if isinstance(data, Sequence) else [data]
         if not any(map(callable, each)):  # numbers are the same everywhere
             return np.broadcast_to(np.zeros(1), (self.sampled.interior, self.sampled.lattice.dim))
-        points = self.points
-        if self.sampled.oriented and not any(isinstance(one, Field) for one in each):
+        if any(isinstance(one, Field) for one in each):
+            return self.points
+        points = self.points.copy()  # functions of the user may write to it
+        if self.sampled.oriented:
             rows, places = self._astray
             points[rows] = places
         return points
@@ -127,24 +130,18 @@ class SplineValues(Reader):
         """(p,) those of the samples."""
         return self.sampled.samples.weights[: self.sampled.interior]
 
-    def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) of u at the samples."""
-        found = self._spline_values(u, slice(self.sampled.interior))
-        return found + self._tips.inside @ u[self._tips.splines :] if len(self._tips) else found
+    def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
+        """Return the values (k, channels) of u at the samples, or at those of the numbers ``rows`` (k,)."""
+        values = self._spline_values(u, slice(self.sampled.interior) if rows is None else rows)
+        if not len(self._tips):
+            return values
+        inside = self._tips.inside if rows is None else self._tips.inside[rows]
+        return np.asarray(values + inside @ u[self._tips.splines :])
 
-    @property
-    def point_count(self) -> int:
-        """Number of samples of the manifold."""
-        return self.sampled.interior
-
-    def some_points(self, rows: Ints) -> Floats:
-        """Return the samples (k, d) of these numbers (k,)."""
-        return self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
-
-    def at_some_points(self, u: Floats, rows: Ints) -> Floats:
-        """Return the values (k, channels) of u at the samples of these numbers (k,)."""
-        found = self._spline_values(u, rows)
-        return found + self._tips.inside[rows] @ u[self._tips.splines :] if len(self._tips) else found
+    def some_points(self, count: int) -> tuple[Ints, Floats]:
+        """Return the numbers (k,) and positions (k, d) of about ``count`` samples, evenly spread over all."""
+        rows = spread_rows(self.sampled.interior, count)
+        return rows, self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
 
     def _spline_values(self, u: Floats, rows: slice | Ints) -> Floats:
         """Return the values (k, channels) at samples of the splines in u."""
@@ -162,22 +159,29 @@ class SplineValues(Reader):
         """Return the tangential gradients (p, channels, d) at the samples of the splines in u."""
         return gradients_at_samples(self.space, self.sampled.interior, u[: self._tips.splines])
 
-    def project(self, values: Floats) -> Floats:
+    def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return the splines (n, channels) nearest to ``values`` (p, channels) at the samples, in mean square.
 
         M alone is singular: ``(M + h^2 S) u = V' w values``, S what holds u where no sample sees it.
         """
+        del time  # no unknown holds the data of a condition
+        if start is not None:
+            return start + self.project(values - self.at_points(start))
         return self._projected(self._integrals(values))
 
-    def interpolate_in_range(self, data: Data, what: str, time: float = 0.0) -> Floats:
-        """Return the splines that stand for ``data``; of spikes and jumps those of their mean under each spline.
+    def interpolate(
+        self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
+    ) -> Floats:
+        """Return the splines that stand for ``data``; in range, of spikes and jumps their mean under each spline.
 
         The nearest splines swing by a tenth of a jump beyond both its sides, and below zero beside a spike. Means keep
         the range and the total, and spread the data as heat spreads in a time of h^2 / 4.
         """
-        values = self.read(data, what, time, self.channels)
+        values = self.data_at_points(data, label, time, self.channels)
         integrals = self._integrals(values)
         u = self._projected(integrals)
+        if not in_range:
+            return u
         off = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0)
         rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
         seen = np.flatnonzero(self._areas > 0)
@@ -185,7 +189,7 @@ class SplineValues(Reader):
         u[np.ix_(seen, rough)] = integrals[np.ix_(seen, rough)] / self._areas[seen, None]
         return u
 
-    def totals(self, u: Floats) -> Floats:
+    def integrals(self, u: Floats) -> Floats:
         """Return the integrals (channels,) of u over the samples."""
         return np.asarray(self._totals @ u)
 
@@ -198,8 +202,13 @@ class SplineValues(Reader):
         held = self._tips.bordered(holding, None, None)
         return Projection((self.mass.matrix + self.spacing**2 * held).tocsr())
 
-    def gradient(self, u: Floats, points: Any, side: Any = None) -> Floats:
-        """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw."""
+    def gradient(self, u: Floats, points: Any = None, side: Any = None) -> Floats:
+        """Return the tangential gradient (k, channels, d), projected on the splines: 2 to 6 times better than raw.
+
+        At the samples, where no points are given, it is not projected.
+        """
+        if points is None:
+            return self.slopes_at_points(u)
         rows, feet, cells = self.reading_rows(points, side)
         found = np.asarray(rows @ self._projected_slopes(u)).reshape(-1, u.shape[1], self.space.dof_map.dim)
         if len(self._tips):

@@ -48,7 +48,10 @@ class Equations(OnNodes):
             raise SceneError(f"backend='fem' takes no velocity, got the kind {kind!r} with one; use backend='cpm'.")
         if terms.lumped and self.mesh.degree == 2:
             raise InputError("a lumped mass is one of degree 1, got degree=2, whose row sums are zero; use degree=1.")
-        a, c = (self.read(*one)[:, 0] for one in ((terms.diffusivity, "the diffusivity"), (terms.c, "the factor c")))
+        a, c = (
+            self.data_at_points(*one)[:, 0]
+            for one in ((terms.diffusivity, "the diffusivity"), (terms.c, "the factor c"))
+        )
         if np.any(a <= 0):
             raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
         matrix, mass = a[0] * self.laplacian, c[0] * self.mass_matrix
@@ -73,11 +76,11 @@ class Equations(OnNodes):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
-        b = self.tested(self.mass_matrix @ self.read(f, "the right-hand side f", time, self.channels))
+        b = self.tested(self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.channels))
         b[self.pins.vertices] = 0.0
         return b
 
-    def data(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return the integrals of the fluxes' data over the rim, and what the given values add to b."""
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, VertexOperator)
@@ -118,8 +121,8 @@ class Equations(OnNodes):
         """The parts whose flux depends on the solution."""
         return [part for part in self.rim if isinstance(part.law, Nonlinear)]
 
-    def linearized(self, seen: Sequence[Floats]) -> Self:
+    def linearise(self, seen: Sequence[Floats]) -> Self:
         """Return the form with the fluxes' tangents."""
         values = iter(seen)
-        rim = [part.linearized(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
+        rim = [part.linearise(next(values)) if isinstance(part.law, Nonlinear) else part for part in self.rim]
         return replace(self, rim=rim)

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.plugin import Data, Floats, Operator, Side, as_points, small_boundary_warnings, warnings_of
+from cpmkit.plugin import (
+    Data,
+    Floats,
+    Ints,
+    Operator,
+    Side,
+    as_points,
+    named_sides,
+    small_boundary_warnings,
+    warnings_of,
+)
 from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
@@ -31,28 +41,25 @@ class FiniteElements(Equations):
 
     # Values
 
-    def at_points(self, u: Floats) -> Floats:
+    def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
         """Return the values at nodes: u, but where a jump is an unknown of its own."""
-        return self.exchanged(u)
+        values = self.exchanged(u)
+        return values if rows is None else values[rows]
 
-    def project(self, values: Floats) -> Floats:
-        """Return the values, with those that are given where they are."""
-        return self._with_given(values, self.pins.values(self.scene.problem.start_time))
-
-    def with_values(self, u: Floats, values: Floats, time: float) -> Floats:
+    def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
         """Return ``values``, with those that are given at ``time`` where they are."""
-        del u
-        return self._with_given(values, self.pins.values(time))
+        del start
+        return self._with_given(values, self.pins.values(self.scene.problem.start_time if time is None else time))
 
-    def interpolate(self, data: Data, what: str, time: float = 0.0) -> Floats:
-        """Return ``data`` at the vertices, with those that are given where they are."""
-        return self._with_given(self.read(data, what, time, self.channels), self.pins.values(time))
-
-    def interpolate_rate(self, data: Data, what: str, step: float) -> Floats:
-        """Return the rates at the vertices, at pinned ones those of their values over the first step."""
-        start = self.scene.problem.start_time or 0.0
-        rates = (self.pins.values(start + step) - self.pins.values(start)) / step
-        return self._with_given(self.read(data, what, start, self.channels), rates)
+    def interpolate(
+        self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
+    ) -> Floats:
+        """Return ``data`` at the vertices; at pinned ones the given values, or their rates over a ``step``."""
+        del in_range
+        given = self.pins.values(time)
+        if step:
+            given = (self.pins.values(time + step) - given) / step
+        return self._with_given(self.data_at_points(data, label, time, self.channels), given)
 
     def _with_given(self, values: Floats, given: Floats) -> Floats:
         u = self.exchanged(values).copy()
@@ -81,7 +88,7 @@ class FiniteElements(Equations):
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:
             queries = self.scene.surface.closest_point(queries).points
-        cell, local = located(self.scene, self.mesh, self.cut, queries, self.sides(side))
+        cell, local = located(self.scene, self.mesh, self.cut, queries, named_sides(self.scene, side))
         if self.mesh.curved:
             local = on_curved(self.mesh, cell, local, queries)
         rows = reading_matrix(self.mesh, cell, local)
@@ -89,9 +96,8 @@ class FiniteElements(Equations):
 
     # Telling
 
-    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return what the surface says of itself, and how boundaries came into the mesh or far from them pins are."""
-        del missed
         of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.told
         return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries, *self._small_boundaries())
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 
-from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, Ints, Scene
+from cpmkit.plugin import CsrOperator, CutMesh, Discretized, Floats, FormTraits, Ints, Scene, conditions_depend_on_time
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.contacts import change_of
 from cpmkit_fem.elements import in_parts
@@ -19,6 +19,7 @@ from cpmkit_fem.pins import Pins, pins_of
 from cpmkit_fem.rim import RimPart, rim_of
 from cpmkit_fem.sides import on_own_side, sides_of
 from cpmkit_fem.ties import Tie, ties_of
+from cpmkit_fem.work import FemWork
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -56,7 +57,6 @@ class OnNodes(Discretized):
     mass_matrix: csr_array
 
     form: ClassVar[str] = "fem"
-    libraries: ClassVar[tuple[str, ...]] = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
     cannot: ClassVar[Mapping[str, str]] = {
         "second Laplacian": "use backend='cpm'",
         "diffusivity that is a tensor": "use backend='cpm'",
@@ -64,8 +64,12 @@ class OnNodes(Discretized):
         "explicit steps": "use scheme 'newmark' or 'implicit', or backend='cpm'",
         "gradients": "use backend='cpm'",
     }
-    #: Factors of a matrix of triangles are sparse enough for every mesh.
-    factorise_up_to: ClassVar[float] = np.inf
+
+    @property
+    def traits(self) -> FormTraits:
+        """Factors of a matrix of triangles are sparse enough for every mesh."""
+        libraries = ("cpmkit", "cpmkit-fem", "scikit-fem", "numpy", "scipy")
+        return FormTraits(factorise_up_to=np.inf, work_record=FemWork, libraries=libraries)
 
     @property
     def vertices(self) -> Floats:
@@ -93,7 +97,7 @@ class OnNodes(Discretized):
         """(v, d) the nodes; on boundaries a little on their own side, for data that differ on the two."""
         return on_own_side(self.scene, self.mesh, self.cut)
 
-    def restated(self, scene: Scene) -> Self:
+    def with_scene(self, scene: Scene) -> Self:
         """Return the same mesh and matrices with another scene, whose conditions have other data at most."""
         pairs = zip(scene.boundaries, self.scene.boundaries, strict=True)
         if scene.edge is self.scene.edge and all(first is second for first, second in pairs):
@@ -105,7 +109,7 @@ class OnNodes(Discretized):
     @cached_property
     def mass(self) -> CsrOperator:
         """M, with no rows at pinned vertices, and columns there only where data, and so their values, move in time."""
-        moves = self.data_move
+        moves = conditions_depend_on_time(self.scene)
         return CsrOperator(without(self._mass, self.pins.vertices, columns=not moves), symmetric=not moves)
 
     @cached_property

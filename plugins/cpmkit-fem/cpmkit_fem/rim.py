@@ -114,7 +114,7 @@ class RimPart:
         """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
         return bool(np.any(np.abs(self._flux.slope_at(seen, self.points)) * self.mesh.mean_edge > STILL))
 
-    def linearized(self, seen: Floats) -> RimPart:
+    def linearise(self, seen: Floats) -> RimPart:
         """Return the part with ``du/db = j(v) + j'(v) (u - v)``, v being ``seen``."""
         slope, flux = self._flux.slope_at(seen, self.points), self._flux.flux_at(seen, self.points)
         return replace(self, law=Mixed(1.0, lambda _: -slope, lambda _: flux - slope * seen))

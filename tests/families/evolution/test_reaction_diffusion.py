@@ -173,7 +173,7 @@ def test_a_pattern_is_told_where_its_waves_are_too_short_for_the_lattice(form, s
         waves = {"initial": lambda x, k=degree: ((x[:, 0] + 1j * x[:, 1]) ** k).real, "reaction": np.zeros_like}
         ended = run({**waves, "kappa": 1e-9, "until": 0.01}, spacing, 0.01, form=form)
         radians = spacing * np.sqrt(degree * (degree + 1))  # over a spacing
-        assert (radians > ended.discretized.dispersion.coarsest) == (degree == too_short)
+        assert (radians > ended.discretized.traits.dispersion.coarsest) == (degree == too_short)
         assert any("spacings long" in sentence for sentence in ended.warnings) == (degree == too_short)
 
 

@@ -143,7 +143,7 @@ def test_fifty_specks_are_told_and_do_no_harm(solver):
 def test_thin_plates_and_folds_are_told(mesh):
     form = form_of(*mesh, spacing=0.05).discretized
     assert any("is thin, folded or creased on this lattice" in told for told in form.warnings())
-    assert form.order_of_difference(2.0) < 1.0
+    assert form.diagnosis().order < 1.0
 
 
 def test_a_right_angle_is_not_told():

@@ -55,7 +55,7 @@ def in_a_cap(points, level):
 
 def solved(form):
     stiffness = form.stiffness(form.scene.problem.terms())
-    b = form.load(form.scene.problem.terms().f) + form.data(stiffness)
+    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
     return splu(stiffness.to_csr().tocsc()).solve(b)
 
 
@@ -146,7 +146,7 @@ def multigrid(form):
     from cpmkit.linear.multigrid.solver import Multigrid
 
     stiffness = form.stiffness(form.scene.problem.terms())
-    b = form.load(form.scene.problem.terms().f) + form.data(stiffness)
+    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
     return Multigrid().prepare(stiffness, form.levels(stiffness)).solve(b, 1e-10)
 
 
@@ -157,7 +157,7 @@ def test_gradients_and_integrals_are_read(cap):
     assert np.abs(cap.gradient(u, x)[:, 0] - exact).max() < 0.01
     rows = cap.gradient_rows(x[:5])
     np.testing.assert_allclose(np.stack([one @ u[:, 0] for one in rows], axis=1), cap.gradient(u, x[:5])[:, 0])
-    assert cap.totals(np.ones((cap.size, 1)))[0] == pytest.approx(4 * np.pi, rel=1e-4)
+    assert cap.integrals(np.ones((cap.size, 1)))[0] == pytest.approx(4 * np.pi, rel=1e-4)
 
 
 def test_two_sided_data_across_levels():

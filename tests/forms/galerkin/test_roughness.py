@@ -29,7 +29,7 @@ def test_of_curves_too(dim):
     kind, keys = ("analytic.circle", {}) if dim == 2 else ("parametric.helix", {})
     scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(lambda x: x[:, 0]))
     solution = ck.solve(scene, 0.2, form="galerkin", estimate=False)
-    told = solution.discretized.expected_error(solution.values)
+    told = solution.discretized.estimate(solution.values)
     rms, largest = told.rms, told.largest
     assert rms.shape == largest.shape == (1,)
     assert 0 < rms[0] < largest[0] < 0.1
@@ -41,7 +41,7 @@ def test_it_is_within_a_few_times_the_error(spacing):
         origin = np.random.default_rng(seed).uniform(0, spacing, 3)
         solution = ck.solve(SCENE, spacing, form="galerkin", origin=origin, estimate=False)
         off = solution.evaluate(AT) - AT[:, 0] * AT[:, 1]
-        told = solution.discretized.expected_error(solution.values)
+        told = solution.discretized.estimate(solution.values)
         assert 0.5 < told.rms[0] / np.sqrt(np.mean(off**2)) < 2
         assert 0.5 < told.largest[0] / np.abs(off).max() < 2
 
@@ -49,7 +49,7 @@ def test_it_is_within_a_few_times_the_error(spacing):
 def test_it_goes_with_the_solution_and_not_with_the_unit():
     solution = ck.solve(SCENE, 0.3, form="galerkin", estimate=False)
     two = np.hstack([solution.values, 3 * solution.values + 5])
-    told = solution.discretized.expected_error(two)
+    told = solution.discretized.estimate(two)
     for found in (told.rms, told.largest):
         assert found[1] == pytest.approx(3 * found[0], rel=1e-9)
 
@@ -58,7 +58,7 @@ def test_it_goes_with_the_solution_and_not_with_the_unit():
 def test_a_peak_that_is_not_resolved_is_told(width, unresolved):
     peak = ck.ScreenedPoisson(lambda x: np.exp(-np.sum((x - [0.6, 0, 0.8]) ** 2, axis=1) / (2 * width**2)))
     estimate = ck.estimate_error(ck.Scene(SPHERE, peak), 0.2, form="galerkin")
-    told = estimate.solution.discretized.expected_error(estimate.solution.values)
+    told = estimate.solution.discretized.estimate(estimate.solution.values)
     assert told.unresolved is unresolved
     assert ("hardly resolves" in estimate.slow) is unresolved
 
@@ -67,7 +67,7 @@ def test_colours_that_jump_at_curves_are_no_peaks():
     ring = ck.source("analytic.circle", radius=0.8, center=[0, 0, 0.6])
     jump = ck.Boundary("ring", ring, left=ck.Dirichlet(0.0), right=ck.Dirichlet(lambda x: 1 + x[:, 0]))
     solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), [jump]), 0.07, form="galerkin", estimate=False)
-    assert not solution.discretized.expected_error(solution.values).unresolved
+    assert not solution.discretized.estimate(solution.values).unresolved
 
 
 def test_a_wave_that_is_not_resolved_is_told():
@@ -76,11 +76,11 @@ def test_a_wave_that_is_not_resolved_is_told():
     for spacing in (0.3, 0.1):
         wave = ck.ScreenedPoisson(lambda x: (1 + 36 * (1 - x[:, 2] ** 2)) * np.sin(6 * x[:, 2]))
         solution = ck.solve(ck.Scene(SPHERE, wave), spacing, form="galerkin", estimate=False)
-        told.append(solution.discretized.expected_error(solution.values).unresolved)
+        told.append(solution.discretized.estimate(solution.values).unresolved)
     assert told == [True, False]
 
 
 def test_where_nothing_was_measured_nothing_is_told():
     for options in ({"form": "galerkin", "degree": 1}, {"form": "galerkin", "degree": 3}, {"form": "collocation"}):
         solution = ck.solve(SCENE, 0.3, estimate=False, **options)
-        assert solution.discretized.expected_error(solution.values) is None
+        assert solution.discretized.estimate(solution.values) is None

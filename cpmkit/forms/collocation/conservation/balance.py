@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.forms.collocation.conservation.components import components_without_flux
 from cpmkit.forms.collocation.conservation.free_constants import means_over, place_of
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.protocols import Floats
 from cpmkit.scene.scene import Scene
 

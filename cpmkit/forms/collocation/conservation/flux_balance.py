@@ -23,7 +23,7 @@ from cpmkit.forms.collocation.conservation.polynomials import Polynomials
 from cpmkit.forms.collocation.conservation.weak_form import WeakForm, curved_cells_of, weak_form
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.mesh.dimensions import dimensions_of
 from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data

@@ -16,8 +16,7 @@ from cpmkit.forms.collocation.conservation.mean_weights import end_weights, mean
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.operator import ExtensionOperator
-from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, Imbalance
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.scene import Scene

@@ -10,7 +10,7 @@ from cpmkit.forms.collocation.conservation.balance import correct_mean
 from cpmkit.forms.collocation.conservation.flux_balance import Balancing, galerkin_correction
 from cpmkit.forms.collocation.conservation.free_constants import remove_constants
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.contract import SteadyResult
+from cpmkit.forms.form_records import SteadyResult
 from cpmkit.linear.operators import Bordered
 from cpmkit.protocols import Floats, Operator
 from cpmkit.scene.scene import Scene

@@ -82,12 +82,17 @@ class Reader(Discretized):
         feet = self.checked_closest_points(self.localized(points))
         return interpolant_gradient_rows(self, feet, self.side_views(feet.points, self.side_numbers(side)))
 
-    def gradient(self, values: Floats, points: Any, side: Sides = None) -> Floats:
+    def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the surface gradient (k, channels, d) of ``values`` at points (k, d)."""
+        points = self.points if points is None else points
         return surface_gradient(self, values, self.localized(points), self.side_numbers(side))
 
-    def outflow(self, values: Floats, boundary: str, side: Side, points: Any) -> Floats:
+    def conormal_derivative(
+        self, values: Floats, points: Any, boundary: str | None = None, side: Side | None = None
+    ) -> Floats:
         """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right."""
+        if boundary is None or side is None:
+            return self._rim_derivative(values, points)
         ((index, _),) = self.side_numbers({boundary: side}).items()
         on = self.tables.layout.boundaries.on_lattice[index].source.closest_point(self.localized(points)).points
         feet = self.checked_closest_points(on)
@@ -96,7 +101,12 @@ class Reader(Discretized):
         along_left = np.einsum("ncd,nd->nc", gradient, seen.conormal)
         return np.asarray(-along_left if side == "left" else along_left)
 
-    def rim_outflow(self, values: Floats, points: Floats) -> Floats:
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> None:
+        """Refuse a boundary without sides; the form has no better rule than a quadrature."""
+        if isinstance(boundary, str) and side is not None:
+            self.side_numbers({boundary: side})
+
+    def _rim_derivative(self, values: Floats, points: Floats) -> Floats:
         """Return du/db (k, channels) at ``points`` (k, d) of the edge, b outwards."""
         local, surface = self.localized(points), self.tables.layout.surface
         # Conormals are those of feet that the localized surface found on its edge itself.
@@ -152,10 +162,6 @@ class Reader(Discretized):
                 f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}."
             )
         return names.index(name)
-
-    def sides(self, side: Sides) -> Mapping[str, Side]:
-        """Return the side that is asked for, by the boundary's name."""
-        return {self.scene.boundaries[index].name: one for index, one in self.side_numbers(side).items()}
 
     def side_numbers(self, side: Sides) -> dict[int, Side]:
         """Return the side that ``side`` asks for, by the boundary's number.

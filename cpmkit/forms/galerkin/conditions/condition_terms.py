@@ -137,7 +137,7 @@ class ConditionTerms:
             if isinstance(one.law, Nonlinear)
         ]
 
-    def linearized(self, seen: Sequence[Floats]) -> ConditionTerms:
+    def linearise(self, seen: Sequence[Floats]) -> ConditionTerms:
         """Return these with fluxes that depend on u replaced by their tangents where u is ``seen`` (k,)."""
         left = iter(seen)
         return replace(

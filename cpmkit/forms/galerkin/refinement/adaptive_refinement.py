@@ -57,8 +57,8 @@ def solve_for_marking(form: RefinedGalerkin) -> Floats:
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     operator: Any = stiffness if free is None else Bordered(stiffness, free)
-    b = form.load(form.scene.problem.terms().f) + form.data(stiffness)
-    chosen = "direct" if form.size <= MOST_FACTORISED or not form.multigrid else "multigrid"
+    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
+    chosen = "direct" if form.size <= MOST_FACTORISED or form.traits.iterative_solver != "multigrid" else "multigrid"
     prepared = make_solver(chosen, {}).prepare(operator, form.levels(operator))
     values, _ = Constants.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
     return form.remove_constants(operator, b, values).values

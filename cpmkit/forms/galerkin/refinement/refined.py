@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.expected import ExpectedError
+from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves
@@ -131,7 +131,7 @@ class RefinedGalerkin(Galerkin):
     def _areas(self) -> Floats:
         return np.asarray(self.representation.T @ self._areas_and_turned[0])
 
-    def load_against_slopes(self, values: Floats) -> Floats:
+    def gradient_load(self, values: Floats) -> Floats:
         """Refuse: what weak divergences are taken of is not known beyond the spacing that it was made at."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
@@ -215,7 +215,7 @@ class RefinedGalerkin(Galerkin):
 
     # Telling
 
-    def expected_error(self, u: Floats) -> ExpectedError | None:
+    def estimate(self, u: Floats) -> ExpectedError | None:
         """Return nothing: coefficients of several levels stand beside each other."""
         del u
         return None

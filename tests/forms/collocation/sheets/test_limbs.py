@@ -8,7 +8,7 @@ import cpmkit as ck
 from cpmkit.forms.collocation.diagnosis.definiteness import lowest_eigenvalue
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.diagnosis.valleys import limb_feature
-from cpmkit.forms.imbalance import Imbalance
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.protocols import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]

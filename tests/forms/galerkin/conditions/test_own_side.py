@@ -66,7 +66,7 @@ def test_a_boundary_keeps_its_vertices_where_triangles_become_thin():
 def test_nothing_is_read_elsewhere_where_all_samples_are_on_their_side():
     form = ck.solve(ck.Scene(SPHERE, SCENE.problem, SCENE.boundaries), 0.3, form="galerkin").discretized
     seen = []
-    form.read(lambda x: seen.append(x.copy()) or x[:, 0], "f")
+    form.data_at_points(lambda x: seen.append(x.copy()) or x[:, 0], "f")
     apart = np.abs(seen[0] - form.points).max(axis=1)
     assert np.count_nonzero(apart) == len(form._astray[0])
     assert apart.max() < 0.05 * 0.3

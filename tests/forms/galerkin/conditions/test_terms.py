@@ -174,7 +174,7 @@ def test_fluxes_that_depend_on_the_solution():
     seen, conditions = np.full(len(flux.points), flux.guess), one.conditions
     for _ in range(8):
         assert flux.grows(seen)
-        one.conditions = conditions.linearized([seen])
+        one.conditions = conditions.linearise([seen])
         u = splu(one.matrix).solve(one.b + one.conditions.load(1))
         seen = flux.read(u)
     assert np.allclose(flux.points, [[0.7, 1.0]])
@@ -187,7 +187,7 @@ def test_a_flux_that_does_not_grow_is_a_flux():
     one, _ = bar(ck.NonlinearFlux(lambda u: -0.5 + 0 * u))
     flux = one.conditions.state_fluxes[0]
     assert not flux.grows(np.ones(1))
-    one.conditions = one.conditions.linearized([np.ones(1)])
+    one.conditions = one.conditions.linearise([np.ones(1)])
     assert one.solved()[:, 0].min() > 1.5 - 1e-6
 
 

@@ -1,0 +1,221 @@
+"""Records that forms and families of equations exchange: coefficients, results, measures of work, diagnoses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, ClassVar, Protocol
+
+from cpmkit.forms.free_constants import Imbalance
+from cpmkit.protocols import Floats
+
+
+@dataclass(frozen=True, eq=False)
+class StateDependentCoefficient:
+    """A coefficient of the equation that depends on u, with the u at which it is evaluated.
+
+    The form evaluates u and its gradient where it needs the coefficient.
+
+    Attributes
+    ----------
+    coefficient : callable
+        Of the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates.
+        Returns numbers (k,) or symmetric tensors (k, d, d).
+    u : (n, 1) float64
+        The unknowns.
+    holding : callable, optional
+        Of the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
+        coefficient itself, or the mean of a tensor. A Newton tangent takes that of the coefficient it is derived from.
+    """
+
+    needs_state: ClassVar[bool] = True
+    coefficient: Callable[[Floats, Floats, Floats], Floats]
+    u: Floats
+    holding: Callable[[Floats, Floats, Floats], Floats] | None = None
+
+
+class StateFlux(Protocol):
+    """A part of a boundary on which the flux of a condition depends on u."""
+
+    @property
+    def guess(self) -> float:
+        """Value of u at which Newton's method starts."""
+
+    @property
+    def points(self) -> Floats:
+        """(k, d) the points at which the flux is evaluated."""
+
+    def read(self, u: Floats, /) -> Floats:
+        """Return the values (k,) of u at the points, from the unknowns (n, 1)."""
+
+    def grows(self, seen: Floats, /) -> bool:
+        """Return whether the flux changes with u at the values ``seen`` (k,); if not, it fixes no constant."""
+
+
+@dataclass(frozen=True)
+class Dispersion:
+    """How large the errors of eigenvalues lambda = k^2 of -Lap are at a spacing h.
+
+    An eigenvalue is off by about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``.
+
+    Attributes
+    ----------
+    resolved, coarsest : float
+        k h, radians of a wave per spacing. Eigenvalues are off by 1 percent at ``resolved``, by 2 at ``coarsest``;
+        beyond that eigenvalues after the first few cannot be distinguished.
+    power : int
+        Order of convergence of eigenvalues.
+    waves, bends : float
+        Coefficients, measured on the circle and the sphere.
+    bend_power : int
+        Order of convergence with respect to the curvature of the manifold.
+    """
+
+    resolved: float
+    coarsest: float
+    power: int
+    waves: float
+    bends: float
+    bend_power: int = 2
+
+    def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
+        """Return the error of an eigenvalue on a manifold with this radius of curvature."""
+        waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
+        return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
+
+
+#: Of difference formulas of second order: ten nodes a wavelength for an error of 1 percent, six for 2 percent.
+SECOND_ORDER = Dispersion(resolved=0.6, coarsest=1.0, power=2, waves=0.03, bends=0.2)
+
+
+@dataclass(frozen=True)
+class PlainWork:
+    """Measures of work that every form has.
+
+    Attributes
+    ----------
+    unknowns : int
+        Size of the linear system.
+    nonzeros : int
+        Stored entries of the matrix.
+    operator_applications : int
+        Products of the matrix with a vector, all channels counted.
+    """
+
+    unknowns: int
+    nonzeros: int
+    operator_applications: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the measures as plain values."""
+        return asdict(self)
+
+
+class MeasuredWork(Protocol):
+    """Work of a solve in units that do not depend on the machine."""
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the linear system."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return all measures as plain values."""
+
+
+@dataclass(frozen=True)
+class FormTraits:
+    """Properties of a form, for the equation of its scene, that solvers, families and saved files read.
+
+    Attributes
+    ----------
+    iterative_solver : str
+        The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
+    factorise_up_to : float
+        A factorisation pays up to so many times the usual number of unknowns (see
+        :func:`cpmkit.linear.solver_options.choose_solver`).
+    dispersion : Dispersion
+        Errors of eigenvalues and waves.
+    work_record : type
+        The class of the record that ``work`` returns.
+    libraries : tuple of str
+        Distributions whose versions the summary of a solution lists.
+    """
+
+    iterative_solver: str = "reference"
+    factorise_up_to: float = 1.0
+    dispersion: Dispersion = SECOND_ORDER
+    work_record: type = PlainWork
+    libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")
+
+
+@dataclass(frozen=True, eq=False)
+class SteadyResult:
+    """A steady solution after its free constants were taken out.
+
+    Attributes
+    ----------
+    values : (n, channels) float64
+        Unknowns, with mean zero on pieces of the manifold where a constant is free.
+    imbalances : tuple of Imbalance
+        Data that have no solution, by piece, and how they were changed.
+    missed : float
+        The largest relative error of the mean of u, whether it was corrected or not.
+    warnings : tuple of str
+        Further warnings, beside those of the imbalances.
+    queries : int
+        Closest point queries made.
+    seconds : mapping
+        Seconds, by stage.
+    """
+
+    values: Floats
+    imbalances: tuple[Imbalance, ...] = ()
+    missed: float = 0.0
+    warnings: tuple[str, ...] = ()
+    queries: int = 0
+    seconds: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedError:
+    """An estimate of the error of a solution from that solution alone.
+
+    Attributes
+    ----------
+    rms, largest : (channels,) float64
+        Root mean square and largest error, in the unit of the solution; mostly right within a factor of two.
+    unresolved : bool
+        Whether the solution has waves or peaks that the lattice hardly resolves; errors may then be larger.
+    """
+
+    rms: Floats
+    largest: Floats
+    unresolved: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """How the error of a solution falls with the spacing, and what the lattice does not resolve.
+
+    Attributes
+    ----------
+    order : float
+        The order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error of u_h.
+    slow : str
+        Why the error may fall slowly with the spacing; empty without a reason.
+    no_estimate : str
+        Why differences of two solutions say nothing of the error, in a sentence; empty where they do.
+    unresolved : bool
+        Whether parts of the manifold bend too sharply for the spacing, or come too near to other parts.
+    unresolved_share : float
+        The share of the manifold in pieces so small that u has one value on each.
+    doubled : (k, d) float64, optional
+        Closest points of the further unknowns at nodes that several sheets of the manifold share.
+    """
+
+    order: float = 2.0
+    slow: str = ""
+    no_estimate: str = ""
+    unresolved: bool = False
+    unresolved_share: float = 0.0
+    doubled: Floats | None = None
