@@ -1,4 +1,4 @@
-"""What a triangulation of a surface must keep, and how much of that is broken."""
+"""Checks of a triangulation against the closest points that it was made of, and creases that it cut off restored."""
 
 from __future__ import annotations
 
@@ -6,40 +6,40 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.meshing.contouring.contour_edges import areas_of_pieces, border_of, edges_of
-from cpmkit.meshing.contouring.coverage import CreaseFeet, uncovered
-from cpmkit.meshing.contouring.leaves import crowded_edges
-from cpmkit.meshing.contouring.nodes import Nodes
-from cpmkit.meshing.contouring.rim_test import RimTest
-from cpmkit.meshing.contouring.rims import rim_edges
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.meshing.contouring.contour_edges import component_areas, edges_of, halve_edges, open_edges
+from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
+from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
+from cpmkit.meshing.contouring.nonmanifold_edges import crowded_edges
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: An area that differs from the sum over nodes by more than this share is a fault.
-AREA_SHARE = 0.15
-#: Pieces with less area than so many squares of the form's spacing are taken for faults where another lattice has none.
-SMALL_AREA = 2.0
-#: What faults weigh, a fold at a rim or an uncovered foot one: open edges, edges of four and small pieces; a piece too
-#: many, a wrong area.
-EDGE_WEIGHT, PIECE_WEIGHT = 4, 40
+#: The weight in ``severity`` of a component gained or lost, of a wrong area and of a part of the surface not met; that
+#: of an open edge is 4, of a fold or an uncovered point 1.
+COMPONENT_WEIGHT = 40
 
 
 @dataclass(frozen=True, eq=False)
 class MeshDefects:
-    """Places at which laws of a triangulation are broken.
+    """Places at which a triangulation is not what it has to be.
 
     Attributes
     ----------
-    cracks, nonmanifold_edges, branch_ends, folds : (k, 3) float64
-        Middles of open edges off rims and of edges of four or more that are no crossing; ends of branch lines that
-        lie neither at another branch line nor at the border; centres of triangles that fold over beside a rim.
+    cracks : (k, 3) float64
+        Midpoints of open edges off rims.
+    nonmanifold_edges : (k, 3) float64
+        Midpoints of edges of four triangles or more at which no two sheets cross.
+    branch_ends : (k, 3) float64
+        Ends of lines of edges of three triangles or more that lie neither on another such line nor at the border.
+    folds : (k, 3) float64
+        Centres of triangles that fold over beside a rim.
     uncovered : (k, 3) float64
         Points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
     component_change : int
-        How many pieces were gained or lost by moving vertices onto rims.
+        How many components were gained or lost when vertices were moved onto rims.
     small_components : int
-        Pieces with an area below two squares of the form's spacing.
+        Components with an area below two squares of the form's spacing: another lattice may have none.
     area_error : float
-        By how much the area exceeds the sum over nodes, as a share.
+        The relative excess of the area over the sum over nodes.
     """
 
     cracks: Floats
@@ -53,59 +53,167 @@ class MeshDefects:
 
     @property
     def wrong_area(self) -> bool:
-        """Whether the area is not what the nodes say."""
-        return abs(self.area_error) > AREA_SHARE
+        """Whether the area differs from the sum over nodes by more than that is uncertain."""
+        return abs(self.area_error) > 0.15
 
     @property
     def severity(self) -> int:
-        """How much is broken: zero where all laws hold."""
-        places = len(self.cracks) + len(self.nonmanifold_edges) + len(self.branch_ends) + self.small_components
-        return (
-            len(self.folds)
-            + len(self.uncovered)
-            + EDGE_WEIGHT * places
-            + PIECE_WEIGHT * (abs(self.component_change) + self.wrong_area)
-        )
+        """A weighted count of the defects: zero where there is none."""
+        topological = len(self.cracks) + len(self.nonmanifold_edges) + len(self.branch_ends) + self.small_components
+        global_ones = abs(self.component_change) + self.wrong_area
+        return len(self.folds) + len(self.uncovered) + 4 * topological + COMPONENT_WEIGHT * global_ones
 
 
-def faults_of(
+def find_defects(
     rims: RimTest,
-    nodes: Nodes,
+    nodes: LatticeNodes,
     vertices: Floats,
     cells: Ints,
     on_rim: Bools,
     folds: Floats,
-    pieces_before: int,
+    components_before: int,
     spacing: float,
 ) -> MeshDefects:
-    """Return where the triangulation breaks a law; ``spacing`` is the form's."""
+    """Return the defects of a triangulation.
+
+    Parameters
+    ----------
+    rims : RimTest
+    nodes : LatticeNodes
+        Of the lattice that it was made on.
+    vertices, cells : (v, 3) float64, (m, 3) int64
+    on_rim : (v,) bool
+        Which vertices lie on rims.
+    folds : (k, 3) float64
+        Centres of triangles that fold over.
+    components_before : int
+        The number of components before vertices were moved onto rims.
+    spacing : float
+        Of the form's lattice.
+    """
     edges = edges_of(cells)
-    border = border_of(vertices, cells, edges)
-    off = np.setdiff1d(np.arange(len(border.edge)), rim_edges(border, on_rim))
-    off = off[~rims.of_border(vertices, border.take(off))]
+    border = open_edges(vertices, cells, edges)
+    off_rim = np.setdiff1d(np.arange(len(border.edge)), edges_on_rim(border, on_rim))
+    off_rim = off_rim[~rims.of_edges(vertices, border.take(off_rim))]
     crowded = crowded_edges(rims.source, vertices, cells, edges)
     degree = np.bincount(edges.ends[edges.count > 2].ravel(), minlength=len(vertices))
-    single = (edges.count > 2) & (degree[edges.ends] == 1).all(axis=1)
-    degree[edges.ends[edges.count == 1]] = 0  # at the border
-    degree[edges.ends[single]] = 1  # but a line of one edge is none
-    areas = areas_of_pieces(vertices, cells)
+    lone = (edges.count > 2) & (degree[edges.ends] == 1).all(axis=1)
+    degree[edges.ends[edges.count == 1]] = 0  # a branch line may end at the border
+    degree[edges.ends[lone]] = 1  # but a line of one edge is none
+    areas = component_areas(vertices, cells)
+    creases = CreasePoints.of(nodes).points
     return MeshDefects(
-        border.middles[off],
+        border.middles[off_rim],
         vertices[edges.ends[crowded]].mean(axis=1),
         vertices[degree == 1],
         folds,
-        uncovered(CreaseFeet.of(nodes).points, vertices, cells, nodes.spacing),
-        len(areas) - pieces_before,
-        int((areas < SMALL_AREA * spacing**2).sum()),
-        float(areas.sum() / area_by_nodes(nodes) - 1),
+        creases[_nearest_edges(creases, vertices, cells)[0] > 0.3 * nodes.spacing],
+        len(areas) - components_before,
+        int((areas < 2.0 * spacing**2).sum()),
+        float(areas.sum() / _area_by_nodes(nodes) - 1),
     )
 
 
-def area_by_nodes(nodes: Nodes) -> float:
+def _area_by_nodes(nodes: LatticeNodes) -> float:
     """Return the area by the coarea formula: a raised cosine of the distance, summed over the nodes.
 
-    Its width is the spacing, within which all nodes are known; feet on rims are left out (Kublik, Tsai 2016).
+    Its width is one spacing, within which all nodes are known. Closest points on rims are left out. Kublik and Tsai,
+    Integration over curves and surfaces defined by the closest point mapping (2016).
     """
     s = nodes.spacing
-    near = nodes.distance[(nodes.distance < s) & ~nodes.rim]
+    near = nodes.distance[(nodes.distance < s) & ~nodes.on_rim]
     return float((1 + np.cos(np.pi * near / s)).sum() * 0.5 * s**2)
+
+
+@dataclass(frozen=True, eq=False)
+class CreasePoints:
+    """Points (n, 3) of a surface where it does not look like one plane, and whether (n,) they lie on rims."""
+
+    points: Floats
+    on_rim: Bools
+
+    @classmethod
+    def of(cls, nodes: LatticeNodes) -> CreasePoints:
+        """Return the closest points of the nodes within a spacing of such parts; no query is needed."""
+        rows = nodes.nonplanar.any(axis=1) & (nodes.distance < nodes.spacing)
+        return cls(nodes.closest[rows], nodes.on_rim[rows])
+
+
+def restore_creases(
+    creases: CreasePoints, vertices: Floats, cells: Ints, on_rim: Bools, spacing: float
+) -> tuple[Floats, Ints, Bools]:
+    """Return vertices, triangles and which vertices (v,) lie on rims, with edges halved at creases that they cut off.
+
+    An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
+    in the inner part of the edge. Open edges are halved at points on rims alone.
+    """
+    for _ in range(3):  # each round looks at what the one before has left
+        distance, slot, share = _nearest_edges(creases.points, vertices, cells)
+        edges = edges_of(cells)
+        rows = np.flatnonzero((distance > 0.1 * spacing) & (share > 0.15) & (share < 0.85))
+        edge = edges.of_cells.ravel()[slot[rows]]
+        wanted = (edges.count[edge] > 1) | creases.on_rim[rows]
+        order = np.argsort(-distance[rows[wanted]])
+        rows, edge = _at_most_one_per_triangle(rows[wanted][order], edge[wanted][order], edges.of_cells)
+        if not len(rows):
+            break
+        midpoint = np.full(int(edges.of_cells.max()) + 1, -1)
+        midpoint[edge] = len(vertices) + np.arange(len(edge))
+        cell, corner = np.nonzero(midpoint[edges.of_cells] >= 0)
+        vertices = np.concatenate([vertices, creases.points[rows]])
+        cells = halve_edges(cells, 3 * cell + corner, midpoint[edges.of_cells[cell, corner]])
+        on_rim = np.append(on_rim, creases.on_rim[rows] & (edges.count[edge] == 1))
+    return vertices, cells, on_rim
+
+
+def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
+    """Return those ``rows`` (k,) and their edges, the first ones first, of which no triangle has two."""
+    rank = np.full(int(of_cells.max(initial=-1)) + 1, len(edge))
+    np.minimum.at(rank, edge, np.arange(len(edge)))
+    first = rank[of_cells].min(axis=1)
+    excluded = np.zeros(len(rank), dtype=bool)
+    excluded[of_cells[rank[of_cells] > first[:, None]]] = True
+    chosen = np.flatnonzero((rank[edge] == np.arange(len(edge))) & ~excluded[edge])
+    return rows[chosen], edge[chosen]
+
+
+def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Floats, Ints, Floats]:
+    """Return the distance (n,) of each point from the triangles, the nearest edge of the nearest one, and where on it.
+
+    The edge is given by its slot, three times the number of a triangle plus that of the corner opposite to it, and the
+    place by the share of the edge. Of each point the twelve triangles with the nearest centres are looked at.
+    """
+    from scipy.spatial import KDTree
+
+    n = len(points)
+    least, slot, place = np.full(n, np.inf), np.zeros(n, dtype=np.int64), np.zeros(n)
+    if not n:
+        return least, slot, place
+    corners = vertices[cells]
+    count = min(12, len(cells))
+    candidates = KDTree(corners.mean(axis=1)).query(points, k=count)[1].reshape(n, count)
+    for column in candidates.T:
+        distance, corner, share = _distances_to_triangles(points, corners[column])
+        nearer = distance < least
+        least = np.where(nearer, distance, least)
+        slot, place = np.where(nearer, 3 * column + corner, slot), np.where(nearer, share, place)
+    return least, slot, place
+
+
+def _distances_to_triangles(points: Floats, corners: Floats) -> tuple[Floats, Ints, Floats]:
+    """Return the distance (n,) of each point (n, 3) from its triangle (n, 3, 3), the nearest edge, and where on it."""
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = norms(normal)
+    inside = size > 0
+    away, shares = np.empty((3, len(points))), np.empty((3, len(points)))
+    for k in range(3):
+        tail = corners[:, (k + 1) % 3]
+        along, outward = corners[:, (k + 2) % 3] - tail, points - tail
+        inside &= dots(np.cross(along, outward), normal) >= 0
+        with np.errstate(all="ignore"):
+            shares[k] = np.clip(np.nan_to_num(dots(outward, along) / dots(along, along)), 0.0, 1.0)
+        away[k] = norms(outward - shares[k][:, None] * along)
+    edge, rows = away.argmin(axis=0), np.arange(len(points))
+    with np.errstate(all="ignore"):
+        height = np.abs(dots(points - corners[:, 0], normal) / size)
+    return np.where(inside, height, away[edge, rows]), edge, shares[edge, rows]

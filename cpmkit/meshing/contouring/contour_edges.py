@@ -1,4 +1,4 @@
-"""Edges of triangles: how many triangles each has, and the conormals of those with one."""
+"""Edges and connected components of a triangulation that is being repaired, and the collapse of its edges."""
 
 from __future__ import annotations
 
@@ -9,44 +9,70 @@ import numpy as np
 from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.protocols import Bools, Floats, Ints
 
+#: Components with less area than this, in squares of the spacing, are left out: splines that see such a component alone
+#: have a value of their own there, or none. An ellipsoid 10 : 10 : 1 at spacings of its thickness has some of up to
+#: .02; a sphere with a radius of a tenth of a spacing, found by chance alone, has .13.
+LEAST_COMPONENT_AREA = 0.1
+
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class EdgeTable:
     """The edges of triangles; edge j of a triangle is opposite to its corner j.
 
     Attributes
     ----------
     ends : (e, 2) int64
-        Their vertices, the lower number first.
-    of : (m, 3) int64
+        The vertices of each edge, the lower number first.
+    of_cells : (m, 3) int64
         The edges of each triangle.
     count : (e,) int64
-        How many triangles each has.
+        The number of triangles of each edge.
     """
 
     ends: Ints
-    of: Ints
+    of_cells: Ints
     count: Ints
 
-    @property
-    def nonmanifold_share(self) -> float:
-        """The share of edges with three triangles or more."""
-        return float((self.count > 2).mean()) if len(self.count) else 0.0
+    def slots_of(self, edges: Ints, count: int) -> Ints:
+        """Return the slots (k, count) of ``edges`` (k,) that have ``count`` triangles each.
+
+        A slot is three times the number of a triangle plus that of the corner opposite to the edge.
+        """
+        order = np.argsort(self.of_cells.ravel(), kind="stable")
+        start = np.cumsum(self.count) - self.count
+        return np.asarray(order[start[edges][:, None] + np.arange(count)])
 
 
-def edges_of(cells: Ints) -> Edges:
-    """Return the edges of triangles or quadrilaterals ``cells`` (m, k), the first from corner 1 to corner 2."""
+def edges_of(cells: Ints) -> EdgeTable:
+    """Return the edges of triangles or quadrilaterals ``cells`` (m, k); the first leads from corner 1 to corner 2."""
     k = cells.shape[1]
     places = (np.arange(k)[:, None] + [1, 2]) % k
     ends = np.sort(cells[:, places].reshape(-1, 2), axis=1)
     size = int(cells.max(initial=0)) + 1
-    codes, of, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
-    return Edges(np.stack(np.divmod(codes, size), axis=1), of.reshape(-1, k), count.astype(np.int64))
+    codes, of_cells, count = np.unique(ends[:, 0] * size + ends[:, 1], return_inverse=True, return_counts=True)
+    return EdgeTable(np.stack(np.divmod(codes, size), axis=1), of_cells.reshape(-1, k), count.astype(np.int64))
+
+
+def edge_ends(cells: Ints, slots: Ints) -> Ints:
+    """Return the vertices (..., 2) of the edges at ``slots`` (...), in the orientation of their triangles."""
+    cell, corner = np.divmod(slots, 3)
+    return np.stack([cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]], axis=-1)
+
+
+def halve_edges(cells: Ints, slots: Ints, midpoints: Ints) -> Ints:
+    """Return the triangles (m + s, 3) with the edges at ``slots`` (s,) halved at the vertices ``midpoints`` (s,).
+
+    No triangle has two of the slots.
+    """
+    cell, corner = np.divmod(slots, 3)
+    apex, a, b = (cells[cell, (corner + k) % 3] for k in range(3))
+    halves = [np.stack([apex, a, midpoints], axis=-1), np.stack([apex, midpoints, b], axis=-1)]
+    return np.concatenate([np.delete(cells, cell, axis=0), *halves])
 
 
 @dataclass(frozen=True, eq=False)
-class Border:
-    """The edges of one triangle each.
+class OpenEdges:
+    """The edges that one triangle has alone.
 
     Attributes
     ----------
@@ -55,7 +81,7 @@ class Border:
     ends : (b, 2) int64
         Their vertices.
     middles, conormals : (b, 3) float64
-        Halfway between those, and the unit vectors in the triangles' planes that point outwards there.
+        Their midpoints, and the unit vectors there that point out of the triangles, in their planes.
     """
 
     edge: Ints
@@ -63,90 +89,88 @@ class Border:
     middles: Floats
     conormals: Floats
 
-    def take(self, rows: Bools | Ints) -> Border:
+    def take(self, rows: Bools | Ints) -> OpenEdges:
         """Return the edges at ``rows``."""
-        return Border(self.edge[rows], self.ends[rows], self.middles[rows], self.conormals[rows])
+        return OpenEdges(self.edge[rows], self.ends[rows], self.middles[rows], self.conormals[rows])
 
-    def across(self, vertices: Floats) -> Floats:
+    def normals(self, vertices: Floats) -> Floats:
         """Return unit normals (b, 3), of either sign, of the triangles at these edges."""
         return np.cross(unit(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]]), self.conormals)
 
 
-def border_of(vertices: Floats, cells: Ints, edges: Edges) -> Border:
-    """Return the edges that one triangle has alone."""
-    cell, corner = np.nonzero(edges.count[edges.of] == 1)
-    ends = np.stack([cells[cell, (corner + 1) % 3], cells[cell, (corner + 2) % 3]], axis=1)
+def open_edges(vertices: Floats, cells: Ints, edges: EdgeTable) -> OpenEdges:
+    """Return the edges of triangles ``cells`` (m, 3) that one triangle has alone."""
+    cell, corner = np.nonzero(edges.count[edges.of_cells] == 1)
+    ends = edge_ends(cells, 3 * cell + corner)
     a, b, apex = vertices[ends[:, 0]], vertices[ends[:, 1]], vertices[cells[cell, corner]]
     middle, along = 0.5 * (a + b), unit(b - a)
-    out = middle - apex
-    conormal = unit(out - dots(out, along)[:, None] * along)
-    flat = norms(conormal) == 0
-    conormal[flat] = unit(out[flat])
-    return Border(edges.of[cell, corner], ends, middle, conormal)
+    outward = middle - apex
+    conormal = unit(outward - dots(outward, along)[:, None] * along)
+    degenerate = norms(conormal) == 0
+    conormal[degenerate] = unit(outward[degenerate])
+    return OpenEdges(edges.of_cells[cell, corner], ends, middle, conormal)
 
 
-def split_fans(cells: Ints, edges: Edges, parted: Ints, pairs: Ints) -> tuple[Ints, Ints]:
-    """Return the triangles with a vertex of its own for each fan, and of which vertex each of those is a copy.
+def double_areas(vertices: Floats, cells: Ints) -> Floats:
+    """Return twice the area (m,) of each triangle."""
+    corners = vertices[cells]
+    return norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
 
-    A fan goes on over the edges of its triangles; over the edges ``parted`` (k,) only between the corners (three a
-    triangle, opposite to the edge) that are a pair of ``pairs`` (k, 2, 2).
+
+def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
+    """Return the rows of those edges ``ends`` (k, 2) among ``count`` vertices that are the shortest at both ends."""
+    order = np.argsort(length, kind="stable")
+    rank = np.empty(len(order), dtype=np.int64)
+    rank[order] = np.arange(len(order))
+    least = np.full(count, len(order))
+    np.minimum.at(least, ends, rank[:, None])
+    return np.flatnonzero((least[ends] == rank[:, None]).all(axis=1))
+
+
+def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
+    """Return the triangles with the second of each of ``ends`` (k, 2) replaced by the first.
+
+    Triangles without area are left out; of equal ones an odd number leaves one, an even number none.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    slots = np.argsort(edges.of.ravel(), kind="stable")
-    same = np.flatnonzero(np.diff(edges.of.ravel()[slots]) == 0)
-    same = same[~np.isin(edges.of.ravel()[slots[same]], parted)]
-    one, other = (np.concatenate([slots[same + k], pairs[:, :, k].ravel()]) for k in range(2))
-    links = []
-    for step in (1, 2):  # the corners at either end of a shared edge
-        a = one // 3 * 3 + (one + step) % 3
-        matches = [other // 3 * 3 + (other + k) % 3 for k in (1, 2)]
-        alike = cells.ravel()[a] == cells.ravel()[matches[0]]
-        links.append((a, np.where(alike, matches[0], matches[1])))
-    rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
-    corners = cells.size
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(corners, corners))
-    count, fan = connected_components(graph, directed=False)
-    copied = np.empty(count, dtype=np.int64)
-    copied[fan] = cells.ravel()
-    return fan.astype(np.int64).reshape(-1, 3), copied
-
-
-#: Pieces with less area than this, in squares of the lattice's spacing, are specks: splines that saw them alone would
-#: have a value of their own there, and none where there is no area at all (an ellipsoid 10 : 10 : 1 at spacings of its
-#: thickness has some of up to .02; a sphere of a tenth of a spacing, which is found by chance alone, has .13).
-SPECK_AREA = 0.1
+    number = np.arange(count)
+    number[ends[:, 1]] = ends[:, 0]
+    cells = number[cells]
+    cells = cells[(cells != np.roll(cells, 1, axis=1)).all(axis=1)]
+    _, first, times = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_counts=True)
+    return np.ascontiguousarray(cells[np.sort(first[times % 2 == 1])])
 
 
 def remove_isolated_components(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints, int]:
-    """Return the triangles (m, 3) of pieces with an area, all of them where no piece has one, and how many have none.
+    """Return the triangles (m, 3) without components of hardly any area, and how many of those there were.
 
-    Pieces are what hangs together by vertices (v, 3).
+    Components are connected by vertices (v, 3). All triangles stay where no component has an area.
     """
-    return _without(vertices, cells, cells, spacing)
+    return _remove_small(vertices, cells, cells, spacing)
 
 
-def without_hanging_specks(vertices: Floats, cells: Ints, spacing: float) -> Ints:
-    """Return the triangles without pieces that have no area and hang on others by vertices alone."""
-    return _without(vertices, cells, edges_of(cells).of, spacing)[0]
+def remove_components_at_vertices(vertices: Floats, cells: Ints, spacing: float) -> Ints:
+    """Return the triangles (m, 3) without components of hardly any area that touch others in vertices alone."""
+    return _remove_small(vertices, cells, edges_of(cells).of_cells, spacing)[0]
 
 
-def _without(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
-    piece, areas = _pieces(vertices, cells, links)
-    speck = areas < SPECK_AREA * spacing**2
-    if speck.all():
+def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
+    component, areas = _components(vertices, cells, links)
+    is_small = areas < LEAST_COMPONENT_AREA * spacing**2
+    if is_small.all():
         return cells, 0
-    return np.ascontiguousarray(cells[~speck[piece]]), int(speck.sum())
+    return np.ascontiguousarray(cells[~is_small[component]]), int(is_small.sum())
 
 
-def areas_of_pieces(vertices: Floats, cells: Ints) -> Floats:
-    """Return the area of each piece, of those that hang together by vertices (v, 3)."""
-    return _pieces(vertices, cells, cells)[1]
+def component_areas(vertices: Floats, cells: Ints) -> Floats:
+    """Return the area of each component that is connected by vertices (v, 3)."""
+    return _components(vertices, cells, cells)[1]
 
 
-def _pieces(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
-    """Return the piece of each triangle, and the area of each, of those with common ``links`` (m, 3)."""
+def _components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
+    """Return the component (m,) of each triangle and the area of each; triangles with a common link are connected.
+
+    ``links`` (m, 3) are vertices or edges.
+    """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -154,7 +178,6 @@ def _pieces(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
     size = int(links.max(initial=-1)) + 1
     graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(size, size))
     label = connected_components(graph, directed=False)[1][links[:, 0]]
-    piece = np.unique(label, return_inverse=True)[1]
-    corners = vertices[cells]
-    area = 0.5 * norms(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    return piece.astype(np.int64), np.asarray(np.bincount(piece, area), dtype=np.float64)
+    component = np.unique(label, return_inverse=True)[1]
+    areas = np.bincount(component, 0.5 * double_areas(vertices, cells))
+    return component.astype(np.int64), np.asarray(areas, dtype=np.float64)

@@ -1,4 +1,4 @@
-"""A curve that is known by its closest points alone, as segments."""
+"""Segments on a curve that is known by closest points alone: a trace on the first lattice on which none is wrong."""
 
 from __future__ import annotations
 
@@ -9,30 +9,39 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vectors import dots, norms, unit
 from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.meshing.contouring.curve_trace import Trace, trace_of
-from cpmkit.meshing.contouring.knot_crossings import knot_crossings
-from cpmkit.meshing.contouring.strand_crossings import with_shared_vertices
-from cpmkit.protocols import Floats, Ints
+from cpmkit.meshing.contouring.curve_trace import Trace, project_middles, trace_curve
+from cpmkit.meshing.contouring.plane_crossings import plane_crossings
+from cpmkit.protocols import Bools, Floats, Ints
 
-#: Points of the curve farther than so many spacings from all segments are missed by the trace.
-MISSED_REACH = 0.1
-#: A middle nearer to the inside of another segment than this, in spacings and as a share of its own segment, is
-#: covered twice; segments shorter than so many spacings are not looked at.
-DOUBLE_REACH, DOUBLE_SHARE, SHORT_SEGMENT = 0.02, 0.1, 0.08
+#: Lattices of a trace: spacing and shift in spacings of the form's. They are tried in turn until no defect is left. The
+#: shifts are no simple fractions, so that sides and corners of curves do not lie in planes of the lattice.
+LATTICES = (
+    (1.0, (0.1723, 0.2301, 0.3119)),
+    (1.0, (0.4142, 0.0677, 0.1459)),
+    (0.5, (0.3371, 0.4561, 0.0823)),
+    (0.5, (0.0911, 0.3723, 0.4337)),
+    (0.25, (0.1723, 0.2301, 0.3119)),
+)
+#: Segments whose chords come nearer than this, in spacings, may cross.
+NEAR_CHORDS = 0.05
+#: Points of the curve farther than this, in spacings, from all segments are missed by the trace.
+MISSED_DISTANCE = 0.1
+#: A segment is covered twice if its middle is nearer to the inside of another one than this, in spacings.
+DOUBLE_DISTANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class TraceDefects:
-    """Where a trace is not what it has to be; points (k, d) each, relative to the lattice's origin.
+    """Where a trace is not what it has to be; points (k, d), relative to the lattice's origin.
 
     Attributes
     ----------
     missed : (k, d) float64
         Points of the curve with no segment near by.
     missed_distances : (k,) float64
-        How far from the nearest vertex these are.
+        Their distances from the nearest vertex.
     covered_twice : (k, d) float64
         Points that two segments cover.
     gaps : (k, d) float64
@@ -46,78 +55,25 @@ class TraceDefects:
 
     @property
     def count(self) -> int:
-        """How many places there are."""
+        """The number of defects."""
         return len(self.missed) + len(self.covered_twice) + len(self.gaps)
 
-    def moved(self, shift: Floats) -> TraceDefects:
-        """Return the same places moved by ``shift`` (d,)."""
+    def translated(self, shift: Floats) -> TraceDefects:
+        """Return the defects moved by ``shift`` (d,)."""
         return TraceDefects(self.missed + shift, self.missed_distances, self.covered_twice + shift, self.gaps + shift)
-
-
-def trace_defects(trace: Trace, points: Floats, spacing: float) -> TraceDefects:
-    """Return where the laws are broken; ``points`` (n, d) of the curve, from all over it, have to be met."""
-    from scipy.spatial import KDTree
-
-    a, b = trace.vertices[trace.segments].transpose(1, 0, 2)
-    starts, stops = np.concatenate([a, trace.feet]), np.concatenate([trace.feet, b])
-    number = np.arange(len(a))
-    missed = points[_distances(points, starts, stops, MISSED_REACH * spacing) > MISSED_REACH * spacing]
-    length = norms(b - a)
-    long = np.flatnonzero(length > SHORT_SEGMENT * spacing)
-    reach = np.minimum(DOUBLE_REACH * spacing, DOUBLE_SHARE * length[long])
-    away = _distances(trace.feet[long], starts, stops, DOUBLE_REACH * spacing, long, np.tile(number, 2))
-    degree = np.bincount(trace.segments.ravel(), minlength=len(trace.vertices))
-    loose = np.setdiff1d(np.flatnonzero(degree == 1), trace.ends)
-    gaps = np.unique(np.concatenate([trace.gaps, trace.vertices[loose]]), axis=0)
-    return TraceDefects(missed, KDTree(trace.vertices).query(missed)[0], trace.feet[long[away < reach]], gaps)
-
-
-def _distances(
-    points: Floats, starts: Floats, stops: Floats, reach: float, own: Ints | None = None, of: Ints | None = None
-) -> Floats:
-    """Return the distances (n,) of points from the nearest chord, where there is one within ``reach``; else infinity.
-
-    Chords ``of`` the segment that a point is ``own`` to do not count.
-    """
-    from scipy.spatial import KDTree
-
-    far = 0.5 * float(norms(stops - starts).max()) + reach
-    near = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
-    row, chord = near.row, near.col
-    if own is not None and of is not None:
-        other = own[row] != of[chord]
-        row, chord = row[other], chord[other]
-    along, off = (stops - starts)[chord], points[row] - starts[chord]
-    square = dots(along, along)
-    share = np.clip(dots(off, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
-    best = np.full(len(points), np.inf)
-    np.minimum.at(best, row, norms(off - share[:, None] * along))
-    return best
-
-
-#: Lattices on which a trace is tried until no law is broken: their side and their shift, in spacings. The shifts are
-#: no simple fractions, so that sides and corners of curves do not lie in planes of the lattice.
-LATTICES = (
-    (1.0, (0.1723, 0.2301, 0.3119)),
-    (1.0, (0.4142, 0.0677, 0.1459)),
-    (0.5, (0.3371, 0.4561, 0.0823)),
-    (0.5, (0.0911, 0.3723, 0.4337)),
-    (0.25, (0.1723, 0.2301, 0.3119)),
-)
 
 
 @dataclass(frozen=True)
 class CurveReport:
-    """What a reader should know of a traced curve.
+    """What warnings about the trace of a curve are made of.
 
     Attributes
     ----------
     junctions : int
-        Vertices in which three segments or more meet: junctions, crossings of a curve with itself.
+        Vertices at which three segments or more meet: also where the curve crosses itself.
     ends : int
-        Ends of the curve.
-    defects : BrokenLaws
-        Where the trace is not what a trace has to be; nowhere, mostly.
+        Vertices at which the curve ends.
+    defects : TraceDefects
     """
 
     junctions: int
@@ -126,16 +82,16 @@ class CurveReport:
 
 
 def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, CurveReport]:
-    """Return segments on a curve, with vertices at its ends, corners, junctions and crossings with planes of a lattice.
+    """Return segments on a curve, with vertices at its ends, corners and junctions and where it crosses lattice planes.
 
     Parameters
     ----------
     source : LocalSource
-        A curve (m = 1) in the plane or in space. No tangents are asked of it.
+        A curve (m = 1) in the plane or in space. Its tangents are not used.
     spacing : float
-        h, of the form's lattice; the trace is made on lattices of its own, see ``LATTICES``.
+        h, of the form's lattice. The trace is made on lattices of its own (``LATTICES``).
     curved : bool
-        Whether midpoints of segments are given too, on the curve.
+        Whether midpoints of segments, on the curve, are returned too.
 
     Raises
     ------
@@ -144,35 +100,206 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
     """
     best = None
     for side, shift in LATTICES:
-        found = _traced_on(source, spacing, side * spacing, spacing * np.array(shift[: source.dim]))
-        if found is None and best is None:
+        attempt = _trace_on(source, spacing, side * spacing, spacing * np.array(shift[: source.dim]))
+        if attempt is None and best is None:
             raise ResolutionError(
                 f"spacing={spacing:g} is too coarse for the curve: it lies in one cell of the lattice; use a smaller "
-                "one."
+                "spacing."
             )
-        if found is not None and (best is None or found[1].count < best[1].count):
-            best = found
+        if attempt is not None and (best is None or attempt[1].count < best[1].count):
+            best = attempt
         if best is not None and not best[1].count:
             break
     assert best is not None
-    trace, broken = best
+    trace, defects = best
     degree = np.bincount(trace.segments.ravel(), minlength=len(trace.vertices))
     mesh = SampleMesh.of(trace.vertices, trace.segments, trace.midpoints[:, None] if curved else None)
-    return mesh, CurveReport(int((degree > 2).sum()), int((degree == 1).sum()), broken)
+    return mesh, CurveReport(int((degree > 2).sum()), int((degree == 1).sum()), defects)
 
 
-def _traced_on(source: LocalSource, spacing: float, side: float, shift: Floats) -> tuple[Trace, TraceDefects] | None:
+def _trace_on(source: LocalSource, spacing: float, side: float, shift: Floats) -> tuple[Trace, TraceDefects] | None:
     """Return the trace on the lattice with a cell centred at ``shift`` (d,); None where that has no segment."""
     shifted = replace(source, shift=source.shift + shift)
-    for _, found in cell_levels(shifted, side, 0.5):
-        cells = found
-    crossings = knot_crossings(shifted, cells, side)
+    for _, level in cell_levels(shifted, side, 0.5):
+        cells = level
+    crossings = plane_crossings(shifted, cells, side)
     if not len(crossings.points):
         return None
-    trace = trace_of(shifted, crossings, side)
+    trace = trace_curve(shifted, crossings, side)
     if not len(trace.segments):
         return None
-    trace = with_shared_vertices(shifted, trace, spacing)
-    feet = shifted.closest_point(np.asarray(cells * side)).points
-    broken = trace_defects(trace, feet, spacing)
-    return trace.moved(shift), broken.moved(shift)
+    trace = add_self_crossings(shifted, trace, spacing)
+    points = shifted.closest_point(np.asarray(cells * side)).points
+    defects = trace_defects(trace, points, spacing)
+    return trace.translated(shift), defects.translated(shift)
+
+
+def add_self_crossings(source: LocalSource, trace: Trace, spacing: float) -> Trace:
+    """Return the trace with a common vertex of any two strands that cross without having been connected by a cell."""
+    i, j, points = _self_crossings(source, trace, spacing)
+    if not len(i):
+        return trace
+    vertices = np.concatenate([trace.vertices, points])
+    new = len(trace.vertices) + np.arange(len(points))
+    same = _merge_into_new(vertices, len(trace.vertices), 0.05 * spacing)
+    segments = same[_split_segments(trace, np.concatenate([i, j]), np.tile(new, 2), np.tile(points, (2, 1)))]
+    segments = np.unique(np.sort(segments[segments[:, 0] != segments[:, 1]], axis=1), axis=0)
+    used, segments = np.unique(segments, return_inverse=True)
+    vertices, segments = vertices[used], segments.reshape(-1, 2)
+    ends = np.flatnonzero(np.isin(used, trace.ends))
+    on_curve = project_middles(source, vertices, segments)
+    return replace(trace, vertices=vertices, segments=segments, midpoints_on_curve=on_curve, ends=ends)
+
+
+def _self_crossings(source: LocalSource, trace: Trace, spacing: float) -> tuple[Ints, Ints, Floats]:
+    """Return the pairs (k,), (k,) of segments that cross without being connected, and the crossings (k, d)."""
+    from scipy.spatial import KDTree
+
+    a, b = trace.vertices[trace.segments].transpose(1, 0, 2)
+    on_curve = trace.midpoints_on_curve
+    reach = float(norms(b - a).max()) + 2 * NEAR_CHORDS * spacing
+    pairs = KDTree(on_curve).query_pairs(reach, output_type="ndarray")
+    i, j = pairs[~_are_linked(trace, pairs)].T.astype(np.int64)
+    best, along = np.full(len(i), np.inf), np.zeros((2, len(i), trace.vertices.shape[1]))
+    on_i, on_j = np.zeros_like(along[0]), np.zeros_like(along[0])
+    for start_i, end_i in ((a[i], on_curve[i]), (on_curve[i], b[i])):
+        for start_j, end_j in ((a[j], on_curve[j]), (on_curve[j], b[j])):
+            p, q = _nearest_on_chords(start_i, end_i, start_j, end_j)
+            distance = norms(p - q)
+            nearer = distance < best
+            best = np.where(nearer, distance, best)
+            on_i[nearer], on_j[nearer] = p[nearer], q[nearer]
+            along[0, nearer], along[1, nearer] = (end_i - start_i)[nearer], (end_j - start_j)[nearer]
+    directions = unit(along[0]), unit(along[1])
+    parallel = np.abs(dots(*directions)) >= 0.98
+    near = (best < NEAR_CHORDS * spacing) & ~parallel
+    i, j, best = i[near], j[near], best[near]
+    points, miss = _meeting_points(source, on_i[near], on_j[near], directions[0][near], directions[1][near])
+    crossing = np.minimum(miss, best) < max(5e-3 * spacing, 5.0 * source.noise)
+    return i[crossing], j[crossing], points[crossing]
+
+
+def _are_linked(trace: Trace, pairs: Ints) -> Bools:
+    """Return the pairs (k,) of segments that have a common vertex, or that one or two others connect."""
+    from scipy.sparse import coo_array, eye_array
+
+    size = len(trace.vertices)
+    graph = coo_array((np.ones(len(trace.segments)), tuple(trace.segments.T)), shape=(size, size))
+    step = (graph + graph.T + eye_array(size)).tocsr()
+    row, column = (step @ step).nonzero()
+    first, second = trace.segments[pairs[:, 0]], trace.segments[pairs[:, 1]]
+    codes = first[:, :, None] * size + second[:, None]
+    return np.asarray(np.isin(codes, row.astype(np.int64) * size + column).any(axis=(1, 2)))
+
+
+def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """Return the nearest points (n, d) of the chords from a to b and from c to d."""
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
+    with np.errstate(all="ignore"):
+        s = (uv * vw - vv * uw) / (uu * vv - uv * uv)
+        s = np.clip(np.where(np.isfinite(s), s, 0.5), 0.0, 1.0)
+        t = np.clip(np.where(vv > 0, (s * uv + vw) / vv, 0.5), 0.0, 1.0)
+        s = np.clip(np.where(uu > 0, (t * uv - uw) / uu, 0.5), 0.0, 1.0)
+    return a + s[:, None] * u, c + t[:, None] * v
+
+
+def _meeting_points(
+    source: LocalSource, p: Floats, q: Floats, direction_p: Floats, direction_q: Floats
+) -> tuple[Floats, Floats]:
+    """Return points (n, d) of the curve where strands through p and q (n, d) meet, and how far (n,) these miss."""
+    closest = source.closest_point(np.concatenate([p, q])).points
+    p, q = closest[: len(p)], closest[len(p) :]
+    cosine, off = dots(direction_p, direction_q), q - p
+    along_p = (dots(off, direction_p) - cosine * dots(off, direction_q)) / (1 - cosine * cosine)
+    along_q = (cosine * dots(off, direction_p) - dots(off, direction_q)) / (1 - cosine * cosine)
+    p, q = p + along_p[:, None] * direction_p, q + along_q[:, None] * direction_q
+    middle = 0.5 * (p + q)
+    points = source.closest_point(middle).points
+    return points, np.maximum(norms(p - q), norms(points - middle))
+
+
+def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
+    """Return the vertex (v,) that represents each one: of those connected within ``reach`` the first new one.
+
+    New vertices have the numbers from ``old`` on.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import KDTree
+
+    near = KDTree(vertices[old:]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
+    graph = coo_array((np.ones(near.nnz), (near.row + old, near.col)), shape=(len(vertices),) * 2)
+    count, group = connected_components(graph, directed=False)
+    representative = np.empty(count, dtype=np.int64)
+    order = np.arange(len(vertices))[::-1]
+    order = np.concatenate([order[order < old], order[order >= old]])  # the first of the new ones is written last
+    representative[group[order]] = order
+    return np.asarray(representative[group])
+
+
+def _split_segments(trace: Trace, segment: Ints, new: Ints, points: Floats) -> Ints:
+    """Return the segments (s, 2) with those of ``segment`` (k,) split at the vertices ``new`` (k,) at ``points``."""
+    a, b = trace.vertices[trace.segments[segment]].transpose(1, 0, 2)
+    order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
+    segment, new = segment[order], new[order]
+    first = np.searchsorted(segment, np.arange(len(trace.segments)))
+    parts = np.bincount(segment, minlength=len(trace.segments))
+    return np.stack(
+        [np.insert(new, first, trace.segments[:, 0]), np.insert(new, first + parts, trace.segments[:, 1])], axis=1
+    )
+
+
+def trace_defects(trace: Trace, points: Floats, spacing: float) -> TraceDefects:
+    """Return the defects of a trace.
+
+    It must meet all of the curve, given by ``points`` (n, d) from all over it, once, and end where the curve does.
+    """
+    from scipy.spatial import KDTree
+
+    a, b = trace.vertices[trace.segments].transpose(1, 0, 2)
+    on_curve = trace.midpoints_on_curve
+    starts, stops = np.concatenate([a, on_curve]), np.concatenate([on_curve, b])
+    reach = MISSED_DISTANCE * spacing
+    missed = points[_distances_from_chords(points, starts, stops, reach) > reach]
+    length = norms(b - a)
+    long = np.flatnonzero(length > 0.08 * spacing)  # shorter segments are nearer to others than they are long
+    reach = DOUBLE_DISTANCE * spacing
+    owners = long, np.tile(np.arange(len(a)), 2)
+    is_double = _distances_from_chords(on_curve[long], starts, stops, reach, owners) < np.minimum(
+        reach, 0.1 * length[long]
+    )
+    degree = np.bincount(trace.segments.ravel(), minlength=len(trace.vertices))
+    loose = np.setdiff1d(np.flatnonzero(degree == 1), trace.ends)
+    gaps = np.unique(np.concatenate([trace.gaps, trace.vertices[loose]]), axis=0)
+    return TraceDefects(missed, KDTree(trace.vertices).query(missed)[0], on_curve[long[is_double]], gaps)
+
+
+def _distances_from_chords(
+    points: Floats, starts: Floats, stops: Floats, reach: float, owners: tuple[Ints, Ints] | None = None
+) -> Floats:
+    """Return the distances (n,) of points from the nearest chord, infinity where there is none within ``reach``.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+    starts, stops : (c, d) float64
+        The ends of the chords.
+    reach : float
+    owners : ((n,) int64, (c,) int64), optional
+        The segment of each point and of each chord: chords of a point's own segment do not count.
+    """
+    from scipy.spatial import KDTree
+
+    far = 0.5 * float(norms(stops - starts).max()) + reach
+    near = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
+    row, chord = near.row, near.col
+    if owners is not None:
+        other = owners[0][row] != owners[1][chord]
+        row, chord = row[other], chord[other]
+    along, off = (stops - starts)[chord], points[row] - starts[chord]
+    square = dots(along, along)
+    share = np.clip(dots(off, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    best = np.full(len(points), np.inf)
+    np.minimum.at(best, row, norms(off - share[:, None] * along))
+    return best

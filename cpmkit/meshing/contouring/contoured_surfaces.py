@@ -1,4 +1,4 @@
-"""A surface that is known by its closest points alone, as triangles."""
+"""A triangulation of a surface that is known by closest points alone."""
 
 from __future__ import annotations
 
@@ -10,29 +10,36 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.meshing.contouring.contour_checks import PIECE_WEIGHT, MeshDefects, faults_of
-from cpmkit.meshing.contouring.contour_edges import (
-    areas_of_pieces,
-    edges_of,
-    remove_isolated_components,
-    without_hanging_specks,
+from cpmkit.meshing.contouring.contour_checks import (
+    COMPONENT_WEIGHT,
+    CreasePoints,
+    MeshDefects,
+    find_defects,
+    restore_creases,
 )
-from cpmkit.meshing.contouring.coverage import CreaseFeet, pulled_out
-from cpmkit.meshing.contouring.crossings import crossings
-from cpmkit.meshing.contouring.dual_vertices import dual_vertices
-from cpmkit.meshing.contouring.holes import without_holes
-from cpmkit.meshing.contouring.joining import JoinTolerances
-from cpmkit.meshing.contouring.leaves import parted_leaves
-from cpmkit.meshing.contouring.midpoints import midpoints
-from cpmkit.meshing.contouring.nodes import Nodes, surrounding_nodes
-from cpmkit.meshing.contouring.quads import triangles
-from cpmkit.meshing.contouring.repair import without_flaps, without_short_edges
-from cpmkit.meshing.contouring.rim_test import RimTest
-from cpmkit.meshing.contouring.rims import joined_at_corners, onto_rims, without_bridges, without_folds
+from cpmkit.meshing.contouring.contour_edges import (
+    component_areas,
+    edges_of,
+    remove_components_at_vertices,
+    remove_isolated_components,
+)
+from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
+from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps
+from cpmkit.meshing.contouring.contour_rims import (
+    RimTest,
+    edge_midpoints,
+    move_to_rims,
+    remove_bridges,
+    remove_folds,
+    weld_rim_corners,
+)
+from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
+from cpmkit.meshing.contouring.edge_crossings import edge_crossings
+from cpmkit.meshing.contouring.nonmanifold_edges import separate_sheets
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: Spacings of contouring's lattices, in spacings of the form's, and where their nodes lie in the cells: one is tried
-#: after another until all laws hold. Planes of symmetry and of boxes miss such places.
+#: Contouring's lattices: spacing in spacings of the form's, and shift in spacings of their own. They are tried in turn
+#: until no defect is left. The shifts avoid planes of symmetry and of boxes.
 LATTICES = (
     (0.5, (0.3717, 0.4203, 0.4411)),
     (0.5, (0.1513, 0.2719, 0.0637)),
@@ -40,28 +47,28 @@ LATTICES = (
     (0.4, (0.2873, 0.1181, 0.3301)),
     (0.25, (0.3717, 0.4203, 0.4411)),
 )
-#: Where more than this share of edges has three triangles or more the last lattice is tried first.
+#: The share of edges with three triangles or more above which the finest lattice is tried at once: the surface is thin.
 MAX_NONMANIFOLD_SHARE = 0.02
 
 
 @dataclass(frozen=True)
 class SurfaceReport:
-    """What a reader should know of a triangulation.
+    """What warnings about a triangulation are made of.
 
     Attributes
     ----------
     lattice_spacing : float
-        Spacing of contouring's lattice, in spacings of the form's.
+        Of contouring's lattice, in spacings of the form's.
     nonmanifold_share : float
-        The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 sides.
+        The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 spacings
+        of contouring's lattice.
     holes_filled : int
-        Holes that were closed.
     defects : MeshDefects
-        Where laws of triangulations are broken.
+        What is left after repair.
     missed : (k, 3) float64
-        Points of the surface with no triangle near by: pieces too small for the lattice.
+        Points of the surface with no triangle near by: components too small for the lattice.
     isolated_components : int
-        Pieces of hardly any area that were left out.
+        Components of hardly any area that were left out.
     """
 
     lattice_spacing: float
@@ -73,50 +80,52 @@ class SurfaceReport:
 
     @property
     def severity(self) -> int:
-        """How much is broken: zero where all laws hold and all of the surface is met."""
-        return self.defects.severity + (PIECE_WEIGHT if len(self.missed) else 0)
+        """A weighted count of the defects: zero where there is none and all of the surface is met."""
+        return self.defects.severity + (COMPONENT_WEIGHT if len(self.missed) else 0)
 
     @property
     def open_edges(self) -> int:
-        """Border edges that lie on no rim: cracks that were not closed."""
+        """The number of open edges that lie on no rim."""
         return len(self.defects.cracks)
 
 
 def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, SurfaceReport]:
-    """Return triangles on a surface in space, with vertices on it and those of its rims on the rims.
+    """Return triangles with vertices on a surface in space, those of its border on the rims.
+
+    Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
+    cell grouped by whether they are connected on the surface in it, and one vertex made of each group.
 
     Parameters
     ----------
     source : LocalSource
-        A surface (m = 2) in space. No normals and no sense of its sides are asked of it.
+        A surface (m = 2) in space. Neither its normals nor its orientation are used.
     spacing : float
         h, of the form's lattice.
     curved : bool
-        Whether midpoints of edges are given too, on the surface.
+        Whether midpoints of edges, on the surface, are returned too.
 
     Raises
     ------
     ResolutionError
         If closest points make no surface.
     """
-    best = _attempt(source, spacing, *LATTICES[0])
+    best = _contour_on(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
     if best.report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
-        finest = _attempt(source, spacing, *LATTICES[-1])
+        finest = _contour_on(source, spacing, *others.pop())
         best = finest if finest.report.severity <= best.report.severity else best
-        del others[-1]
     for lattice in others:
         if not best.report.severity:
             break
-        attempt = _attempt(source, spacing, *lattice)
+        attempt = _contour_on(source, spacing, *lattice)
         best = attempt if attempt.report.severity < best.report.severity else best
-    middles = midpoints(best.rims, best.vertices, best.cells, best.on_rim) if curved else None
-    return SampleMesh.of(best.vertices, best.cells, middles), best.report
+    midpoints = edge_midpoints(best.rims, best.vertices, best.cells, best.on_rim) if curved else None
+    return SampleMesh.of(best.vertices, best.cells, midpoints), best.report
 
 
 @dataclass(frozen=True, eq=False)
-class _Attempt:
-    """A triangulation by one lattice, and what is broken in it."""
+class _Triangulation:
+    """A triangulation on one lattice, and its report."""
 
     rims: RimTest
     vertices: Floats
@@ -125,45 +134,50 @@ class _Attempt:
     report: SurfaceReport
 
 
-def _attempt(source: LocalSource, spacing: float, side: float, offsets: tuple[float, ...]) -> _Attempt:
-    nodes = surrounding_nodes(source, side * spacing, np.array(offsets))
-    tolerances = JoinTolerances.of_lattice(side * spacing, source.noise)
-    found = dual_vertices(source, nodes, crossings(source, nodes), tolerances)
-    cells = triangles(source, found)
+def _contour_on(
+    source: LocalSource, spacing: float, relative_spacing: float, offsets: tuple[float, ...]
+) -> _Triangulation:
+    fine = relative_spacing * spacing
+    nodes = lattice_nodes(source, fine, np.array(offsets))
+    dual = dual_vertices(source, nodes, edge_crossings(source, nodes))
+    cells = dual_triangles(source, dual)
     if not len(cells):
         raise ResolutionError(
-            f"Closest points make no surface at the spacing {spacing:g}: they lie apart, or hang together nowhere. "
+            f"Closest points make no surface at the spacing {spacing:g}: they lie apart, or are connected nowhere. "
             "Give the surface by a mesh, by points with a fitted surface or by a formula, or use form='collocation'."
         )
-    share = edges_of(cells).nonmanifold_share
-    rims = RimTest(source, side * spacing, bool(nodes.rim.any()))
-    vertices, cells = without_short_edges(source, found.points, cells, side * spacing)
-    cells = without_flaps(rims, vertices, cells)
-    vertices, cells = parted_leaves(source, vertices, cells)
-    cells, open_specks = remove_isolated_components(vertices, cells, spacing)
-    cells, filled = without_holes(rims, vertices, cells)
-    cells, specks = remove_isolated_components(vertices, cells, spacing)
-    pieces = len(areas_of_pieces(vertices, cells))
-    vertices, on_rim = onto_rims(rims, vertices, cells)
-    cells = without_bridges(rims, vertices, cells, on_rim)
-    cells, folds = without_folds(vertices, cells, on_rim, side * spacing)
-    cells = without_hanging_specks(vertices, cells, spacing)
-    cells = joined_at_corners(vertices, cells, side * spacing)
-    vertices, cells, on_rim = pulled_out(CreaseFeet.of(nodes), vertices, cells, on_rim, side * spacing)
-    faults = faults_of(rims, nodes, vertices, cells, on_rim, folds, pieces, spacing)
-    report = SurfaceReport(side, share, filled, faults, _unmet(nodes, vertices[np.unique(cells)]), open_specks + specks)
-    return _Attempt(rims, vertices, cells, on_rim, report)
+    edges = edges_of(cells)
+    nonmanifold_share = float((edges.count > 2).mean()) if len(edges.count) else 0.0
+    rims = RimTest(source, fine, bool(nodes.on_rim.any()))
+    vertices, cells = collapse_short_edges(source, dual.points, cells, fine)
+    cells = remove_flaps(rims, vertices, cells)
+    vertices, cells = separate_sheets(source, vertices, cells)
+    cells, open_components = remove_isolated_components(vertices, cells, spacing)
+    cells, filled = fill_holes(rims, vertices, cells)
+    cells, closed_components = remove_isolated_components(vertices, cells, spacing)
+    components = len(component_areas(vertices, cells))
+    vertices, on_rim = move_to_rims(rims, vertices, cells)
+    cells = remove_bridges(rims, vertices, cells, on_rim)
+    cells, folds = remove_folds(vertices, cells, on_rim, fine)
+    cells = remove_components_at_vertices(vertices, cells, spacing)
+    cells = weld_rim_corners(vertices, cells, fine)
+    vertices, cells, on_rim = restore_creases(CreasePoints.of(nodes), vertices, cells, on_rim, fine)
+    defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components, spacing)
+    missed = _missed_points(nodes, vertices[np.unique(cells)])
+    removed = open_components + closed_components
+    report = SurfaceReport(relative_spacing, nonmanifold_share, filled, defects, missed, removed)
+    return _Triangulation(rims, vertices, cells, on_rim, report)
 
 
-def _unmet(nodes: Nodes, vertices: Floats) -> Floats:
-    """Return the feet in cells with none of the ``vertices`` of triangles in any of the 27 cells round them."""
-    low = nodes.place(nodes.codes.lower)
+def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:
+    """Return the closest points of nodes with none of the ``vertices`` (v, 3) in the 27 cells around their cell."""
+    low = nodes.position_of(nodes.codes.lower)
 
-    def cells(points: Floats) -> Ints:
+    def cells_of(points: Floats) -> Ints:
         return nodes.codes.encode(np.floor((points - low) / nodes.spacing).astype(np.int64) + nodes.codes.lower)
 
-    met = np.unique(cells(vertices))
+    met = np.unique(cells_of(vertices))
     for axis in range(3):
         met = nodes.codes.dilate(met, axis, range(-1, 2))
-    near = nodes.feet[nodes.distance <= nodes.spacing]
-    return np.asarray(near[find(met, cells(near)) < 0])
+    near = nodes.closest[nodes.distance <= nodes.spacing]
+    return np.asarray(near[find(met, cells_of(near)) < 0])

@@ -1,4 +1,4 @@
-"""One vertex for each piece of the surface in each cell that it crosses edges of."""
+"""Dual contouring: a vertex for each connected piece of the surface in a cell, a quadrilateral for each crossing."""
 
 from __future__ import annotations
 
@@ -7,113 +7,106 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.meshing.contouring.crossings import Crossings
-from cpmkit.meshing.contouring.joining import JoinTolerances, joined
-from cpmkit.meshing.contouring.nodes import Nodes
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.meshing.contouring.connectedness import FLAT_COSINE, FLAT_SINE, connected_on_surface
+from cpmkit.meshing.contouring.contour_edges import edges_of
+from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
+from cpmkit.meshing.contouring.edge_crossings import Crossings
 from cpmkit.protocols import Floats, Ints
 
-#: Of the planes through a vertex's crossings: eigenvalues below this share of the largest say nothing.
-TELLING_EIGENVALUE = 0.12
-#: How far a vertex may leave its cell before it goes to its foot, as a share of the cell's side.
-OUTSIDE_CELL = 0.1
-#: Creases this far outside a cell still join what it holds, as a share of the side: those on its faces.
-BESIDE_CELL = 0.02
+#: Eigenvalues of a sum of projections below this share of the largest one are noise: their directions are not used.
+LEAST_EIGENVALUE = 0.12
 
 
 @dataclass(frozen=True, eq=False)
 class DualVertices:
-    """Vertices on the surface, and which of them stand round each crossing.
+    """Vertices on the surface, and the four around each crossing.
 
     Attributes
     ----------
     points, normals : (v, 3) float64
-        The vertices, and the unit normal there.
-    cell : (v,) int64
-        The code of the cell of each.
+        The vertices, and unit normals there of either sign.
     around : (c, 4) int64
-        The vertices in the cells round the edge of each crossing, in their order round it.
+        The vertices in the cells around the edge of each crossing, in their order around it.
     """
 
     points: Floats
     normals: Floats
-    cell: Ints
     around: Ints
 
 
-def dual_vertices(source: LocalSource, nodes: Nodes, found: Crossings, tolerances: JoinTolerances) -> DualVertices:
-    """Return a vertex for each piece in each cell, of those crossings that hang together there."""
-    cells = _cells_around(nodes, found)
+def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> DualVertices:
+    """Return a vertex for each set of crossings of one cell's edges that are connected on the surface in the cell."""
+    cells = _cells_around(nodes, crossings)
     order = np.argsort(cells.ravel(), kind="stable")
     member, sorted_cells = order // 4, cells.ravel()[order]
     start = np.append(np.flatnonzero(np.diff(sorted_cells, prepend=-1)), len(order)).astype(np.int64)
-    low = nodes.place(nodes.codes.decode(sorted_cells)) - BESIDE_CELL * nodes.spacing
-    boxes = np.stack([low, low + (1 + 2 * BESIDE_CELL) * nodes.spacing])
-    group = pieces(source, start, member, found.points, found.normals, tolerances, boxes)
+    group = _connected_groups(source, nodes, crossings, start, member, sorted_cells)
     roots, piece = np.unique(group, return_inverse=True)
     around = np.empty(len(order), dtype=np.int64)
     around[order] = piece
-    vertex, normals = _least_squares(nodes, sorted_cells[roots], found, member, piece, len(roots))
-    points = source.closest_point(vertex).points
-    return DualVertices(points, normals, sorted_cells[roots], around.reshape(-1, 4))
+    vertex, normals = _least_squares_vertices(nodes, sorted_cells[roots], crossings, member, piece)
+    return DualVertices(source.closest_point(vertex).points, normals, around.reshape(-1, 4))
 
 
-def _cells_around(nodes: Nodes, found: Crossings) -> Ints:
-    """Return the codes (c, 4) of the cells round the edge of each crossing, in their order round it."""
+def _cells_around(nodes: LatticeNodes, crossings: Crossings) -> Ints:
+    """Return the codes (c, 4) of the cells around the edge of each crossing, in their order around it."""
     strides = nodes.codes.strides
-    u, v = strides[(found.axis + 1) % 3], strides[(found.axis + 2) % 3]
-    return np.asarray(nodes.codes.encode(found.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
+    u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
+    return np.asarray(nodes.codes.encode(crossings.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
 
 
-def pieces(
-    source: LocalSource,
-    start: Ints,
-    member: Ints,
-    points: Floats,
-    normals: Floats,
-    tolerances: JoinTolerances,
-    boxes: Floats,
+def _connected_groups(
+    source: LocalSource, nodes: LatticeNodes, crossings: Crossings, start: Ints, member: Ints, cells: Ints
 ) -> Ints:
-    """Return a number (k,) that entries have in common where crossings of one cell hang together in it.
+    """Return a number (k,) for each entry that the entries of one cell share whose crossings are connected in it.
 
     Parameters
     ----------
-    source : LocalSource
-        The manifold.
+    source, nodes, crossings
     start : (cells + 1,) int64
-        Where each cell's entries begin.
-    member : (k,) int64
-        The crossing of each entry.
-    points, normals : (c, d) float64
-        The crossings, and the directions that tell where they lie flat.
-    tolerances : JoinTolerances
-        How exactly crossings are known.
-    boxes : (2, k, 3) float64
-        The lowest and the highest corner of the cell of each entry.
+        Where the entries of each cell begin.
+    member, cells : (k,) int64
+        The crossing of each entry, and the code of its cell.
     """
-    from cpmkit.meshing.contouring.grouping_kernels import nearest_pairs, unite, unite_flat
+    from cpmkit.meshing.contouring.contouring_kernels import nearest_pairs, unite, unite_flat
 
+    points, normals = crossings.points, crossings.normals
+    # Crossings are known to this share of the spacing, and to so many times the noise of closest points.
+    position_error = max(2e-3 * nodes.spacing, 4.0 * source.noise)
     group = np.arange(len(member))
-    unite_flat(start, member, points, normals, tolerances.sine, tolerances.cosine, tolerances.lost, group)
+    unite_flat(start, member, points, normals, FLAT_SINE, FLAT_COSINE, position_error, group)
     pairs = np.empty((0, 2), dtype=np.int64)
     pairs = np.empty((nearest_pairs(start, member, points, group, pairs), 2), dtype=np.int64)
     nearest_pairs(start, member, points, group, pairs)
     i, j = member[pairs].T
-    together = joined(
-        source, points[i], points[j], normals[i], normals[j], tolerances, (boxes[0, pairs[:, 0]], boxes[1, pairs[:, 0]])
-    )
-    unite(np.ascontiguousarray(pairs[together, 0]), np.ascontiguousarray(pairs[together, 1]), group)
+    margin = 0.02 * nodes.spacing  # creases on a cell's faces connect what the cell holds
+    low = (nodes.position_of(nodes.codes.decode(cells)) - margin)[pairs[:, 0]]
+    box = low, low + (nodes.spacing + 2 * margin)
+    connected = connected_on_surface(source, points[i], points[j], normals[i], normals[j], position_error, box)
+    unite(np.ascontiguousarray(pairs[connected, 0]), np.ascontiguousarray(pairs[connected, 1]), group)
     return group
 
 
-def _least_squares(
-    nodes: Nodes, cells: Ints, found: Crossings, member: Ints, piece: Ints, count: int
+def _least_squares_vertices(
+    nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the points (count, 3) nearest to the planes of each piece's crossings, about their mean, and normals.
+    """Return the point (v, 3) nearest to the tangent planes of the crossings of each piece, and a normal (v, 3).
 
-    Directions of which the planes say little are left at the mean, and points that leave their cell are clipped to it.
+    Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
+    their cell by more than a tenth of its side are clipped.
+
+    Parameters
+    ----------
+    nodes, crossings
+    cells : (v,) int64
+        The code of the cell of each piece.
+    member, piece : (k,) int64
+        The crossing and the piece of each entry.
     """
+    count = len(cells)
     share = 1.0 / np.bincount(piece, minlength=count)
-    points, n = found.points[member], found.normals[member]
+    points, n = crossings.points[member], crossings.normals[member]
 
     def mean(values: Floats) -> Floats:
         return np.asarray(np.bincount(piece, values, minlength=count) * share)
@@ -122,10 +115,52 @@ def _least_squares(
     height = ((points - centre[piece]) * n).sum(axis=1)
     matrix = np.stack([np.stack([mean(n[:, i] * n[:, j]) for j in range(3)], axis=1) for i in range(3)], axis=1)
     side = np.stack([mean(n[:, k] * height) for k in range(3)], axis=1)
-    values, axes = np.linalg.eigh(matrix)
-    telling = values >= TELLING_EIGENVALUE * values[:, -1:]
-    part = np.einsum("vki,vk->vi", axes, side) * np.where(telling, 1.0 / np.where(telling, values, 1.0), 0.0)
-    low = nodes.place(nodes.codes.decode(cells))
-    reach = OUTSIDE_CELL * nodes.spacing
-    vertex = np.clip(centre + np.einsum("vki,vi->vk", axes, part), low - reach, low + nodes.spacing + reach)
+    step, axes = solve_truncated(matrix, side)
+    low = nodes.position_of(nodes.codes.decode(cells))
+    margin = 0.1 * nodes.spacing
+    vertex = np.clip(centre + step, low - margin, low + nodes.spacing + margin)
     return vertex, np.ascontiguousarray(axes[:, :, -1])
+
+
+def solve_truncated(matrix: Floats, side: Floats) -> tuple[Floats, Floats]:
+    """Return solutions (n, d) of symmetric systems (n, d, d) without their small eigenvalues, and the eigenvectors."""
+    values, axes = np.linalg.eigh(matrix)
+    used = values >= LEAST_EIGENVALUE * values[:, -1:]
+    part = np.einsum("vki,vk->vi", axes, side) * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
+    return np.asarray(np.einsum("vki,vi->vk", axes, part)), axes
+
+
+def dual_triangles(source: LocalSource, dual: DualVertices) -> Ints:
+    """Return the triangles (m, 3) of the quadrilaterals around all crossings.
+
+    Of the two diagonals the one is taken whose midpoint is nearer to the surface, in planar quadrilaterals the shorter.
+    """
+    quads = _without_doubles(dual.around)
+    corners, normals = dual.points[quads], dual.normals[quads]
+    first, second = 0.5 * (corners[:, 0] + corners[:, 2]), 0.5 * (corners[:, 1] + corners[:, 3])
+    excess = norms(corners[:, 0] - corners[:, 2]) - norms(corners[:, 1] - corners[:, 3])
+    edges = np.roll(corners, -1, axis=1) - corners
+    rise = np.maximum(np.abs(dots(edges, normals)), np.abs(dots(edges, np.roll(normals, -1, axis=1))))
+    curved = np.flatnonzero((rise > 0.1 * norms(edges)).any(axis=1))
+    if len(curved):
+        misses = [norms(x - source.closest_point(x).points) for x in (first[curved], second[curved])]
+        excess[curved] = misses[0] - misses[1]
+    turned = np.where((excess > 0)[:, None], np.roll(quads, -1, axis=1), quads)
+    return np.ascontiguousarray(turned[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3))
+
+
+def _without_doubles(quads: Ints) -> Ints:
+    """Return the quadrilaterals (q, 4), of several on the same vertices one or none.
+
+    Two on the same vertices enclose a part thinner than a cell, and can be left out. One is kept where another sheet
+    ends at their edges, since that sheet would be cut off.
+    """
+    ordered = np.sort(quads, axis=1)
+    _, first, same, count = np.unique(ordered, axis=0, return_index=True, return_inverse=True, return_counts=True)
+    several, single = quads[first[count > 1]], quads[count[same.ravel()] == 1]
+    single_edges = edges_of(single)
+    ends = np.sort(np.stack([several, np.roll(several, -1, axis=1)], axis=-1), axis=-1)
+    odd = single_edges.ends[single_edges.count % 2 == 1]
+    size = int(quads.max(initial=0)) + 1
+    needed = np.isin(ends @ [size, 1], odd @ [size, 1]).any(axis=1) | (count[count > 1] % 2 == 1)
+    return np.concatenate([single, several[needed]])

@@ -1,0 +1,151 @@
+"""The nodes of a fine lattice around a surface, with their closest points and a test where the surface looks planar."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.grid.band import cell_levels
+from cpmkit.grid.lattice import Codes
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: The normals of one plane have at least this cosine with each other; smaller, smooth surfaces look creased.
+PLANE_COSINE = 0.8
+#: A normal is read off a closest point that is at least this share of the spacing away: nearer ones are all rounding.
+NORMAL_DISTANCE = 0.02
+#: The same in units of the noise of closest points: the direction is then known to 1/20.
+NORMAL_NOISES = 20.0
+#: Where closest points are noisy, normals are read off points moved this far off the surface, in units of the noise.
+OFFSET_NOISES = 30.0
+#: (8, 3) the corners of a cell relative to its lowest one.
+CORNERS = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeNodes:
+    """The corners of the lattice cells that a surface may meet.
+
+    Edge k of a node leads to its neighbour along axis k.
+
+    Attributes
+    ----------
+    spacing : float
+        Of this lattice.
+    offsets : (3,) float64
+        The shift of the lattice against the origin, in spacings.
+    codes : Codes
+        The numbering of nodes and cells; a cell has the index of its lowest corner.
+    table : (n,) int64
+        The codes of the nodes, sorted.
+    index, positions : (n, 3)
+        The nodes as integers, and their positions.
+    closest, normals : (n, 3) float64
+        Their closest points, and the unit vectors from those to the nodes.
+    distance : (n,) float64
+        From the closest point.
+    on_rim : (n,) bool
+        Whether the closest point lies on a rim of the surface.
+    nonplanar : (n, 3) bool
+        Edges of cells around which the surface does not look like one plane.
+    """
+
+    spacing: float
+    offsets: Floats
+    codes: Codes
+    table: Ints
+    index: Ints
+    positions: Floats
+    closest: Floats
+    normals: Floats
+    distance: Floats
+    on_rim: Bools
+    nonplanar: Bools
+
+    def position_of(self, index: Ints) -> Floats:
+        """Return the positions (..., 3) of nodes (..., 3)."""
+        return np.asarray((index - self.offsets) * self.spacing)
+
+
+def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> LatticeNodes:
+    """Return the corners of all cells that the surface may meet, with their closest points.
+
+    Raises
+    ------
+    ResolutionError
+        If the source has no point inside its bounds.
+    """
+    for _, level in cell_levels(source, spacing, offsets):
+        cells = level
+    if not len(cells):
+        raise ResolutionError(
+            "The source has no point inside its own bounds: its closest points and bounds contradict each other."
+        )
+    codes = Codes.around(cells, 3)
+    corners = codes.encode(cells)[:, None] + CORNERS @ codes.strides
+    table, corner_nodes = np.unique(corners, return_inverse=True)
+    index = codes.decode(table)
+    positions = np.asarray((index - offsets) * spacing)
+    answer = source.closest_point(positions)
+    away = positions - answer.points
+    distance, normals = np.sqrt(dots(away, away)), unit(away)
+    # Nodes on the surface are taken to lie on one side of it. The direction avoids planes of symmetry and of boxes.
+    on_surface = np.flatnonzero(distance < 1e-6 * spacing)
+    moved = positions[on_surface] + NORMAL_DISTANCE * spacing * np.array([0.1717, 0.2203, 0.2411])
+    normals[on_surface] = unit(moved - source.closest_point(moved).points)
+    if source.noise:
+        near = np.flatnonzero(distance < NORMAL_NOISES * source.noise)
+        closest, better = closest_points_and_normals(source, positions[near], normals[near], spacing)
+        below = dots(better, positions[near] - closest) < 0
+        normals[near] = np.where(below[:, None], -better, better)
+    on_rim, corner_nodes = answer.edge >= 0, corner_nodes.reshape(-1, 8)
+    cell_is_nonplanar = _nonplanar_cells(positions, answer.points, normals, distance, on_rim, corner_nodes, spacing)
+    nonplanar = np.zeros((len(table), 3), dtype=bool)
+    for axis in range(3):
+        nonplanar[corner_nodes[cell_is_nonplanar][:, CORNERS[:, axis] == 0], axis] = True
+    return LatticeNodes(
+        spacing, offsets, codes, table, index, positions, answer.points, normals, distance, on_rim, nonplanar
+    )
+
+
+def _nonplanar_cells(
+    positions: Floats, closest: Floats, normals: Floats, distance: Floats, on_rim: Bools, corners: Ints, spacing: float
+) -> Bools:
+    """Return the cells (c,) whose ``corners`` (c, 8) do not all agree with the tangent plane of the nearest one."""
+    trusted = distance > NORMAL_DISTANCE * spacing
+    nearest = np.argmin(np.where(trusted[corners], distance[corners], np.inf), axis=1)
+    base = corners[np.arange(len(corners)), nearest][:, None]
+    height = np.abs(dots(positions[corners] - closest[base], normals[base]))
+    agrees = (np.abs(dots(normals[corners], normals[base])) > PLANE_COSINE) | ~trusted[corners]
+    agrees &= (np.abs(height - distance[corners]) < 0.15 * spacing) & ~on_rim[corners]
+    return np.asarray(~agrees.all(axis=1))
+
+
+def closest_points_and_normals(
+    source: LocalSource, points: Floats, directions: Floats, length: float
+) -> tuple[Floats, Floats]:
+    """Return closest points (n, 3) and unit normals (n, 3) of the surface, from queries moved off the surface.
+
+    Parameters
+    ----------
+    source : LocalSource
+    points : (n, 3) float64
+        Points near the surface.
+    directions : (n, 3) float64
+        The normals as known so far, along which points are moved. Where such a step leads along the surface, the
+        coordinate axis that leads farthest away from the surface is taken.
+    length : float
+        The spacing; points are moved by at least a tenth of it.
+    """
+    step = max(OFFSET_NOISES * source.noise, 0.1 * length)
+    moved = points + step * directions
+    closest = source.closest_point(moved).points
+    rows = np.flatnonzero(norms(moved - closest) < 0.6 * step)
+    along_axes = points[rows] + step * np.eye(3)[:, None]
+    closest_along_axes = source.closest_point(along_axes.reshape(-1, 3)).points.reshape(3, -1, 3)
+    farthest = norms(along_axes - closest_along_axes).argmax(axis=0), np.arange(len(rows))
+    moved[rows], closest[rows] = along_axes[farthest], closest_along_axes[farthest]
+    return closest, unit(moved - closest)

@@ -1,0 +1,220 @@
+"""Rims of a surface: which open edges of its triangulation lie beside one, and vertices moved onto it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.meshing.contouring.connectedness import CREASE_SHARE
+from cpmkit.meshing.contouring.contour_edges import (
+    OpenEdges,
+    collapse_edges,
+    double_areas,
+    edges_of,
+    open_edges,
+    shortest_at_both_ends,
+)
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Past a rim the closest point stays the same, to this share of the query's way, however the query is moved.
+RIM_STAYS = 0.2
+#: Triangles of two neighbours beside a rim fold over if their directions from the common edge have a larger cosine.
+FOLD_COSINE = 0.8
+
+
+@dataclass(frozen=True, eq=False)
+class RimTest:
+    """A test whether a surface ends near a point.
+
+    Attributes
+    ----------
+    source : LocalSource
+        The surface.
+    spacing : float
+        Of the contouring lattice.
+    by_edge_numbers : bool
+        Whether the source says which closest points lie on rims. If not, queries on both sides of the surface decide.
+    """
+
+    source: LocalSource
+    spacing: float
+    by_edge_numbers: bool
+
+    def project(self, points: Floats, outward: Floats, normals: Floats, reach: Floats) -> tuple[Floats, Bools]:
+        """Return the closest points (n, 3) of points pushed outwards, and whether these lie on a rim near by.
+
+        Parameters
+        ----------
+        points : (n, 3) float64
+            On the surface or near it.
+        outward, normals : (n, 3) float64
+            Unit vectors in the surface, towards the rim, and across it.
+        reach : (n,) float64
+            How far the points are pushed.
+        """
+        answer = self.source.closest_point(points + reach[:, None] * outward)
+        closest = answer.points
+        near = norms(closest - points) <= 2.0 * self.spacing
+        if self.by_edge_numbers:
+            return closest, np.asarray(near & (answer.edge >= 0))
+        stays = near & (dots(closest - points, outward) < (1 - 0.25 * RIM_STAYS) * reach)
+        for side in (-0.7, 0.7):  # moved across the surface by that share of the way
+            rows = np.flatnonzero(stays)
+            direction = outward[rows] + side * normals[rows]
+            stays[rows] = self._misses(points[rows], direction, reach[rows], closest[rows]) <= RIM_STAYS
+        for side in (-1.0, 1.0):  # a little inside the rim there must be one sheet
+            rows = np.flatnonzero(stays)
+            inward, back = -outward[rows], np.full(len(rows), 0.1 * self.spacing)
+            expected = closest[rows] + back[:, None] * inward
+            stays[rows] = self._misses(closest[rows], inward + side * normals[rows], back, expected) <= 0.3
+        return closest, stays
+
+    def _misses(self, points: Floats, direction: Floats, reach: Floats, expected: Floats) -> Floats:
+        """Return how far (n,) the closest points of pushed points are from those expected, as shares of the way."""
+        closest = self.source.closest_point(points + reach[:, None] * direction).points
+        return norms(closest - expected) / reach
+
+    def of_edges(self, vertices: Floats, edges: OpenEdges) -> Bools:
+        """Return which open edges (b,) lie beside a rim."""
+        beside = np.zeros(len(edges.edge), dtype=bool)
+        normals = edges.normals(vertices)
+        for reach in (0.05, 1.2, 2.0):  # spacings: a rim may be nearer than the next one beyond a gap
+            rows = np.flatnonzero(~beside)
+            if len(rows):
+                way = np.full(len(rows), reach * self.spacing)
+                beside[rows] = self.project(edges.middles[rows], edges.conormals[rows], normals[rows], way)[1]
+        return beside
+
+
+def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
+    """Return the vertices (v, 3) with those beside rims moved onto them, and which (v,) lie on a rim now."""
+    edges, moved, on_rim = edges_of(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
+    for reach in (1.2, 1.2, 2.0):  # spacings
+        border = open_edges(moved, cells, edges)  # anew: vertices on the rim improve the conormals of their neighbours
+        outward, normals = np.zeros_like(vertices), np.zeros_like(vertices)
+        for end in range(2):
+            np.add.at(outward, border.ends[:, end], border.conormals)
+            normals[border.ends[:, end]] = border.normals(moved)
+        outward = unit(outward)
+        rows = np.flatnonzero((outward != 0).any(axis=1) & ~on_rim)
+        way = np.full(len(rows), reach * rims.spacing)
+        closest, hits = rims.project(moved[rows], outward[rows], normals[rows], way)
+        moved[rows[hits]], on_rim[rows[hits]] = closest[hits], True
+    return moved, on_rim
+
+
+def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
+    """Return the rows of the open edges with both ends on a rim."""
+    return np.flatnonzero(on_rim[border.ends].all(axis=1))
+
+
+def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
+    """Return the triangles without those between three rim vertices that leave the surface or have no area.
+
+    Those without area are removed where they are open: they lie along one rim.
+    """
+    while True:
+        rows = np.flatnonzero(on_rim[cells].all(axis=1))
+        corners = vertices[cells[rows]]
+        centres = corners.mean(axis=1)
+        removed = norms(rims.source.closest_point(centres).points - centres) > 0.1 * rims.spacing
+        longest = norms(corners - np.roll(corners, 1, axis=1)).max(axis=1)
+        edges = edges_of(cells)
+        is_open = (edges.count[edges.of_cells[rows]] == 1).any(axis=1)
+        removed |= is_open & (double_areas(vertices, cells[rows]) < 1e-3 * longest**2)
+        if not removed.any():
+            return cells
+        cells = np.ascontiguousarray(np.delete(cells, rows[removed], axis=0))
+
+
+def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -> tuple[Ints, Floats]:
+    """Return the triangles without those that fold over beside a rim, and the centres (k, 3) of folds that are left.
+
+    Of two neighbours that fold over, the smaller one loses its shortest edge, if that is shorter than a spacing. A
+    vertex on the rim stays.
+    """
+    for _ in range(20):  # a limit; each round looks at what the one before has left
+        first, second = _folded_pairs(vertices, cells, on_rim)
+        if not len(first):
+            break
+        is_first = double_areas(vertices, cells[first]) < double_areas(vertices, cells[second])
+        ends, length = _shortest_edges(vertices, cells, np.unique(np.where(is_first, first, second)))
+        is_short = length < spacing
+        if not is_short.any():
+            break
+        chosen = ends[is_short][shortest_at_both_ends(ends[is_short], length[is_short], len(vertices))]
+        swap = on_rim[chosen[:, 1]] & ~on_rim[chosen[:, 0]]
+        cells = collapse_edges(cells, np.where(swap[:, None], chosen[:, ::-1], chosen), len(vertices))
+    return cells, vertices[cells[_folded_pairs(vertices, cells, on_rim)[0]]].mean(axis=1)
+
+
+def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, Ints]:
+    """Return the pairs of triangles that share an edge and lie on each other, with a corner on a rim."""
+    edges = edges_of(cells)
+    edge = np.flatnonzero(edges.count == 2)
+    pair = edges.slots_of(edge, 2)
+    at_rim = np.flatnonzero(np.isin(pair // 3, np.flatnonzero(on_rim[cells].any(axis=1))).any(axis=1))
+    edge, pair = edge[at_rim], pair[at_rim]
+    tail, head = vertices[edges.ends[edge]].transpose(1, 0, 2)
+    along = unit(head - tail)
+    sides = [vertices[cells.ravel()[pair[:, k]]] - tail for k in range(2)]
+    sides = [unit(side - dots(side, along)[:, None] * along) for side in sides]
+    folded = np.flatnonzero(dots(sides[0], sides[1]) > FOLD_COSINE)
+    return pair[folded, 0] // 3, pair[folded, 1] // 3
+
+
+def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, Floats]:
+    """Return the shortest edge (k, 2) of each chosen triangle that connects no two borders, and its length (k,)."""
+    corners = cells[chosen]
+    ends = corners[:, [[1, 2], [2, 0], [0, 1]]]
+    length = norms(vertices[ends[..., 1]] - vertices[ends[..., 0]])
+    edges = edges_of(cells)
+    at_border = np.zeros(len(vertices), dtype=bool)
+    at_border[edges.ends[edges.count == 1]] = True
+    pinches = at_border[ends].all(axis=2) & (edges.count[edges.of_cells[chosen]] > 1)
+    length = np.where(pinches, np.inf, length)
+    rows, least = np.arange(len(chosen)), np.argmin(length, axis=1)
+    return ends[rows, least], length[rows, least]
+
+
+def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
+    """Return the triangles with border vertices at one place welded where two open edges run between such places.
+
+    A corner of a rim attracts several vertices.
+    """
+    from scipy.spatial import cKDTree
+
+    edges = edges_of(cells)
+    ends = edges.ends[edges.count == 1]
+    border = np.unique(ends)
+    pairs = border[cKDTree(vertices[border]).query_pairs(2e-3 * spacing, output_type="ndarray")]
+    place = np.arange(len(vertices))
+    np.minimum.at(place, pairs.max(axis=1), pairs.min(axis=1))
+    line, count = np.unique(np.sort(place[ends], axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
+    doubled = np.isin(pairs, ends[count[line.ravel()] == 2]).all(axis=1)
+    return collapse_edges(cells, np.sort(pairs[doubled], axis=1), len(vertices))
+
+
+def edge_midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Floats:
+    """Return points (m, 3, 3) of the surface halfway along the edges of each triangle, of rim edges on the rim.
+
+    Edges across a crease stay straight.
+    """
+    edges = edges_of(cells)
+    a, b = vertices[edges.ends[:, 0]], vertices[edges.ends[:, 1]]
+    middles, length = 0.5 * (a + b), norms(b - a)
+    border = open_edges(vertices, cells, edges)
+    rows = edges_on_rim(border, on_rim)
+    rim = border.edge[rows]
+    inside = np.setdiff1d(np.arange(len(length)), rim)
+    midpoints = middles.copy()
+    midpoints[inside] = rims.source.closest_point(middles[inside]).points
+    normals = border.normals(vertices)[rows]
+    projected, hits = rims.project(middles[rim], border.conormals[rows], normals, 0.25 * length[rim])
+    midpoints[rim[hits]] = projected[hits]
+    creased = norms(midpoints - middles) > CREASE_SHARE * length
+    midpoints[creased] = middles[creased]
+    return np.asarray(midpoints[edges.of_cells])

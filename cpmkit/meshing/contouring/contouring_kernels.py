@@ -1,0 +1,149 @@
+"""Compiled: crossings of a cell grouped by pairs, flaps removed, loops filled by triangles of least area."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.runtime.compilation import compiled
+from cpmkit.runtime.disjoint_sets import find
+
+
+@compiled
+def unite_flat(
+    start: Ints, member: Ints, points: Floats, normals: Floats, sine: float, cosine: float, error: float, group: Ints
+) -> None:
+    """Unite entries of ``group`` (k,) in each cell whose chord is flat (``connectedness.chord_is_flat``).
+
+    Entry i is the crossing ``member[i]``; cell c has the entries from ``start[c]`` to ``start[c + 1]``.
+    """
+    for cell in range(len(start) - 1):
+        for i in range(start[cell], start[cell + 1]):
+            for j in range(start[cell], i):
+                square = along_a = along_b = normals_cosine = 0.0
+                for k in range(points.shape[1]):
+                    chord = points[member[i], k] - points[member[j], k]
+                    square += chord * chord
+                    along_a += chord * normals[member[i], k]
+                    along_b += chord * normals[member[j], k]
+                    normals_cosine += normals[member[i], k] * normals[member[j], k]
+                reach = sine * np.sqrt(square) + error
+                if 0.5 * (abs(along_a) + abs(along_b)) <= reach and abs(normals_cosine) > cosine:
+                    group[find(group, i)] = find(group, j)
+    for i in range(len(group)):
+        group[i] = find(group, i)
+
+
+@compiled
+def unite(first: Ints, second: Ints, group: Ints) -> None:
+    """Unite the given pairs of entries of ``group``."""
+    for i in range(len(first)):
+        group[find(group, first[i])] = find(group, second[i])
+    for i in range(len(group)):
+        group[i] = find(group, i)
+
+
+@compiled
+def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs: Ints) -> int:
+    """Write the nearest pair of entries of every two groups of a cell to ``pairs``, and return their number.
+
+    With ``pairs`` (0, 2) they are only counted.
+    """
+    count = 0
+    for cell in range(len(start) - 1):
+        for a in range(start[cell], start[cell + 1]):
+            if group[a] != a:
+                continue
+            for b in range(start[cell], a):
+                if group[b] != b:
+                    continue
+                if len(pairs):
+                    best = -1.0
+                    for i in range(start[cell], start[cell + 1]):
+                        for j in range(start[cell], start[cell + 1]):
+                            if group[i] == a and group[j] == b:
+                                square = 0.0
+                                for k in range(points.shape[1]):
+                                    square += (points[member[i], k] - points[member[j], k]) ** 2
+                                if best < 0.0 or square < best:
+                                    best = square
+                                    pairs[count, 0] = i
+                                    pairs[count, 1] = j
+                count += 1
+    return count
+
+
+@compiled
+def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools, alive: Bools) -> int:
+    """Remove flaps among the triangles ``candidates`` (c,) until there is none, and return how many were removed.
+
+    A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three triangles or
+    more. Those with most open edges go first. ``count`` (e,), the number of triangles of each edge, and ``alive`` (m,)
+    are updated; ``of`` (m, 3) are the edges of each triangle. Edges that become open count as lying on a rim.
+    """
+    removed = 0
+    while True:
+        best, most = -1, 0
+        for cell in candidates:
+            if not alive[cell]:
+                continue
+            opened = off_rim = shared = 0
+            for j in range(3):
+                edge = of[cell, j]
+                opened += count[edge] == 1
+                off_rim += count[edge] == 1 and not on_rim[edge]
+                shared += count[edge] > 2
+            is_ear = off_rim > 1 or (opened > 1 and shared > 0)
+            if (is_ear or (off_rim > 0 and shared > 0)) and opened > most:
+                best, most = cell, opened
+        if best < 0:
+            return removed
+        alive[best] = False
+        removed += 1
+        for j in range(3):
+            edge = of[best, j]
+            count[edge] -= 1
+            if count[edge] == 1:
+                on_rim[edge] = True  # unknown as yet: the next round looks
+
+
+@compiled
+def _area(points: Floats, i: int, j: int, k: int) -> float:
+    ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
+    bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
+    area: float = 0.5 * np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
+    return area
+
+
+@compiled
+def least_area_triangles(points: Floats) -> Ints:
+    """Return the triangles (n - 2, 3) on a closed polygon (n, 3) whose total area is least.
+
+    Barequet and Sharir, Filling gaps in the boundary of a polyhedron (1995).
+    """
+    n = len(points)
+    cost, via = np.zeros((n, n)), np.zeros((n, n), dtype=np.int64)
+    for width in range(2, n):
+        for i in range(n - width):
+            j = i + width
+            cost[i, j] = np.inf
+            for k in range(i + 1, j):
+                total = cost[i, k] + cost[k, j] + _area(points, i, k, j)
+                if total < cost[i, j]:
+                    cost[i, j], via[i, j] = total, k
+    triangles = np.empty((n - 2, 3), dtype=np.int64)
+    stack = np.empty((n, 2), dtype=np.int64)
+    stack[0, 0], stack[0, 1] = 0, n - 1
+    depth, made = 1, 0
+    while depth > 0:
+        depth -= 1
+        i, j = stack[depth, 0], stack[depth, 1]
+        if j - i < 2:
+            continue
+        k = via[i, j]
+        triangles[made, 0], triangles[made, 1], triangles[made, 2] = i, k, j
+        made += 1
+        stack[depth, 0], stack[depth, 1] = i, k
+        stack[depth + 1, 0], stack[depth + 1, 1] = k, j
+        depth += 2
+    return triangles

@@ -1,0 +1,149 @@
+"""Edges of four triangles: those at which two sheets cross stay; the sheets at all others are separated."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.meshing.contouring.contour_edges import EdgeTable, edge_ends, edges_of, halve_edges
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: Sheets that cross at an edge make angles above this with each other, in degrees.
+CROSSING_ANGLE = 35.0
+
+
+def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple[Floats, Ints]:
+    """Return vertices and triangles with sheets separated at edges of four triangles that are no crossing.
+
+    The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
+    Where both pairs stay connected another way around, the edge of one pair is halved.
+    """
+    for _ in range(6):  # each round looks at the edges that the one before has left or made
+        edges = edges_of(cells)
+        edge, order, gaps, crossing = _edges_of_four(source, vertices, cells, edges)
+        shifted = gaps[:, 0] + gaps[:, 2] > gaps[:, 1] + gaps[:, 3]
+        order = np.where(shifted[:, None], np.roll(order, -1, axis=1), order)
+        edge, pairs = edge[~crossing], order[~crossing].reshape(-1, 2, 2)
+        cells, copied = _split_vertices(cells, edges, edge, pairs)
+        vertices, cells = _halve_common_edges(source, vertices[copied], cells, pairs)
+        if not len(edge):
+            break
+    return vertices, cells
+
+
+def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable) -> Ints:
+    """Return the edges of four triangles or more at which no two sheets cross."""
+    edge, _, _, crossing = _edges_of_four(source, vertices, cells, edges)
+    return np.setdiff1d(np.flatnonzero(edges.count > 3), edge[crossing])
+
+
+def _edges_of_four(
+    source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable
+) -> tuple[Ints, Ints, Floats, Bools]:
+    """Return the edges (k,) of four triangles and what their triangles are around them.
+
+    Returns
+    -------
+    edge : (k,) int64
+    slots : (k, 4) int64
+        Of the triangles in their order around the edge.
+    gaps : (k, 4) float64
+        The angles between neighbouring triangles.
+    crossing : (k,) bool
+        Whether two sheets cross there.
+    """
+    edge = np.flatnonzero(edges.count == 4)
+    slots = edges.slots_of(edge, 4)
+    if not len(edge):
+        return edge, slots, np.zeros((0, 4)), np.zeros(0, dtype=bool)
+    angle, slots = _angles_around(vertices, cells, edges, edge, slots)
+    gaps = np.diff(angle, axis=1, append=angle[:, :1] + 2 * np.pi)
+    crossing = (gaps > np.radians(CROSSING_ANGLE)).all(axis=1)
+    crossing[crossing] = _reaches_apexes(source, vertices, cells, edges.ends[edge[crossing]], slots[crossing])
+    rest = np.flatnonzero(~crossing)
+    crossing[rest] = _goes_through(source, vertices, cells, edges.ends[edge[rest]], slots[rest])
+    return edge, slots, gaps, crossing
+
+
+def _angles_around(vertices: Floats, cells: Ints, edges: EdgeTable, edge: Ints, slots: Ints) -> tuple[Floats, Ints]:
+    """Return the ascending angles (k, 4) of the triangles around their edges, and the slots (k, 4) in that order."""
+    tail, head = vertices[edges.ends[edge]].transpose(1, 0, 2)
+    along = unit(head - tail)
+    outward = vertices[cells.ravel()[slots]] - tail[:, None]
+    outward = outward - dots(outward, along[:, None])[..., None] * along[:, None]
+    first = unit(outward[:, 0])[:, None]
+    angle = np.arctan2(dots(outward, np.cross(along, first[:, 0])[:, None]), dots(outward, first)) % (2 * np.pi)
+    order = np.argsort(angle, axis=1)
+    return np.take_along_axis(angle, order, axis=1), np.take_along_axis(slots, order, axis=1)
+
+
+def _reaches_apexes(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
+    """Return whether the surface leads from edges ``ends`` (k, 2) towards the apexes of all four triangles."""
+    middle = vertices[ends].mean(axis=1)[:, None]
+    towards = vertices[cells.ravel()[slots]] - middle
+    points = (middle + 0.3 * towards).reshape(-1, 3)
+    off = norms(source.closest_point(points).points - points).reshape(-1, 4)
+    return np.asarray((off <= 0.04 * norms(towards)).all(axis=1))
+
+
+def _goes_through(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
+    """Return whether all four triangles go on straight beyond edges ``ends`` (k, 2) on the surface, in two sheets."""
+    if not len(ends):
+        return np.zeros(0, dtype=bool)
+    middle = vertices[ends].mean(axis=1)[:, None]
+    along = unit(np.diff(vertices[ends], axis=1)[:, 0])[:, None]
+    outward = vertices[cells.ravel()[slots]] - middle
+    outward = outward - dots(outward, along)[..., None] * along
+    length = norms(outward).max(axis=1)[:, None]
+    outward = unit(outward.reshape(-1, 3)).reshape(-1, 4, 3)
+    both_ways = np.stack([outward, -outward], axis=2)
+    points = (middle[:, :, None] + length[..., None, None] * both_ways).reshape(-1, 3)
+    off = norms(source.closest_point(points).points - points).reshape(-1, 8)
+    two_sheets = norms(np.cross(outward, outward[:, :1])).max(axis=1) > np.sin(np.radians(CROSSING_ANGLE))
+    return np.asarray(two_sheets & (off <= 0.2 * length).all(axis=1))
+
+
+def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints) -> tuple[Ints, Ints]:
+    """Return the triangles with one vertex for each fan, and the old vertex (v,) that each new one is a copy of.
+
+    Parameters
+    ----------
+    cells : (m, 3) int64
+    edges : EdgeTable
+    separated : (k,) int64
+        Edges over which a fan goes on between the triangles of a pair alone; it goes on over all others.
+    pairs : (k, 2, 2) int64
+        The slots of the two pairs of each of these edges.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    slots = np.argsort(edges.of_cells.ravel(), kind="stable")
+    same = np.flatnonzero(np.diff(edges.of_cells.ravel()[slots]) == 0)
+    same = same[~np.isin(edges.of_cells.ravel()[slots[same]], separated)]
+    first, second = (np.concatenate([slots[same + k], pairs[:, :, k].ravel()]) for k in range(2))
+    links = []
+    for step in (1, 2):  # the corners at either end of a shared edge
+        corner = first // 3 * 3 + (first + step) % 3
+        matches = [second // 3 * 3 + (second + k) % 3 for k in (1, 2)]
+        is_same = cells.ravel()[corner] == cells.ravel()[matches[0]]
+        links.append((corner, np.where(is_same, matches[0], matches[1])))
+    rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
+    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(cells.size, cells.size))
+    count, fan = connected_components(graph, directed=False)
+    copied = np.empty(count, dtype=np.int64)
+    copied[fan] = cells.ravel()
+    return fan.astype(np.int64).reshape(-1, 3), copied
+
+
+def _halve_common_edges(source: LocalSource, vertices: Floats, cells: Ints, pairs: Ints) -> tuple[Floats, Ints]:
+    """Return vertices and triangles with the edge of the second of ``pairs`` halved where both still share it."""
+    ends = [np.sort(edge_ends(cells, pairs[:, k, 0]), axis=1) for k in range(2)]
+    split = pairs[np.flatnonzero((ends[0] == ends[1]).all(axis=1)), 1]
+    touched, times = np.unique(split.ravel() // 3, return_counts=True)
+    split = split[np.isin(split // 3, touched[times == 1]).all(axis=1)]
+    middle = vertices[edge_ends(cells, split[:, 0])].mean(axis=1)
+    new = len(vertices) + np.arange(len(split))
+    vertices = np.concatenate([vertices, source.closest_point(middle).points])
+    return vertices, halve_edges(cells, split.ravel(), np.repeat(new, 2))
