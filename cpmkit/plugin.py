@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from cpmkit.runtime.deprecation import deprecated_names
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:
@@ -55,9 +56,8 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vectors import dots as dots
     from cpmkit.manifold.vectors import norms as norms
     from cpmkit.manifold.vectors import unit as unit
-    from cpmkit.mesh.display_mesh import DisplayMesh as DisplayMesh
-    from cpmkit.mesh.support import support_of as support_of
-    from cpmkit.mesh.vertex_normals import vertex_normals as vertex_normals
+    from cpmkit.mesh.normals_of_mesh import edge_support as edge_support
+    from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
     from cpmkit.plugins import source as source
     from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
@@ -124,6 +124,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.point_values import small_boundary_warnings as small_boundary_warnings
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.vertex_data import VertexData as VertexData
+    from cpmkit.solution.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.solution.solution import Solution as Solution
     from cpmkit.solving import solve as solve
     from cpmkit.testing import ConformanceCase as ConformanceCase
@@ -200,9 +201,8 @@ _NAMES = {
         "forms.contract": "Discretized conditions_depend_on_time named_sides",
         "forms.form_records": "FormTraits MeasuredWork PlainWork StateFlux",
         "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
-        "mesh.display_mesh": "DisplayMesh",
-        "mesh.support": "support_of",
-        "mesh.vertex_normals": "vertex_normals",
+        "solution.display_mesh": "DisplayMesh",
+        "mesh.normals_of_mesh": "edge_support vertex_normals",
         "grid.fitting": "needed_spacing",
         "manifold.abilities": "warnings_of",
     },
@@ -220,4 +220,5 @@ GROUPS = {
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
 if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
-    __getattr__, __dir__ = lazy_names(__name__, _MODULES, "cpmkit", "; docs/reference/plugin-api.md has what it offers")
+    _lazy, __dir__ = lazy_names(__name__, _MODULES, "cpmkit", "; docs/reference/plugin-api.md has what it offers")
+    __getattr__ = deprecated_names(__name__, {"support_of": "cpmkit.plugin.edge_support"}, _lazy)

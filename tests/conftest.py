@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from cpmkit.errors import InputError
-from cpmkit.mesh.display_mesh import DisplayMesh, display_mesh
+from cpmkit.solution.display_mesh import DisplayMesh, display_mesh
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,7 @@ from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 
 ICOSAHEDRON = (
@@ -23,7 +23,7 @@ ICOSAHEDRON = (
 )
 
 
-def icosphere(levels: int) -> SampleMesh:
+def icosphere(levels: int) -> Mesh:
     """Return the unit sphere: an icosahedron of which every triangle is split in four, ``levels`` times."""
     g = 0.5 * (1 + 5**0.5)
     corners = [[(-1, g, 0), (1, g, 0), (-1, -g, 0), (1, -g, 0)], [(0, -1, g), (0, 1, g), (0, -1, -g), (0, 1, -g)]]
@@ -35,10 +35,10 @@ def icosphere(levels: int) -> SampleMesh:
         (a, b, c), (x, y, z) = cells.T, number.reshape(-1, 3).T + len(vertices)
         vertices = np.concatenate([vertices, vertices[ends].mean(axis=1)])
         cells = np.concatenate([np.stack(three, axis=1) for three in ((a, z, y), (z, b, x), (y, x, c), (x, y, z))])
-    return SampleMesh.of(vertices / np.linalg.norm(vertices, axis=1)[:, None], cells)
+    return Mesh.of(vertices / np.linalg.norm(vertices, axis=1)[:, None], cells)
 
 
-def plate(count: int, sides: tuple[float, float] = (1.0, 1.0)) -> SampleMesh:
+def plate(count: int, sides: tuple[float, float] = (1.0, 1.0)) -> Mesh:
     """Return a rectangle in space at z = 0, of ``count`` cells a side, its diagonals in turn."""
     x = np.linspace(0.0, 1.0, count + 1)
     vertices = np.stack([*np.meshgrid(sides[0] * x, sides[1] * x, indexing="ij"), np.zeros((count + 1,) * 2)], axis=-1)
@@ -47,40 +47,40 @@ def plate(count: int, sides: tuple[float, float] = (1.0, 1.0)) -> SampleMesh:
     turned = (a % 2 == 0)[:, None]
     first = np.where(turned, np.stack([a, b, c], axis=1), np.stack([a, b, d], axis=1))
     second = np.where(turned, np.stack([a, c, d], axis=1), np.stack([b, c, d], axis=1))
-    return SampleMesh.of(vertices.reshape(-1, 3), np.concatenate([first, second]))
+    return Mesh.of(vertices.reshape(-1, 3), np.concatenate([first, second]))
 
 
 def polyline(points: Any, closed: bool = False) -> Any:
     return ck.source("mesh.polyline", points=np.asarray(points, dtype=float), closed=closed)
 
 
-def cut(mesh: SampleMesh, *sources: Any, spacing: float | None = None) -> Insertion:
+def cut(mesh: Mesh, *sources: Any, spacing: float | None = None) -> Insertion:
     """Return the mesh with ``sources`` in it; the spacing is 1.5 mean edges unless given, as in a form."""
     spacing = 1.5 * mean_edge(mesh) if spacing is None else spacing
     return insert_boundaries(mesh, [localize(source, np.zeros(mesh.dim)) for source in sources], spacing)
 
 
-def mean_edge(mesh: SampleMesh) -> float:
+def mean_edge(mesh: Mesh) -> float:
     corners = mesh.vertices[mesh.cells]
     return float(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).mean())
 
 
-def area(mesh: SampleMesh) -> float:
+def area(mesh: Mesh) -> float:
     a, b, c = (mesh.vertices[mesh.cells[:, k]] for k in range(3))
     return 0.5 * float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum())
 
 
-def edge_codes(mesh: SampleMesh, edges: Any) -> np.ndarray:
+def edge_codes(mesh: Mesh, edges: Any) -> np.ndarray:
     ends = np.sort(np.asarray(edges).reshape(-1, 2), axis=1)
     return ends[:, 0] * len(mesh.vertices) + ends[:, 1]
 
 
-def zones_and_tips(mesh: SampleMesh) -> tuple[int, int]:
+def zones_and_tips(mesh: Mesh) -> tuple[int, int]:
     """Return the parts that hang together over edges not cut, and the vertices off the rim where one cut edge ends.
 
     Extensions past tips cut nothing here.
     """
-    lines = mesh.cut[~mesh.extends]
+    lines = mesh.cut[~mesh.beyond_tip]
     codes, marked = edge_codes(mesh, mesh.facets), edge_codes(mesh, lines)
     assert len(np.unique(marked)) == len(marked)
     assert np.isin(marked, codes).all()
@@ -94,7 +94,7 @@ def zones_and_tips(mesh: SampleMesh) -> tuple[int, int]:
     return len(np.unique(parts[: len(mesh.cells)])), len(np.setdiff1d(vertex[degree == 1], rim))
 
 
-def check_sound(before: SampleMesh, after: SampleMesh) -> None:
+def check_sound(before: Mesh, after: Mesh) -> None:
     """Assert that the mesh covers what it covered, and that each edge has as many cells as the one it is part of."""
     assert area(after) == pytest.approx(area(before), rel=1e-12)
     rims = []
@@ -104,7 +104,7 @@ def check_sound(before: SampleMesh, after: SampleMesh) -> None:
         ends = np.stack(np.divmod(code[times == 1], len(mesh.vertices)))
         rims.append(np.linalg.norm(mesh.vertices[ends[0]] - mesh.vertices[ends[1]], axis=1).sum())
     assert rims[0] == pytest.approx(rims[1], rel=1e-12, abs=1e-12)
-    assert len(after.owner) == len(after.extends) == len(after.cut)
+    assert len(after.owner) == len(after.beyond_tip) == len(after.cut)
 
 
 def great_circles(corners: np.ndarray, closed: bool, steps: int = 60) -> np.ndarray:
@@ -117,7 +117,7 @@ def great_circles(corners: np.ndarray, closed: bool, steps: int = 60) -> np.ndar
     return np.concatenate(points if closed else [*points, corners[-1:]])
 
 
-def data_mesh(name: str) -> SampleMesh:
+def data_mesh(name: str) -> Mesh:
     """Return a mesh of the data folder; its test is skipped where there is none."""
     folder = os.environ.get("CPMKIT_DATA")
     if not folder or not (Path(folder) / name).exists():
@@ -125,10 +125,10 @@ def data_mesh(name: str) -> SampleMesh:
     lines = (Path(folder) / name).read_text().splitlines()
     vertices = np.array([line.split()[1:4] for line in lines if line.startswith("v ")], dtype=float)
     corners = [[part.split("/")[0] for part in line.split()[1:]] for line in lines if line.startswith("f ")]
-    return SampleMesh.of(vertices, np.array(corners, dtype=np.int64) - 1)
+    return Mesh.of(vertices, np.array(corners, dtype=np.int64) - 1)
 
 
-def grid_mesh(points: np.ndarray, twisted: bool = False, round_too: bool = False) -> SampleMesh:
+def grid_mesh(points: np.ndarray, twisted: bool = False, round_too: bool = False) -> Mesh:
     """Return the triangles of a grid of points (n, k, 3), closed along its first axis.
 
     It is closed ``twisted`` as a Moebius band is, or closed along the second axis as well.
@@ -141,23 +141,23 @@ def grid_mesh(points: np.ndarray, twisted: bool = False, round_too: bool = False
 
     corners = [number(i, j), number(i + 1, j), number(i + 1, j + 1), number(i, j + 1)]
     cells = [np.stack([corners[0], corners[a], corners[a + 1]], axis=-1).reshape(-1, 3) for a in (1, 2)]
-    return SampleMesh.of(points.reshape(-1, 3), np.concatenate(cells).astype(np.int64))
+    return Mesh.of(points.reshape(-1, 3), np.concatenate(cells).astype(np.int64))
 
 
-def tube(radius: float, around: int = 24, length: float = 1.0, along: int = 80) -> SampleMesh:
+def tube(radius: float, around: int = 24, length: float = 1.0, along: int = 80) -> Mesh:
     """Return a limb, open at both ends, along z."""
     angle, z = np.meshgrid(2 * np.pi * np.arange(around) / around, np.linspace(0, length, along + 1), indexing="ij")
     return grid_mesh(np.stack([radius * np.cos(angle), radius * np.sin(angle), z], axis=-1))
 
 
-def torus() -> SampleMesh:
+def torus() -> Mesh:
     """Return the torus of radii 1 and 0.4 about z."""
     a, b = np.meshgrid(2 * np.pi * np.arange(60) / 60, 2 * np.pi * np.arange(30) / 30, indexing="ij")
     away = 1 + 0.4 * np.cos(b)
     return grid_mesh(np.stack([away * np.cos(a), away * np.sin(a), 0.4 * np.sin(b)], axis=-1), round_too=True)
 
 
-def moebius_band() -> SampleMesh:
+def moebius_band() -> Mesh:
     """Return a band of half width 0.35 about the unit circle, its core, that is twisted once."""
     a, s = np.meshgrid(2 * np.pi * np.arange(80) / 80, np.linspace(-0.35, 0.35, 11), indexing="ij")
     away = 1 + s * np.cos(a / 2)

@@ -3,7 +3,7 @@
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 RADIUS, LENGTH, CUT = 0.5, 1.0, 0.44
 AXIS = np.array([0.36, 0.48, 0.8])
@@ -41,7 +41,7 @@ def cylinder_mesh(spacing, cut=CUT):
     at = int(np.flatnonzero(np.isclose(z, cut))[0]) * around + np.arange(around)
     edges = np.stack([at, np.roll(at, -1)], axis=1)
     owner = np.zeros(around, dtype=np.int64)
-    return SampleMesh(placed(*place.T), cells, placed(middles[..., 0], middles[..., 1]), edges, owner, owner > 0)
+    return Mesh(placed(*place.T), cells, placed(middles[..., 0], middles[..., 1]), edges, owner, owner > 0)
 
 
 def below(z):

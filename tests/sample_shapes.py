@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 
 def octahedron(rounds=0, radius=1.0):
@@ -22,7 +22,7 @@ def octahedron(rounds=0, radius=1.0):
             p, q, r = middles
             made += [(a, p, r), (p, b, q), (r, q, c), (p, q, r)]
         faces, vertices = made, np.array(points)
-    return SampleMesh.of(radius * vertices, np.array(faces, dtype=np.int64))
+    return Mesh.of(radius * vertices, np.array(faces, dtype=np.int64))
 
 
 def box(lower, upper):
@@ -36,7 +36,7 @@ def joined(*meshes):
     """Return several meshes side by side."""
     starts = np.cumsum([0] + [len(mesh.vertices) for mesh in meshes])
     cells = [mesh.cells + start for mesh, start in zip(meshes, starts, strict=False)]
-    return SampleMesh.of(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(cells))
+    return Mesh.of(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(cells))
 
 
 def grid(n, m, width=1.0, height=1.0):
@@ -45,7 +45,7 @@ def grid(n, m, width=1.0, height=1.0):
     vertices = np.stack([width * i / n, height * j / m, 0 * i], axis=-1).reshape(-1, 3)
     number = np.arange((n + 1) * (m + 1)).reshape(n + 1, m + 1)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
-    return SampleMesh.of(vertices, np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
+    return Mesh.of(vertices, np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
 
 
 def moebius(n=24):
@@ -57,7 +57,7 @@ def moebius(n=24):
     reach = 1 + across * np.cos(angle / 2)
     points = np.stack([reach * np.cos(angle), reach * np.sin(angle), across * np.sin(angle / 2)], axis=-1)
     core = np.arange(n)
-    mesh = SampleMesh.of(points.reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
+    mesh = Mesh.of(points.reshape(-1, 3), np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3))
     return mesh, np.stack([3 * core + 1, 3 * ((core + 1) % n) + 1], axis=1)
 
 
@@ -65,7 +65,7 @@ def with_cut(mesh, cut, owner=0):
     """Return the mesh with the facets ``cut`` on a boundary."""
     cut = np.asarray(cut, dtype=np.int64).reshape(-1, mesh.manifold_dim)
     whole = np.full(len(cut), owner)
-    return SampleMesh(mesh.vertices, mesh.cells, mesh.midpoints, cut, whole, np.zeros(len(cut), dtype=bool))
+    return Mesh(mesh.vertices, mesh.cells, mesh.midpoints, cut, whole, np.zeros(len(cut), dtype=bool))
 
 
 def pieces(cells):

@@ -9,7 +9,7 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
@@ -17,9 +17,9 @@ from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.cutting import corners_of, half_facets
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.segments import split_at_knots
+from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.scene.data import evaluate_data
 
 
@@ -67,7 +67,7 @@ def small(scene, mesh, spacing, origin=None, points=None):
     lattice, surface = Lattice(origin, spacing), localize(scene.surface, origin)
     moved = None if mesh.midpoints is None else mesh.midpoints - origin
     mesh = replace(mesh, vertices=mesh.vertices - origin, midpoints=moved)
-    half, corners, inner = half_facets(mesh), corners_of(mesh), samples_of(mesh)
+    half, corners, inner = half_facets(mesh), cut_corners(mesh), quadrature(mesh)
     border = boundary_samples(mesh, half, corners, needs_rims(scene), points)
     samples = Samples(
         *[np.concatenate([getattr(one, name) for one in (inner, border.as_samples)]) for name in vars(inner)]
@@ -105,7 +105,7 @@ def circle_mesh(spacing, cuts, origin=(0.0, 0.0), radius=1.0):
     vertices = radius * np.stack([np.cos(angles), np.sin(angles)], axis=1) - origin
     number = np.arange(len(angles))
     cut = np.searchsorted(angles, np.mod(cuts, 2 * np.pi))[:, None]
-    mesh = SampleMesh(
+    mesh = Mesh(
         vertices,
         np.stack([number, np.roll(number, -1)], axis=1),
         None,
@@ -113,7 +113,7 @@ def circle_mesh(spacing, cuts, origin=(0.0, 0.0), radius=1.0):
         np.arange(len(cut)),
         np.zeros(len(cut), dtype=bool),
     )
-    mesh = split_at_knots(mesh, spacing)
+    mesh = split_at_knot_planes(mesh, spacing)
     on_circle = mesh.vertices + origin
     on_circle *= radius / np.linalg.norm(on_circle, axis=1, keepdims=True)
     middles = on_circle[mesh.cells].mean(axis=1)

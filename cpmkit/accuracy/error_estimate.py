@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.mesh.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.protocols import Floats
+from cpmkit.solution.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.solution.solution import Solution
 

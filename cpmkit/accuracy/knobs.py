@@ -32,7 +32,7 @@ def worth_higher_degree(way: Way, aim: float) -> bool:
         and way.target.memory is None
         and isinstance(form, Galerkin)
         and form.sampled.mesh.manifold_dim == 2
-        and form.sampled.bend == "feet"
+        and form.sampled.geometry == "feet"
         and form.options.own.refine == "off"
         and scene.problem.kind in RECORDED_KINDS
         and not scene.boundaries

@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.mesh.cells import edges_of
-from cpmkit.mesh.cut import rotated
+from cpmkit.mesh.mixed_cells import number_edges, rotate_triangles
 from cpmkit.protocols import Bools, Floats, Ints
 
 
@@ -25,7 +24,7 @@ def clipped(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Float
         Moves points (n, d), zeros of the linear interpolation, to where the part ends.
     """
     kept = values < 0
-    edges, cell_edges = edges_of(cells, len(vertices))
+    edges, cell_edges = number_edges(cells, len(vertices))
     a, b = edges.T
     crossed = np.flatnonzero(kept[a] != kept[b])
     a, b = a[crossed], b[crossed]
@@ -50,9 +49,9 @@ def _triangles(cells: Ints, crossings: Ints, kept: Bools) -> Ints:
     """Return whole triangles, corners where one vertex is kept, and halves of the quadrangles where two are."""
     count = kept.sum(axis=1)
     one, two = count == 1, count == 2
-    (a, _, _), (ab, _, ca) = rotated(cells[one], crossings[one], kept[one].argmax(axis=1))
+    (a, _, _), (ab, _, ca) = rotate_triangles(cells[one], crossings[one], kept[one].argmax(axis=1))
     corner = np.stack([a, ab, ca], axis=1)
     # the vertex that goes comes first
-    (_, b, c), (ab, _, ca) = rotated(cells[two], crossings[two], kept[two].argmin(axis=1))
+    (_, b, c), (ab, _, ca) = rotate_triangles(cells[two], crossings[two], kept[two].argmin(axis=1))
     halves = [np.stack([ab, b, c], axis=1), np.stack([ab, c, ca], axis=1)]
     return np.concatenate([cells[count == 3], corner, *halves])

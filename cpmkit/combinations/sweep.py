@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.manifold.vectors import unit
-from cpmkit.mesh.polylines import Polyline
+from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.protocols import Floats, Ints
 
 #: A ring about a curve in space has at least this many corners.

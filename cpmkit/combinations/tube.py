@@ -13,7 +13,7 @@ from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.short_text import source_repr
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.polylines import Polyline, polylines_of
+from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.protocols import Advice, ClosestPoints, ClosestPointSource, Floats, HasMesh, HasTranslation, Ints
 from cpmkit.runtime.arrays import as_points, as_vector, positive
 
@@ -186,4 +186,4 @@ def _refuse_if_it_meets_itself(made: Tube, around: HasMesh) -> None:
 def _curves(around: Any, spacing: float) -> list[Polyline]:
     if not isinstance(around, HasMesh):
         raise InputError(f"{type(around).__name__} cannot be drawn, so neither can a tube around it.")
-    return polylines_of(*around.mesh(spacing))
+    return chain_segments(*around.mesh(spacing))

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.linear.solve_report import SolveReport
-    from cpmkit.mesh.display_mesh import DisplayMesh
+    from cpmkit.solution.display_mesh import DisplayMesh
 
 
 class FormOperators(ABC):

@@ -9,7 +9,7 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def hermite_middles(
+def hermite_midpoints(
     vertices: Floats, ends: Ints, normals: Floats, straight: Bools, kept: Floats, creased_share: float
 ) -> Floats:
     """Return (e, d) points above edges (e, 2), across whose ends the ``normals`` (v, d) stand.
@@ -51,7 +51,7 @@ def hermite_middles(
 
 
 @compiled
-def middles_above(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints) -> Floats:
+def midpoints_by_heights(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints) -> Floats:
     """Return (m, k, d), of the edges ``of_cells`` (m, k), their middles and the ``heights`` (e, d) on top of these."""
     m, k = of_cells.shape
     found = np.empty((m, k, vertices.shape[1]))
@@ -65,7 +65,7 @@ def middles_above(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints)
 
 
 @compiled
-def at_edges(points: Floats, of_cells: Ints) -> Floats:
+def gather_by_cell(points: Floats, of_cells: Ints) -> Floats:
     """Return (m, k, d) the ``points`` (e, d) of the edges ``of_cells`` (m, k)."""
     m, k = of_cells.shape
     found = np.empty((m, k, points.shape[1]))

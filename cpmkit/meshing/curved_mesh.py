@@ -5,21 +5,20 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.edges import Edges
-from cpmkit.mesh.mesh import Bend, SampleMesh
-from cpmkit.mesh.segments import split_at_knots
-from cpmkit.meshing.curved_from_normals import curved_by_normals
-from cpmkit.meshing.curved_from_points import curved
+from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
+from cpmkit.mesh.subdivision import split_at_knot_planes
+from cpmkit.meshing.curved_from_normals import curve_from_normals
+from cpmkit.meshing.curved_from_points import curve_from_points
 
 
-def bent(
-    mesh: SampleMesh,
-    bend: Bend,
+def curve_cells(
+    mesh: Mesh,
+    bend: CellGeometry,
     source: LocalSource,
     boundaries: Sequence[LocalSource | None],
     spacing: float,
     edges: Edges | None = None,
-) -> SampleMesh:
+) -> Mesh:
     """Return the mesh, split and cut, as its samples are to be taken from; segments end on knot planes.
 
     Parameters
@@ -38,7 +37,7 @@ def bent(
         Of the mesh; where it is bent by normals these are needed, and found if they are not given.
     """
     if bend == "feet":
-        return curved(mesh, source, boundaries, spacing)
+        return curve_from_points(mesh, source, boundaries, spacing)
     if bend == "normals":
-        return curved_by_normals(mesh, source, boundaries, edges)
-    return split_at_knots(mesh, spacing) if mesh.manifold_dim == 1 else mesh
+        return curve_from_normals(mesh, source, boundaries, edges)
+    return split_at_knot_planes(mesh, spacing) if mesh.manifold_dim == 1 else mesh

@@ -8,13 +8,47 @@ from itertools import combinations
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms
-from cpmkit.mesh.mesh import Bend, SampleMesh
-from cpmkit.mesh.repair import largest_side, sound
-from cpmkit.meshing.curved_from_normals import lifted
-from cpmkit.meshing.drawings import is_fit
-from cpmkit.meshing.mesh_cache import in_scene, made_sound, own_cells
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.adjacency import rim_of_edges
+from cpmkit.mesh.mesh import CellGeometry, Mesh, edges_of
+from cpmkit.mesh.welding import box_size, repair
+from cpmkit.meshing.curved_from_normals import refine_smooth
+from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
 from cpmkit.protocols import HasMesh, HasMeshUse, HasValues
+
+#: Triangles with an angle whose cosine is below this have a bad shape; of a drawing that is fit, fewer than this share.
+BLUNT_COSINE, MOST_BLUNT_SHARE = -0.9, 0.01
+#: A drawing with more triangles than this on a square of its edge length costs more samples than it is worth: equal
+#: sides make 2.3, parameters of a sphere 3, of a figure eight bent to a Klein bottle 5, marching tetrahedra 8 and more.
+MOST_TRIANGLES_A_SQUARE = 7.0
+#: Beyond the middle of an edge of one triangle, by this share of its length, the rim of the manifold is found.
+BEYOND_RIM_EDGE_SHARE = 0.5
+
+
+def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
+    """Whether the drawing ends on the rim alone, with few blunt triangles, and not too many for edges of ``length``.
+
+    Triangles that do not share edges end inside the manifold; those with an angle near 180 degrees turn their backs to
+    it once they are curved. Narrow ones with a short edge, as towards a pole, do no harm. Drawings of curves are fit.
+    """
+    if mesh.manifold_dim == 1:
+        return True
+    corners = mesh.vertices[mesh.cells]
+    after, before = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
+    cosine = dots(after, before) / (norms(after) * norms(before))
+    if (cosine.min(axis=1) < BLUNT_COSINE).mean() > MOST_BLUNT_SHARE:
+        return False
+    area = 0.5 * float(norms(np.cross(after[:, 0], before[:, 0])).sum())
+    if len(mesh.cells) * length**2 > MOST_TRIANGLES_A_SQUARE * area:
+        return False
+    edges = edges_of(mesh)
+    rim = rim_of_edges(mesh, edges)
+    if not len(rim.rows):
+        return True
+    middle = mesh.vertices[edges.ends[rim.rows]].mean(axis=1)
+    beyond = source.closest_point(np.ascontiguousarray(middle + BEYOND_RIM_EDGE_SHARE * rim.outward))
+    return bool((beyond.edge >= 0).all())
+
 
 #: Cells whose centres are looked at to tell whether cells are flat, and how near they are to it then, of their size.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
@@ -25,7 +59,7 @@ MEETING_SIZE_SHARE, MEETING_PLACES, MEETING_STEPS = 1e-6, 256, 50
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
+class SourceCells:
     """A source's cells.
 
     Attributes
@@ -38,12 +72,12 @@ class Drawn:
         Whether the cells are parts of sound ones.
     """
 
-    mesh: SampleMesh
-    bend: Bend
+    mesh: Mesh
+    geometry: CellGeometry
     split: bool = False
 
 
-def cells_of(source: LocalSource, length: float, shortest: float | None = None) -> Drawn | None:
+def source_cells(source: LocalSource, length: float, shortest: float | None = None) -> SourceCells | None:
     """Return the cells of a source; None where they are to be found by closest points.
 
     A mesh or polyline gives its own cells, bent where it is read as smooth; an analytic or parametric shape those of
@@ -72,39 +106,39 @@ def cells_of(source: LocalSource, length: float, shortest: float | None = None) 
     height = _kept_height(source, mesh)
     if height <= FLAT_SIZE_SHARE * _size(mesh):
         if source.source.exact or m == 1 or not source.has_normals:
-            return Drawn(mesh, "flat")
-        return Drawn(lifted(made_sound(source, mesh)[0], source, length), "normals", split=True)
+            return SourceCells(mesh, "flat")
+        return SourceCells(refine_smooth(repair_source_mesh(source, mesh)[0], source, length), "normals", split=True)
     if height <= BENT_EDGE_SHARE * length or length == short:
-        mesh = sound(mesh)[0]
-        if is_fit(source, mesh, length):
-            return Drawn(mesh, "feet")
+        mesh = repair(mesh)[0]
+        if is_suitable(source, mesh, length):
+            return SourceCells(mesh, "feet")
     again = _drawn(source, short) if length > short else None
     if again is None:
         return None
-    again = sound(again)[0]
-    return Drawn(again, "feet") if is_fit(source, again, short) else None
+    again = repair(again)[0]
+    return SourceCells(again, "feet") if is_suitable(source, again, short) else None
 
 
-def _drawn(source: LocalSource, length: float) -> SampleMesh | None:
+def _drawn(source: LocalSource, length: float) -> Mesh | None:
     """Return what a source draws with edges of ``length``; None where that is not cells of its dimension."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
-    return SampleMesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
+    return Mesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
 
 
-def _kept_height(source: LocalSource, mesh: SampleMesh) -> float:
-    own = own_cells(source, mesh.cells)
+def _kept_height(source: LocalSource, mesh: Mesh) -> float:
+    own = mesh_cache_of(source, mesh.cells)
     if own is None:
         return _height(source, mesh)
     if "height" not in own.found:
-        own.found["height"] = _height(in_scene(source), SampleMesh.of(own.vertices, own.cells))
+        own.found["height"] = _height(in_scene_coordinates(source), Mesh.of(own.vertices, own.cells))
     found: float = own.found["height"]
     return found
 
 
-def _height(source: LocalSource, mesh: SampleMesh) -> float:
+def _height(source: LocalSource, mesh: Mesh) -> float:
     """Return how far centres of cells are from the manifold at most: not at all in a faceted mesh.
 
     No query is needed, and no tree for it, where the source answers true nearest points, carries values at vertices of
@@ -120,31 +154,31 @@ def _height(source: LocalSource, mesh: SampleMesh) -> float:
     return float(norms(source.closest_point(centres).points - centres).max())
 
 
-def _size(mesh: SampleMesh) -> float:
-    return largest_side(mesh.vertices)
+def _size(mesh: Mesh) -> float:
+    return box_size(mesh.vertices)
 
 
-def _side_by_side(source: LocalSource, length: float, shortest: float | None) -> Drawn | None:
+def _side_by_side(source: LocalSource, length: float, shortest: float | None) -> SourceCells | None:
     """Return the cells of a union of members of one dimension that do not meet."""
     if source.manifold_dim is None:
         return None
     drawn = []
     for member in source.members:
-        one = cells_of(member, length, shortest)
+        one = source_cells(member, length, shortest)
         if one is None:
             return None
         drawn.append(one)
     parts = list(zip(source.members, [one.mesh for one in drawn], strict=True))
     if any(_meet(first, second) for first, second in combinations(parts, 2)):
         return None
-    bends = {one.bend for one in drawn}
+    bends = {one.geometry for one in drawn}
     starts = np.cumsum([0] + [len(mesh.vertices) for _, mesh in parts])
     vertices = np.concatenate([mesh.vertices for _, mesh in parts])
     cells = np.concatenate([mesh.cells + start for (_, mesh), start in zip(parts, starts, strict=False)])
-    return Drawn(SampleMesh.of(vertices, cells), bends.pop() if len(bends) == 1 else "feet")
+    return SourceCells(Mesh.of(vertices, cells), bends.pop() if len(bends) == 1 else "feet")
 
 
-def _meet(first: tuple[LocalSource, SampleMesh], second: tuple[LocalSource, SampleMesh]) -> bool:
+def _meet(first: tuple[LocalSource, Mesh], second: tuple[LocalSource, Mesh]) -> bool:
     """Whether two members of a union have points in common, followed from one's foot to the other's and back."""
     (one, mesh), (other, other_mesh) = first, second
     size = max(_size(mesh), _size(other_mesh))

@@ -14,8 +14,7 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.edges import Edges
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.meshing.untangle_vertices import is_folded
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -25,8 +24,8 @@ NORMAL_EDGE_SHARE = 0.1
 ROUNDS = 4
 
 
-def unfolded(
-    mesh: SampleMesh,
+def untangle_midpoints(
+    mesh: Mesh,
     edges: Edges,
     number: Ints,
     found: Floats,
@@ -68,7 +67,7 @@ def unfolded(
     return carried
 
 
-def _folded(mesh: SampleMesh, edges: Edges, midpoints: Floats, source: LocalSource) -> Ints:
+def _folded(mesh: Mesh, edges: Edges, midpoints: Floats, source: LocalSource) -> Ints:
     """Return the triangles (k,) that turn over, seen along the manifold's normal.
 
     The plane of one that is thinner than its edges bend with the manifold says nothing, and is only looked at first.
@@ -85,7 +84,7 @@ def _folded(mesh: SampleMesh, edges: Edges, midpoints: Floats, source: LocalSour
 
 
 def _carried(
-    mesh: SampleMesh,
+    mesh: Mesh,
     edges: Edges,
     on_boundary: Bools,
     folded: Ints,

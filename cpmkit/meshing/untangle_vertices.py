@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.vectors import dots
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Bools, Floats
 
 #: A triangle that keeps less than this share of its area, at one of its corners, is turned over, or nearly so.
@@ -17,7 +17,7 @@ LEFT_SHARE = 0.02
 ROUNDS = 4
 
 
-def unturned(mesh: SampleMesh, before: Floats, moved: Floats) -> Floats:
+def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
     """Return the vertices ``moved`` (v, d), those of triangles that would turn over where they were ``before``.
 
     A vertex beside a boundary may be nearer to it than the boundary is to its chords: the boundary goes beside it then,
@@ -30,7 +30,7 @@ def unturned(mesh: SampleMesh, before: Floats, moved: Floats) -> Floats:
     for _ in range(ROUNDS):
         near = np.flatnonzero(astray[mesh.cells].any(axis=1))
         cells = mesh.cells[near]
-        turned = kept_shares(before[cells], moved[cells]) < LEFT_SHARE
+        turned = area_ratios(before[cells], moved[cells]) < LEFT_SHARE
         back = np.unique(cells[turned])
         back = back[astray[back]]
         if not len(back):
@@ -39,7 +39,7 @@ def unturned(mesh: SampleMesh, before: Floats, moved: Floats) -> Floats:
     return moved
 
 
-def kept_shares(before: Floats, moved: Floats) -> Floats:
+def area_ratios(before: Floats, moved: Floats) -> Floats:
     """Return what share of its area each triangle keeps (m,), from its corners (m, 3, d) before and after a move."""
     return _kept(*_sides(before), *_sides(moved))
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.saving.export import own_mesh
 from cpmkit.saving.mesh_files import colours_of, poly_data, value_columns
 from cpmkit.scenefile.output_request import check_vertices
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.drawing import in_space
 
 if TYPE_CHECKING:

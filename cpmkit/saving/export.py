@@ -12,11 +12,12 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
-from cpmkit.mesh.display_mesh import DisplayMesh, mesh_of
+from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.messages import to_install
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scenefile.output_request import check_vertices
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.own_vertices import at_vertices, given_mesh_of
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import MissingDependencyError
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import to_install
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.colours import value_colours
 from cpmkit.view.drawing import in_space
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
-from cpmkit.mesh.display_mesh import mesh_of
+from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import FILMS, PAGE, check_file, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS

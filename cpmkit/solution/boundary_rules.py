@@ -11,11 +11,10 @@ from cpmkit.errors import InputError
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.cells import with_corners
-from cpmkit.mesh.curved_cells import OUTWARD_EDGE_SHARE, CurvedCells, find_edges, middles_on
-from cpmkit.mesh.display_mesh import LONGEST_EDGE_SPACINGS, mesh_of
-from cpmkit.mesh.refinement import refine
+from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.quadratic_cells import OUTWARD_EDGE_SHARE, QuadraticCells, edge_midpoints_on, outward_edges
 from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints
+from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS
 
 #: Width, in spacings, of the bump that stands for a boundary without a mesh.
 BUMP_WIDTH_SPACINGS = 3.0
@@ -39,12 +38,12 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     if not isinstance(source, HasMesh):
         return _from_bump(source, surface, spacing, dim)
     points, cells = source.mesh(spacing)
-    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     cells = with_corners(cells, dim + 1)
-    edges = find_edges(points, cells)
-    nodes = np.concatenate([source.closest_point(points).points, middles_on(source, points, edges)])
+    edges = outward_edges(points, cells)
+    nodes = np.concatenate([source.closest_point(points).points, edge_midpoints_on(source, points, edges)])
     nodes = surface.closest_point(nodes).points
-    rule_points, weights, _ = CurvedCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
+    rule_points, weights, _ = QuadraticCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
     on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
     return BoundaryRule(surface.closest_point(on_source).points, weights.ravel())
 
@@ -79,7 +78,7 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
         If the surface has no mesh or no such edge, or is a solid in space.
     """
     points, cells = mesh_of(surface)(spacing)
-    points, cells = refine(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
         raise InputError("The flux through the surface of a solid in space is not offered; ask for a boundary's.")
     parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
@@ -99,10 +98,10 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
 def _rim_of_triangles(
     surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
 ) -> tuple[ClosestPoints, Floats]:
-    edges = find_edges(points, cells)
+    edges = outward_edges(points, cells)
     single = np.flatnonzero(edges.outward.any(axis=1))
-    nodes = np.concatenate([points, middles_on(surface, points, edges)])
-    curved = CurvedCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
+    nodes = np.concatenate([points, edge_midpoints_on(surface, points, edges)])
+    curved = QuadraticCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
     at, weights, _ = curved.rule()
     outward = np.repeat(edges.outward[single], at.shape[1], axis=0)
     beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:

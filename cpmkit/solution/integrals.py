@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.mesh.curved_cells import CurvedCells, find_edges, middles_on, moved_if_near
-from cpmkit.mesh.dimensions import cells_of_dimension, dimensions_of
-from cpmkit.mesh.display_mesh import evaluate_on_sides, moved_onto_boundaries
+from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions
+from cpmkit.mesh.quadratic_cells import QuadraticCells, edge_midpoints_on, limit_midpoint_shift, outward_edges
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.data import evaluate_data
+from cpmkit.solution.display_mesh import evaluate_on_sides, moved_onto_boundaries
 
 if TYPE_CHECKING:
     from cpmkit.solution.solution import Solution
@@ -30,7 +30,7 @@ def integrate(solution: Solution, function: Integrand | None, dim: int | None) -
             read = _integrand(function, form.points.copy(), read)
         return _one_or_each(form.point_weights @ read)
     nodes, values, cells = _nodes_with_values(solution, dimension)
-    points, weights, shares = CurvedCells(nodes, cells).rule()
+    points, weights, shares = QuadraticCells(nodes, cells).rule()
     read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
     if function is not None:
         on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
@@ -56,7 +56,7 @@ def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     """Return the dimension over which is integrated; what lengths and areas would add up to is refused."""
-    found = dimensions_of(surface)
+    found = member_dimensions(surface)
     if dim is None and len(found) > 1:
         raise InputError(
             f"The manifold has parts of the dimensions {' and '.join(map(str, found))}, whose sizes do not add up; "
@@ -76,15 +76,15 @@ def _nodes_with_values(solution: Solution, dim: int) -> tuple[Floats, Floats, In
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)
     points = moved_onto_boundaries(scene, mesh.points, sides)
     points = scene.surface.closest_point(points).points
-    edges = find_edges(points, corners)
+    edges = outward_edges(points, corners)
     a, b = edges.ends.T
     shared = np.where(sides[a] == sides[b], sides[a], 0)
-    middles = middles_on(scene.surface, points, edges)
+    middles = edge_midpoints_on(scene.surface, points, edges)
     on_boundary = np.flatnonzero(shared.any(axis=1))
     straight = 0.5 * (points[a] + points[b])[on_boundary]
     length = np.linalg.norm(points[a] - points[b], axis=1)[on_boundary]
     moved = scene.surface.closest_point(moved_onto_boundaries(scene, straight, shared[on_boundary])).points
-    middles[on_boundary] = moved_if_near(straight, moved, length)
+    middles[on_boundary] = limit_midpoint_shift(straight, moved, length)
     off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
     shared[on_boundary] = np.where(off, 0, shared[on_boundary])
     values = np.concatenate([mesh.values, evaluate_on_sides(solution, middles, shared)])

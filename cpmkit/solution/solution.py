@@ -21,8 +21,8 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.accuracy.trade import Trade
-    from cpmkit.mesh.display_mesh import DisplayMesh
     from cpmkit.scenefile.look import LookKeywords, SavingKeywords
+    from cpmkit.solution.display_mesh import DisplayMesh
     from cpmkit.solution.integrals import Integrand
     from cpmkit.solution.resonance import Resonance
     from cpmkit.view import Picture
@@ -392,7 +392,7 @@ class Solution:
 
     @cached_property
     def _display_mesh(self) -> DisplayMesh:
-        from cpmkit.mesh.display_mesh import display_mesh
+        from cpmkit.solution.display_mesh import display_mesh
 
         own = self.discretized.display_mesh(self.values)
         return display_mesh(self) if own is None else own

@@ -6,8 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
-from cpmkit.mesh.display_mesh import mesh_of
-from cpmkit.mesh.refinement import refine
+from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells
 from cpmkit.protocols import ClosestPointSource, Floats, Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.solution import Solution
@@ -35,7 +34,7 @@ class RefinedMesh:
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return vertices (v, d), those that were added being closest points, and triangles (m, 3)."""
         points, cells = mesh_of(self.of)(spacing)
-        refined, cells = refine(points, cells, points.shape[1], spacing)
+        refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
         return refined, cells
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
 from cpmkit.scenefile.look import Look
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.camera import Camera, fit
 from cpmkit.view.colours import INK
 from cpmkit.view.shapes import DISC_CORNERS, Shapes, disc_radii, discs, dots, lines, ribbons

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats, Ints
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.colours import INK, Bar
 from cpmkit.view.drawing import Drawing, in_space
 from cpmkit.view.shapes import Shapes, lines

@@ -23,8 +23,8 @@ from cpmkit.view.drawing import boundary_meshes, in_space
 from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
 
 if TYPE_CHECKING:
-    from cpmkit.mesh.display_mesh import DisplayMesh
     from cpmkit.scenefile.look import LookKeywords
+    from cpmkit.solution.display_mesh import DisplayMesh
     from cpmkit.solution.solution import Solution
 
 #: Pixels; only the ratio of what is shown matters.

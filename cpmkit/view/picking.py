@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.mesh.cells import with_corners
+from cpmkit.mesh.mixed_cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.messages import to_install
 from cpmkit.scene.surface_input import Surface, as_source

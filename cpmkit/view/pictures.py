@@ -12,10 +12,10 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
-from cpmkit.mesh.display_mesh import DisplayMesh
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import to_install
 from cpmkit.scenefile.look import Look
+from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.modes import EigenSolution
 from cpmkit.view import marks
 from cpmkit.view.camera import axes_of

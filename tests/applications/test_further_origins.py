@@ -15,7 +15,7 @@ import cpmkit.linear.direct as factorization
 import cpmkit.linear.multigrid.solver as multigrid
 from cpmkit.applications import geodesic_distance
 from cpmkit.applications.heat import LOST_SHARE, lost_alone
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples
 
 SPHERE = ck.source("analytic.sphere")
 
@@ -54,7 +54,7 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
     counted(values, "slopes_at_samples")
     counted(equations, "gradient_load")
     for name in ("points_at", "normals_at"):
-        counted(FixedSamples, name, lambda found: len(found) >= count)
+        counted(QuantisedSamples, name, lambda found: len(found) >= count)
     geodesic_distance(prepared, [0, 1, 0], method="heat")
     assert +done == Counter(values_at_samples=1, slopes_at_samples=1, load_against_slopes=1, points_at=1)
 

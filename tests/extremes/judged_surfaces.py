@@ -15,7 +15,7 @@ import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.forms.galerkin.mesh_warnings import contouring_warnings
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 
 #: A measure off by more than this share is wrong; an open edge farther than this share of the spacing from a rim.
@@ -56,7 +56,7 @@ class Truth:
     @classmethod
     def of(cls, shape, size):
         vertices, cells = shape.mesh(size / 40)
-        mesh = SampleMesh.of(vertices, cells)
+        mesh = Mesh.of(vertices, cells)
         edges, count = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
         alone = vertices[edges[count == 1]]
         share = np.linspace(0, 1, 9)[:, None, None]

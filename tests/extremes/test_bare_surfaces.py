@@ -56,11 +56,11 @@ def test_every_kind_has_its_own_area_by_its_mesh():
     """The exact areas against those of fine meshes, from which topology and u are taken."""
     from meshing.contouring.measures import area
 
-    from cpmkit.mesh.mesh import SampleMesh
+    from cpmkit.mesh.mesh import Mesh
 
     for kind in KINDS:
         shape = next(draws(3, 1, (kind,))).source.shape
-        assert area(SampleMesh.of(*shape.mesh(0.1))) == pytest.approx(shape.area, rel=0.02), kind
+        assert area(Mesh.of(*shape.mesh(0.1))) == pytest.approx(shape.area, rel=0.02), kind
 
 
 @pytest.mark.slow

@@ -3,17 +3,17 @@
 import numpy as np
 from sample_shapes import equator, grid, moebius, octahedron, pieces, with_cut
 
-from cpmkit.mesh.cutting import corners_of, half_facets
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.mesh import Mesh
 
 
 def corners_at(mesh, vertex):
-    return len(np.unique(corners_of(mesh)[mesh.cells == vertex]))
+    return len(np.unique(cut_corners(mesh)[mesh.cells == vertex]))
 
 
 def test_an_uncut_mesh_keeps_its_vertices():
     mesh = octahedron(2)
-    corners = corners_of(mesh)
+    corners = cut_corners(mesh)
     assert len(np.unique(np.stack([corners.ravel(), mesh.cells.ravel()]), axis=1).T) == len(mesh.vertices)
     assert corners.max() + 1 == len(mesh.vertices)
     assert len(half_facets(mesh).cell) == 0
@@ -22,7 +22,7 @@ def test_an_uncut_mesh_keeps_its_vertices():
 def test_the_equator_parts_a_sphere():
     mesh = octahedron(2)
     mesh = with_cut(mesh, equator(mesh))
-    corners = corners_of(mesh)
+    corners = cut_corners(mesh)
     assert pieces(corners) == 2
     assert corners.max() + 1 == len(mesh.vertices) + len(mesh.cut)
     seen = half_facets(mesh)
@@ -36,7 +36,7 @@ def test_the_equator_parts_a_sphere():
 def test_a_slit_leaves_one_piece_and_its_tips_whole():
     mesh = grid(6, 6)
     slit = with_cut(mesh, [[16, 23], [23, 30], [30, 37]])
-    assert pieces(corners_of(slit)) == 1
+    assert pieces(cut_corners(slit)) == 1
     assert [corners_at(slit, vertex) for vertex in (16, 23, 30, 37)] == [1, 2, 2, 1]
     open_slit = with_cut(mesh, [[2, 9], [9, 16]])
     assert [corners_at(open_slit, vertex) for vertex in (2, 9, 16)] == [2, 2, 1]
@@ -53,7 +53,7 @@ def test_junctions_have_a_corner_for_each_sector():
 def test_the_core_of_a_one_sided_strip_has_two_sides_and_leaves_one_piece():
     mesh, core = moebius()
     mesh = with_cut(mesh, core)
-    corners = corners_of(mesh)
+    corners = cut_corners(mesh)
     assert pieces(corners) == 1
     assert corners.max() + 1 == len(mesh.vertices) + len(core)
     seen = half_facets(mesh)
@@ -63,7 +63,7 @@ def test_the_core_of_a_one_sided_strip_has_two_sides_and_leaves_one_piece():
 
 def test_edges_of_three_sheets_join_or_part_them_all():
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0.5], [-1, 1, 0.5], [-1, -1, 0.5]], dtype=float)
-    mesh = SampleMesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]]))
+    mesh = Mesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]]))
     assert corners_at(mesh, 0) == 1
     parted = with_cut(mesh, [[0, 1]])
     assert corners_at(parted, 0) == 3
@@ -73,10 +73,10 @@ def test_edges_of_three_sheets_join_or_part_them_all():
 
 
 def test_points_part_curves():
-    mesh = SampleMesh.of(np.array([[k, 0.0] for k in range(5)]), np.array([[0, 1], [1, 2], [2, 3], [2, 4]]))
+    mesh = Mesh.of(np.array([[k, 0.0] for k in range(5)]), np.array([[0, 1], [1, 2], [2, 3], [2, 4]]))
     cut = with_cut(mesh, [[2]])
-    assert pieces(corners_of(mesh)) == 1
-    assert pieces(corners_of(cut)) == 3
+    assert pieces(cut_corners(mesh)) == 1
+    assert pieces(cut_corners(cut)) == 3
     seen = half_facets(cut)
     at = seen.cut == 0
     assert seen.cell[at].tolist() == [1, 2, 3]

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from sample_shapes import grid, joined, moebius, octahedron, pieces
 
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.repair import Mended, sound
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.welding import RepairReport, repair
 
 
 def shuffled(mesh, seed=0):
     rng = np.random.default_rng(seed)
     turned = np.take_along_axis(mesh.cells, (rng.integers(3, size=(len(mesh.cells), 1)) + np.arange(3)) % 3, 1)
-    return SampleMesh.of(mesh.vertices, turned[rng.permutation(len(mesh.cells))])
+    return Mesh.of(mesh.vertices, turned[rng.permutation(len(mesh.cells))])
 
 
 def parted(mesh, noise=0.0):
@@ -20,7 +20,7 @@ def parted(mesh, noise=0.0):
     rng = np.random.default_rng(1)
     vertices = mesh.vertices[mesh.cells].reshape(-1, 3)
     size = np.ptp(vertices)
-    return SampleMesh.of(
+    return Mesh.of(
         vertices + noise * size * rng.uniform(-1, 1, vertices.shape), np.arange(len(vertices)).reshape(-1, 3)
     )
 
@@ -29,26 +29,26 @@ def parted(mesh, noise=0.0):
 @pytest.mark.parametrize("noise", [0.0, 1e-7])
 def test_parted_triangles_are_welded_to_a_closed_mesh(unit, noise):
     whole = octahedron(3, unit)
-    mesh, mended = sound(shuffled(parted(whole, noise)))
+    mesh, mended = repair(shuffled(parted(whole, noise)))
     assert (len(mesh.vertices), len(mesh.cells)) == (len(whole.vertices), len(whole.cells))
-    assert mended == Mended(3 * len(whole.cells) - len(whole.vertices), 0, 0)
+    assert mended == RepairReport(3 * len(whole.cells) - len(whole.vertices), 0, 0)
     edges = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)[1]
     assert (edges == 2).all()
 
 
 def test_a_sound_mesh_stays_as_it_is():
-    mesh, mended = sound(octahedron(2))
-    assert mended == Mended(0, 0, 0)
-    again, _ = sound(mesh)
+    mesh, mended = repair(octahedron(2))
+    assert mended == RepairReport(0, 0, 0)
+    again, _ = repair(mesh)
     assert (again.cells == mesh.cells).all()
     assert (again.vertices == mesh.vertices).all()
 
 
 def test_spheres_that_touch_at_a_vertex_are_parted():
     one = octahedron(2)
-    other = SampleMesh.of(one.vertices + [2.0, 0.0, 0.0], one.cells)
-    mesh, mended = sound(joined(one, other))
-    assert mended == Mended(1, 0, 1)
+    other = Mesh.of(one.vertices + [2.0, 0.0, 0.0], one.cells)
+    mesh, mended = repair(joined(one, other))
+    assert mended == RepairReport(1, 0, 1)
     assert pieces(mesh.cells) == 2
     assert len(mesh.vertices) == 2 * len(one.vertices)
 
@@ -57,7 +57,7 @@ def test_a_pinched_neck_is_parted_though_the_surface_hangs_together():
     mesh = grid(6, 6)
     cells = np.where(mesh.cells == 40, 8, mesh.cells)  # (5, 5) is drawn to (1, 1)
     vertices = mesh.vertices.copy()
-    pinched, mended = sound(SampleMesh.of(vertices, cells))
+    pinched, mended = repair(Mesh.of(vertices, cells))
     assert mended.fans == 1
     assert pieces(pinched.cells) == 1
     assert len(pinched.vertices) == len(vertices)
@@ -66,27 +66,27 @@ def test_a_pinched_neck_is_parted_though_the_surface_hangs_together():
 def test_doubled_and_collapsed_triangles_count_once():
     mesh = octahedron(2)
     folded = np.concatenate([mesh.cells, mesh.cells[5:9][:, [1, 0, 2]], [[3, 3, 4]]])
-    mended_mesh, mended = sound(SampleMesh.of(mesh.vertices, folded))
-    assert mended == Mended(0, 5, 0)
-    assert samples_of(mended_mesh).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-14)
+    mended_mesh, mended = repair(Mesh.of(mesh.vertices, folded))
+    assert mended == RepairReport(0, 5, 0)
+    assert quadrature(mended_mesh).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-14)
 
 
 def test_three_sheets_hang_together_along_their_edge():
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0.5], [-1, 1, 0.5], [-1, -1, 0.5]], dtype=float)
-    mesh, mended = sound(SampleMesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])))
-    assert mended == Mended(0, 0, 0)
+    mesh, mended = repair(Mesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])))
+    assert mended == RepairReport(0, 0, 0)
     assert pieces(mesh.cells) == 1
 
 
 def test_one_sided_strips_are_one_piece():
-    mesh, mended = sound(moebius()[0])
-    assert mended == Mended(0, 0, 0)
+    mesh, mended = repair(moebius()[0])
+    assert mended == RepairReport(0, 0, 0)
     assert pieces(mesh.cells) == 1
 
 
 def test_curves_stay_joined_where_three_segments_meet():
     vertices = np.array([[0, 0], [1, 0], [0, 0], [0, 1], [-1, 0], [0, 1e-9]], dtype=float)
-    mesh, mended = sound(SampleMesh.of(vertices, np.array([[0, 1], [2, 3], [4, 5], [3, 2]])))
-    assert mended == Mended(2, 1, 0)
+    mesh, mended = repair(Mesh.of(vertices, np.array([[0, 1], [2, 3], [4, 5], [3, 2]])))
+    assert mended == RepairReport(2, 1, 0)
     assert pieces(mesh.cells) == 1
     assert len(mesh.vertices) == 4

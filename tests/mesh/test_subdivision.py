@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 from sample_shapes import equator, grid, octahedron, pieces, with_cut
 
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
-from cpmkit.mesh.cutting import corners_of, half_facets
-from cpmkit.mesh.edges import edges_of
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.repair import sound
-from cpmkit.mesh.segments import split_at_knots
-from cpmkit.mesh.subdivision import subdivided
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
+from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.subdivision import split_at_knot_planes, subdivide
+from cpmkit.mesh.welding import repair
 
 
 def least_angles(mesh):
@@ -25,19 +23,19 @@ def least_angles(mesh):
 @pytest.mark.parametrize("length", [1.0, 0.31, 0.1])
 def test_no_edge_is_long_and_the_area_stays(unit, length):
     mesh = octahedron(1, unit)
-    fine = subdivided(mesh, length * unit)
+    fine = subdivide(mesh, length * unit)
     edges = edges_of(fine)
     assert edges.lengths(fine.vertices).max() <= length * unit * (1 + 1e-8)
     assert (np.bincount(edges.of_cells.ravel()) == 2).all()
     assert len(fine.vertices) - len(edges.ends) + len(fine.cells) == 2
-    assert samples_of(fine).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-13)
+    assert quadrature(fine).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-13)
     assert (fine.vertices[: len(mesh.vertices)] == mesh.vertices).all()
     assert least_angles(fine).min() >= 0.5 * least_angles(mesh).min()
 
 
 def test_needles_are_cut_across():
     needles = grid(1, 1, 1.0, 0.01)
-    pieces = subdivided(needles, 0.02)
+    pieces = subdivide(needles, 0.02)
     assert len(pieces.cells) < 300
     assert np.median(least_angles(pieces)) > 20 * least_angles(needles).max()
 
@@ -49,15 +47,15 @@ def test_needles_beside_other_triangles_share_their_edges(seed):
     rng = np.random.default_rng(seed)
     flat = np.concatenate([rng.uniform(size=(60, 2)), [[0, 0], [0, 1], [1, 0], [1, 1]]])
     stretched = np.column_stack([flat * [4.0, 0.1 + 0.3 * seed], np.zeros(len(flat))])
-    mesh = sound(SampleMesh.of(stretched, Delaunay(flat).simplices.astype(np.int64)))[0]
+    mesh = repair(Mesh.of(stretched, Delaunay(flat).simplices.astype(np.int64)))[0]
     ends = edges_of(mesh).ends
     cut = ends[rng.permutation(len(ends))[:40]]
     turned = np.where(rng.integers(2, size=(40, 1)) == 1, cut, cut[:, ::-1])
-    mesh = SampleMesh(mesh.vertices, mesh.cells, None, turned, np.arange(40), np.arange(40) % 3 == 0)
-    fine = subdivided(mesh, 0.07)
+    mesh = Mesh(mesh.vertices, mesh.cells, None, turned, np.arange(40), np.arange(40) % 3 == 0)
+    fine = subdivide(mesh, 0.07)
     edges = edges_of(fine)
     assert edges.lengths(fine.vertices).max() <= 0.07
-    assert samples_of(fine).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-12)
+    assert quadrature(fine).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-12)
     uses = np.bincount(edges.of_cells.ravel())
     rim = fine.vertices[edges.ends[uses == 1]]
     assert uses.max() == 2
@@ -69,13 +67,13 @@ def test_needles_beside_other_triangles_share_their_edges(seed):
     assert total == pytest.approx(mesh.vertices[turned[:, 1]] - mesh.vertices[turned[:, 0]], abs=1e-12)
     lengths = np.bincount(fine.owner, np.linalg.norm(way, axis=1))
     assert lengths == pytest.approx(np.linalg.norm(total, axis=1), rel=1e-12)
-    assert (fine.extends == (fine.owner % 3 == 0)).all()
+    assert (fine.beyond_tip == (fine.owner % 3 == 0)).all()
     seen = half_facets(fine)
     assert (np.bincount(seen.cut[seen.cut >= 0], minlength=len(fine.cut)) >= 1).all()
 
 
 def test_pieces_are_wound_like_their_triangle():
-    fine = subdivided(grid(2, 3), 0.13)
+    fine = subdivide(grid(2, 3), 0.13)
     p, q, r = (fine.vertices[fine.cells[:, k]] for k in range(3))
     assert (np.cross(q - p, r - p)[:, 2] > 0).all()
 
@@ -94,11 +92,11 @@ def test_boundaries_are_split_with_their_edges():
         cut += [[a, between], [between, b]]
     mesh = with_cut(mesh, cut)
     extends = np.arange(8) % 2 == 1
-    mesh = SampleMesh(mesh.vertices, mesh.cells, None, mesh.cut, np.arange(8), extends)
-    fine = subdivided(mesh, 0.15)
-    assert pieces(corners_of(fine)) == 2
+    mesh = Mesh(mesh.vertices, mesh.cells, None, mesh.cut, np.arange(8), extends)
+    fine = subdivide(mesh, 0.15)
+    assert pieces(cut_corners(fine)) == 2
     assert (fine.cut[:, 1] == np.roll(fine.cut[:, 0], -1)).all()
-    assert (fine.extends == (fine.owner % 2 == 1)).all()
+    assert (fine.beyond_tip == (fine.owner % 2 == 1)).all()
     assert (np.bincount(half_facets(fine).cut, minlength=len(fine.cut)) == 2).all()
     way = fine.vertices[fine.cut[:, 1]] - fine.vertices[fine.cut[:, 0]]
     given = (mesh.vertices[mesh.cut[:, 1]] - mesh.vertices[mesh.cut[:, 0]])[fine.owner]
@@ -106,8 +104,8 @@ def test_boundaries_are_split_with_their_edges():
 
 
 def test_segments_are_cut_in_equal_parts():
-    mesh = SampleMesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [1, 0.3, 0]]), np.array([[0, 1], [1, 2]]))
-    fine = subdivided(with_cut(mesh, [[1]]), 0.25)
+    mesh = Mesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [1, 0.3, 0]]), np.array([[0, 1], [1, 2]]))
+    fine = subdivide(with_cut(mesh, [[1]]), 0.25)
     lengths = np.linalg.norm(np.diff(fine.vertices[fine.cells], axis=1), axis=2)
     assert lengths.ravel() == pytest.approx([0.25] * 4 + [0.15] * 2)
     assert (fine.cells[1:, 0] == fine.cells[:-1, 1]).all()
@@ -118,18 +116,18 @@ def test_segments_are_cut_in_equal_parts():
 def test_segments_end_on_knot_planes(spacing):
     angle = 2 * np.pi * np.arange(50) / 50
     points = np.stack([np.cos(angle), np.sin(angle), 0.3 * np.sin(3 * angle)], axis=1)
-    mesh = SampleMesh.of(points, np.stack([np.arange(50), (np.arange(50) + 1) % 50], axis=1))
-    fine = split_at_knots(mesh, spacing)
+    mesh = Mesh.of(points, np.stack([np.arange(50), (np.arange(50) + 1) % 50], axis=1))
+    fine = split_at_knot_planes(mesh, spacing)
     z = fine.vertices[fine.cells] / spacing
     low, high = z.min(axis=1), z.max(axis=1)
     assert (np.ceil(high + 0.5 - 1e-5) - 1 <= np.floor(low + 0.5 + 1e-5)).all()
-    assert samples_of(fine).weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-13)
+    assert quadrature(fine).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-13)
     assert (np.bincount(fine.cells.ravel()) == 2).all()
 
 
 def test_segments_in_a_knot_plane_or_ending_on_one_stay_whole():
-    mesh = SampleMesh.of(np.array([[0.5, 0.6], [0.5, 1.4], [1.5, 1.4]]), np.array([[0, 1], [1, 2]]))
-    assert len(split_at_knots(mesh, 1.0).cells) == 2
+    mesh = Mesh.of(np.array([[0.5, 0.6], [0.5, 1.4], [1.5, 1.4]]), np.array([[0, 1], [1, 2]]))
+    assert len(split_at_knot_planes(mesh, 1.0).cells) == 2
 
 
 def test_needles_with_edges_of_just_twice_the_length_leave_no_crack():
@@ -140,11 +138,11 @@ def test_needles_with_edges_of_just_twice_the_length_leave_no_crack():
     after = np.roll(number, -1, axis=0)
     a, b, c, d = number[:, :-1], after[:, :-1], after[:, 1:], number[:, 1:]
     cells = np.concatenate([np.stack(one, axis=-1).reshape(-1, 3) for one in ((a, b, c), (a, c, d))])
-    mesh = SampleMesh.of(vertices, cells)
+    mesh = Mesh.of(vertices, cells)
     lengths = edges_of(mesh).lengths(vertices)
     for length in (lengths.max() / 2, np.median(lengths) / 2, lengths.min() / 4):
         for by in (1 - 1e-15, 1.0, 1 + 1e-15):
-            fine = subdivided(mesh, by * length)
+            fine = subdivide(mesh, by * length)
             edges = edges_of(fine)
             rim = edges.ends[np.bincount(edges.of_cells.ravel()) == 1]
             assert np.abs(np.abs(fine.vertices[rim][..., 2]) - 0.3).max() < 1e-12

@@ -6,11 +6,9 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.edges import edges_of
-from cpmkit.mesh.halved_edges import inherited_shares
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.subdivision import halved
-from cpmkit.meshing.curved_from_normals import own_support
+from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.subdivision import halve_edges, inherit_shares
+from cpmkit.meshing.curved_from_normals import source_support
 
 
 def source(mesh, closest="smooth"):
@@ -63,7 +61,7 @@ SMOOTH = {
 def test_smooth_shapes_keep_all_of_their_lift(name):
     local = localize(source(SMOOTH[name]), np.zeros(3))
     ck.prepare(ck.Scene(local.source, ck.ScreenedPoisson(1.0)), 0.3, form="galerkin")
-    support = own_support(local)
+    support = source_support(local)
     assert len(support.share)
     assert (support.share == 1.0).all()
 
@@ -78,7 +76,7 @@ def test_random_triangulations_of_spheres_keep_nearly_all(mesh, exact, share):
 
 def test_what_is_halved_inherits_the_share():
     """Halves have that of their edge, edges between middles that of the edge beside, others the lesser of two."""
-    mesh = SampleMesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1.1, 0]]), np.array([[0, 1, 2]]))
+    mesh = Mesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1.1, 0]]), np.array([[0, 1, 2]]))
     edges = edges_of(mesh)
     of = {tuple(sorted(ends)): k for k, ends in enumerate(edges.ends.tolist())}
     share = np.empty(3)
@@ -91,9 +89,9 @@ def test_what_is_halved_inherits_the_share():
         middle = np.full(3, -1)
         middle[[of[ends] for ends in parted]] = 3 + np.arange(len(parted))
         points = np.array([mesh.vertices[list(ends)].mean(axis=0) for ends in parted])
-        finer = edges_of(halved(mesh, edges, middle, points))
+        finer = edges_of(halve_edges(mesh, edges, middle, points))
         ends = map(tuple, np.sort(finer.ends, axis=1).tolist())
-        found = dict(zip(ends, inherited_shares(edges, middle, share, finer), strict=True))
+        found = dict(zip(ends, inherit_shares(edges, middle, share, finer), strict=True))
         assert {ends: value for ends, value in found.items() if ends in expected} == expected
 
 

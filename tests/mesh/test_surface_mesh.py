@@ -7,10 +7,9 @@ import pytest
 from scipy.spatial import Delaunay
 
 from cpmkit.errors import InputError
-from cpmkit.mesh.cells import with_corners
-from cpmkit.mesh.cut import Pieces, cut
-from cpmkit.mesh.display_mesh import display_mesh, plane_normals
-from cpmkit.mesh.refinement import refine
+from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
+from cpmkit.mesh.mixed_cells import refine_mixed_cells, with_corners
+from cpmkit.solution.display_mesh import display_mesh, plane_normals
 
 
 def areas(mesh):
@@ -114,7 +113,9 @@ def test_segments_are_cut_alike():
     points = np.stack([np.linspace(0, 1, 5), np.zeros(5)], axis=1)
     cells = np.stack([np.arange(4), np.arange(1, 5)], axis=1)
     pin = SimpleNamespace(closest_point=lambda x: SimpleNamespace(points=np.tile([0.4, 0.0], (len(x), 1))))
-    after = cut(Pieces(points, np.zeros((5, 1), dtype=np.int64), cells), 0, points[:, 0] - 0.4, 2, pin, 0.1)
+    after = cut_by_distance(
+        CutCells(points, np.zeros((5, 1), dtype=np.int64), cells), 0, points[:, 0] - 0.4, 2, pin, 0.1
+    )
     assert len(after.cells) == 5
     ends = after.attributes[after.cells][:, :, 0]
     assert np.ptp(ends, axis=1).sum() == pytest.approx(1)
@@ -169,7 +170,7 @@ def test_points_that_span_no_plane_have_no_normal(points):
 @pytest.mark.parametrize("longest", [0.5, 0.05])
 def test_every_sort_of_cell_is_refined_by_itself(mixture, longest):
     source = mixture().surface
-    finer, cells = refine(source.points, source.cells, 3, longest)
+    finer, cells = refine_mixed_cells(source.points, source.cells, 3, longest)
     np.testing.assert_array_equal(with_corners(cells, 1), with_corners(source.cells, 1))
     ends = finer[with_corners(cells, 2)]
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() <= longest
@@ -190,7 +191,7 @@ def test_long_edges_are_halved_until_none_is_left(longest):
     random = np.random.default_rng(4).uniform(size=(6, 2))
     points = np.concatenate([[[0, 0], [1, 0], [1, 1], [0, 1]], 0.1 + 0.8 * random])
     cells = Delaunay(points).simplices.astype(np.int64)
-    finer, pieces = refine(points, cells, 2, longest)
+    finer, pieces = refine_mixed_cells(points, cells, 2, longest)
     ends = finer[np.stack([pieces, np.roll(pieces, 1, axis=1)], axis=-1)]
     assert np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=-1).max() <= longest
     np.testing.assert_array_equal(finer[:10], points)

@@ -3,16 +3,15 @@
 import numpy as np
 from sample_shapes import moebius, octahedron
 
-from cpmkit.mesh.edges import edges_of
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.winding import winding_of
+from cpmkit.mesh.adjacency import winding_of
+from cpmkit.mesh.mesh import Mesh, edges_of
 
 
 def test_cells_that_were_turned_are_told():
     sphere, rng = octahedron(3), np.random.default_rng(3)
     turned = rng.uniform(size=len(sphere.cells)) < 0.4
     cells = np.where(turned[:, None], sphere.cells[:, ::-1], sphere.cells)
-    found = winding_of(SampleMesh.of(sphere.vertices, cells))
+    found = winding_of(Mesh.of(sphere.vertices, cells))
     assert len(np.unique(found * np.where(turned, -1, 1))) == 1
     assert abs(int(found[0])) == 1
 
@@ -22,7 +21,7 @@ def test_segments_that_were_turned_are_told():
     cells = np.stack([number, np.roll(number, -1)], axis=1)
     turned = number % 3 == 0
     cells[turned] = cells[turned, ::-1]
-    found = winding_of(SampleMesh.of(np.zeros((20, 2)), cells))
+    found = winding_of(Mesh.of(np.zeros((20, 2)), cells))
     assert len(np.unique(found * np.where(turned, -1, 1))) == 1
     assert abs(int(found[0])) == 1
 

@@ -5,21 +5,21 @@ import pytest
 from sample_shapes import equator, octahedron, with_cut
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.repair import sound
-from cpmkit.mesh.subdivision import subdivided
-from cpmkit.meshing.curved_from_points import curved, moved_to_feet, with_midpoints
-from cpmkit.meshing.curved_mesh import bent
-from cpmkit.meshing.source_cells import cells_of
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import subdivide
+from cpmkit.mesh.welding import repair
+from cpmkit.meshing.curved_from_points import add_midpoints, curve_from_points, move_vertices_to_manifold
+from cpmkit.meshing.curved_mesh import curve_cells
+from cpmkit.meshing.source_cells import source_cells
 
 
 def samples(source, spacing, origin=None):
     local = localize(source, np.zeros(source.dim) if origin is None else np.asarray(origin))
-    drawn = cells_of(local, (0.7 if source.manifold_dim == 2 else 0.5) * spacing, 0.5 * spacing)
-    mesh = subdivided(sound(drawn.mesh)[0], 0.55 * spacing)
-    return samples_of(bent(mesh, drawn.bend, local, (), spacing))
+    drawn = source_cells(local, (0.7 if source.manifold_dim == 2 else 0.5) * spacing, 0.5 * spacing)
+    mesh = subdivide(repair(drawn.mesh)[0], 0.55 * spacing)
+    return quadrature(curve_cells(mesh, drawn.geometry, local, (), spacing))
 
 
 def orders(errors):
@@ -68,7 +68,7 @@ def test_normals_of_curves_are_orthonormal_and_across():
 
 def test_the_rim_is_curved_onto_the_rim():
     source = localize(ck.source("analytic.cap", height=0.4), np.zeros(3))
-    mesh = curved(subdivided(sound(cells_of(source, 0.28, 0.2).mesh)[0], 0.2), source)
+    mesh = curve_from_points(subdivide(repair(source_cells(source, 0.28, 0.2).mesh)[0], 0.2), source)
     ends = np.sort(mesh.facets, axis=2).reshape(-1, 2)
     _, place, times = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
     rim = times[place.ravel()] == 1
@@ -83,17 +83,17 @@ def test_concave_corners_of_the_rim_stay_where_they_are():
     vertices = np.array([[x, y, 0] for x, y in outline], dtype=float)
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5]])
     source = localize(ck.source("mesh.triangles", vertices=vertices, faces=faces), np.zeros(3))
-    mesh = subdivided(SampleMesh.of(vertices, faces), 0.3)
-    moved = curved(mesh, source)
+    mesh = subdivide(Mesh.of(vertices, faces), 0.3)
+    moved = curve_from_points(mesh, source)
     assert moved.vertices == pytest.approx(mesh.vertices, abs=1e-6)
-    assert samples_of(moved).weights.sum() == pytest.approx(3.0, abs=1e-6)
+    assert quadrature(moved).weights.sum() == pytest.approx(3.0, abs=1e-6)
 
 
 def test_a_coarse_mesh_far_from_the_manifold_still_reaches_its_rim():
     source = localize(ck.source("analytic.cap"), np.zeros(3))
     coarse = octahedron()
-    half = SampleMesh.of(coarse.vertices, coarse.cells[:4])
-    mesh = moved_to_feet(subdivided(sound(half)[0], 0.1), source)
+    half = Mesh.of(coarse.vertices, coarse.cells[:4])
+    mesh = move_vertices_to_manifold(subdivide(repair(half)[0], 0.1), source)
     single = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
     rim = np.unique(single[0][single[1] == 1])
     assert mesh.vertices[rim, 2] == pytest.approx(np.zeros(len(rim)), abs=1e-13)
@@ -109,8 +109,8 @@ def test_boundaries_are_curved_onto_theirs_and_their_extensions_are_not():
     on = np.unique(mesh.cut)
     raised[on, 2] += 0.02 * np.cos(3 * on)
     extends = np.arange(len(mesh.cut)) >= 4
-    mesh = SampleMesh(raised, mesh.cells, None, mesh.cut, mesh.owner, extends)
-    moved = curved(mesh, sphere, [ring])
+    mesh = Mesh(raised, mesh.cells, None, mesh.cut, mesh.owner, extends)
+    moved = curve_from_points(mesh, sphere, [ring])
     held = np.unique(mesh.cut[~extends])
     free = np.setdiff1d(on, held)
     assert moved.vertices[held, 2] == pytest.approx(np.zeros(len(held)), abs=1e-13)
@@ -122,7 +122,7 @@ def test_boundaries_are_curved_onto_theirs_and_their_extensions_are_not():
 
 
 def test_cells_beside_an_edge_share_its_midpoint():
-    mesh = with_midpoints(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
+    mesh = add_midpoints(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
     ends = np.sort(mesh.facets.reshape(-1, 2), axis=1)
     order = np.lexsort(ends.T)
     shared = mesh.midpoints.reshape(-1, 3)[order].reshape(-1, 2, 3)
@@ -131,14 +131,14 @@ def test_cells_beside_an_edge_share_its_midpoint():
 
 def test_a_foot_far_from_the_chord_is_a_crease():
     corner = localize(ck.source("mesh.polyline", points=[[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]), np.zeros(2))
-    mesh = SampleMesh.of(np.array([[0.0, 0.5], [0.5, 0.0]]), np.array([[0, 1]]))
-    assert with_midpoints(mesh, corner).midpoints[0, 0].tolist() == [0.25, 0.25]
+    mesh = Mesh.of(np.array([[0.0, 0.5], [0.5, 0.0]]), np.array([[0, 1]]))
+    assert add_midpoints(mesh, corner).midpoints[0, 0].tolist() == [0.25, 0.25]
 
 
 def test_segments_end_where_the_curve_crosses_knot_planes():
     circle = localize(ck.source("analytic.circle"), np.array([0.03, -0.02]))
-    mesh = curved(cells_of(circle, 0.1).mesh, circle, spacing=0.2)
+    mesh = curve_from_points(source_cells(circle, 0.1).mesh, circle, spacing=0.2)
     centred = mesh.vertices + np.array([0.03, -0.02])
     assert np.linalg.norm(centred, axis=1) == pytest.approx(np.ones(len(centred)), abs=1e-12)
-    z = samples_of(mesh).points.reshape(-1, 3, 2) / 0.2
+    z = quadrature(mesh).points.reshape(-1, 3, 2) / 0.2
     assert (np.round(z) == np.round(z[:, :1])).all()

@@ -3,18 +3,18 @@
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.meshing.untangle_vertices import is_folded, unturned
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.untangle_vertices import is_folded, untangle_vertices
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-3, 0], [0.5, -1, 0]])
-MESH = SampleMesh.of(FLAT, np.array([[0, 1, 2], [1, 0, 3]]))
+MESH = Mesh.of(FLAT, np.array([[0, 1, 2], [1, 0, 3]]))
 
 
 def test_what_turns_a_triangle_over_is_put_back():
     up = FLAT + [[0, 0.02, 0], [0, 0.02, 0], [0, 0, 0], [0, 0, 0]]
-    np.testing.assert_array_equal(unturned(MESH, FLAT, up), FLAT)
+    np.testing.assert_array_equal(untangle_vertices(MESH, FLAT, up), FLAT)
     down = FLAT - [[0, 0.02, 0], [0, 0.02, 0], [0, 0, 0], [0, 0, 0]]
-    np.testing.assert_array_equal(unturned(MESH, FLAT, down), down)
+    np.testing.assert_array_equal(untangle_vertices(MESH, FLAT, down), down)
 
 
 def test_an_edge_that_bends_over_the_opposite_corner_folds_its_triangle():

@@ -5,11 +5,10 @@ import pytest
 from sample_shapes import box, equator, octahedron, with_cut
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.clipping import CLIPPED_EDGE_SPACINGS
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import CLIPPED_EDGE_SPACINGS, quadrature
 from cpmkit.manifold.local_source import localize
-from cpmkit.meshing.curved_mesh import bent
-from cpmkit.meshing.source_cells import cells_of
+from cpmkit.meshing.curved_mesh import curve_cells
+from cpmkit.meshing.source_cells import source_cells
 
 UNIT_BOX = box([-0.5] * 3, [0.5] * 3)
 
@@ -19,8 +18,8 @@ def mesh_source(vertices, faces, closest="smooth"):
 
 
 def areas(source, spacing):
-    drawn = cells_of(source, 0.7 * spacing, 0.5 * spacing)
-    return drawn.bend, samples_of(bent(drawn.mesh, drawn.bend, source, (), spacing)).weights.sum()
+    drawn = source_cells(source, 0.7 * spacing, 0.5 * spacing)
+    return drawn.geometry, quadrature(curve_cells(drawn.mesh, drawn.geometry, source, (), spacing)).weights.sum()
 
 
 def test_meshes_of_a_sphere_have_its_area_to_order_four():
@@ -114,7 +113,7 @@ def test_a_faceted_mesh_stays_flat():
     sphere = octahedron(2)
     bend, area = areas(mesh_source(sphere.vertices, sphere.cells, "faceted"), 0.2)
     assert bend == "flat"
-    assert area == pytest.approx(samples_of(sphere).weights.sum(), rel=1e-13)
+    assert area == pytest.approx(quadrature(sphere).weights.sum(), rel=1e-13)
 
 
 def test_what_lies_on_a_boundary_is_lifted_too():
@@ -125,7 +124,7 @@ def test_what_lies_on_a_boundary_is_lifted_too():
     sunk[np.unique(mesh.cut)] *= 0.99
     sunk[np.unique(mesh.cut), 2] += 0.01
     ring = localize(ck.source("analytic.circle", center=[0, 0, 0]), np.zeros(3))
-    found = bent(with_cut(type(mesh).of(sunk, mesh.cells), mesh.cut), "normals", source, [ring], 0.2)
+    found = curve_cells(with_cut(type(mesh).of(sunk, mesh.cells), mesh.cut), "normals", source, [ring], 0.2)
     assert np.abs(found.vertices[np.unique(mesh.cut), 2]).max() < 1e-3
     assert np.abs(np.linalg.norm(found.vertices, axis=1) - 1).max() < 1e-3
     assert np.abs(np.linalg.norm(found.midpoints, axis=2) - 1).max() < 1e-3

@@ -6,13 +6,13 @@ from made_cases import CASES, source_of
 from sample_shapes import octahedron
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.cutting import half_facets
-from cpmkit.mesh.repair import sound
-from cpmkit.mesh.subdivision import subdivided
-from cpmkit.meshing.curved_mesh import bent
-from cpmkit.meshing.source_cells import cells_of
+from cpmkit.mesh.adjacency import half_facets
+from cpmkit.mesh.subdivision import subdivide
+from cpmkit.mesh.welding import repair
+from cpmkit.meshing.curved_mesh import curve_cells
+from cpmkit.meshing.source_cells import source_cells
 
 CELLED = [
     case
@@ -27,17 +27,17 @@ def centred(source):
 
 
 def sampled(source, spacing):
-    drawn = cells_of(source, 0.5 * spacing)  # of one kind: areas of others differ by 1e-7
-    mesh = subdivided(sound(drawn.mesh)[0], 0.55 * spacing)
-    mesh = bent(mesh, drawn.bend, source, (), spacing)
-    return mesh, samples_of(mesh)
+    drawn = source_cells(source, 0.5 * spacing)  # of one kind: areas of others differ by 1e-7
+    mesh = subdivide(repair(drawn.mesh)[0], 0.55 * spacing)
+    mesh = curve_cells(mesh, drawn.geometry, source, (), spacing)
+    return mesh, quadrature(mesh)
 
 
 @pytest.mark.parametrize("case", CELLED, ids=str)
 def test_cells_are_on_the_manifold_and_end_on_its_rim(case):
     source, size = centred(source_of(case))
     if source.manifold_dim is None or not 0 < source.manifold_dim < source.dim:
-        assert cells_of(source, size / 10) is None
+        assert source_cells(source, size / 10) is None
         return
     spacing = size / 10
     mesh, samples = sampled(source, spacing)
@@ -74,13 +74,13 @@ def test_level_sets_in_space_and_clouds_are_left_to_closest_points(monkeypatch):
     cloud = ck.source("pointcloud.points", points=octahedron(4).vertices)
     for source in (ball, cloud):
         monkeypatch.delattr(type(source), "mesh_for_samples")
-        assert cells_of(centred(source)[0], 0.2) is None
+        assert source_cells(centred(source)[0], 0.2) is None
         monkeypatch.undo()
         with monkeypatch.context() as patched:
             patched.setattr(type(source), "mesh", None)
-            assert cells_of(centred(source)[0], 0.2) is None
+            assert source_cells(centred(source)[0], 0.2) is None
     ring = ck.source("levelset.expression", phi="x**2 + y**2 - 1", bounds=[[-1.5] * 2, [1.5] * 2])
-    assert cells_of(centred(ring)[0], 0.1) is not None
+    assert source_cells(centred(ring)[0], 0.1) is not None
 
 
 def test_members_of_a_union_stand_side_by_side_unless_they_meet():
@@ -88,9 +88,9 @@ def test_members_of_a_union_stand_side_by_side_unless_they_meet():
         members = [ck.source("analytic.sphere", center=[x, 0.0, 0.0]) for x in (0.0, distance)]
         return centred(ck.source("union", members=members))[0]
 
-    drawn = cells_of(balls(2.05), 0.14, 0.1)
-    assert drawn.bend == "feet"
-    assert len(sound(drawn.mesh)[0].cells) == 2 * len(
-        cells_of(centred(ck.source("analytic.sphere"))[0], 0.14, 0.1).mesh.cells
+    drawn = source_cells(balls(2.05), 0.14, 0.1)
+    assert drawn.geometry == "feet"
+    assert len(repair(drawn.mesh)[0].cells) == 2 * len(
+        source_cells(centred(ck.source("analytic.sphere"))[0], 0.14, 0.1).mesh.cells
     )
-    assert cells_of(balls(1.5), 0.14, 0.1) is None
+    assert source_cells(balls(1.5), 0.14, 0.1) is None

@@ -7,8 +7,8 @@ import pytest
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
-from cpmkit.mesh.display_mesh import display_mesh
 from cpmkit.saving.export import check_file, save, write_summary
+from cpmkit.solution.display_mesh import display_mesh
 
 pyvista = pytest.importorskip("pyvista")
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh.vertex_normals import vertex_normals
+from cpmkit.mesh.normals_of_mesh import vertex_normals
 from cpmkit.scenefile.look import Look
 from cpmkit.view.drawing import draw
 from cpmkit.view.marks import outlines

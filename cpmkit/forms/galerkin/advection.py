@@ -16,8 +16,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.fixed_kernels import decode_normals
-from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
+from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
+from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.energy import Stabilisation, add_ghosts, kernel_arguments, stabilisation_data
 from cpmkit.forms.galerkin.space.energy_kernels import room_for, second_of, slope_of, sort_columns, value_of
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace

@@ -12,8 +12,8 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.mesh_warnings import check_insertion, insertion_warnings
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.cutting import corners_of, half_facets
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.scene import Scene
@@ -69,12 +69,12 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    insertion = insert_boundaries(SampleMesh.of(vertices - lattice.origin, faces), sources, length)
+    insertion = insert_boundaries(Mesh.of(vertices - lattice.origin, faces), sources, length)
     check_insertion(insertion, scene.boundaries, length)
     whole = insertion.mesh
-    ends = ~whole.extends  # past its tips u is continuous
-    mesh = replace(whole, cut=whole.cut[ends], owner=whole.owner[ends], extends=whole.extends[ends])
-    numbers, corners = np.unique(corners_of(mesh), return_inverse=True)
+    ends = ~whole.beyond_tip  # past its tips u is continuous
+    mesh = replace(whole, cut=whole.cut[ends], owner=whole.owner[ends], beyond_tip=whole.beyond_tip[ends])
+    numbers, corners = np.unique(cut_corners(mesh), return_inverse=True)
     corners, half = corners.reshape(mesh.cells.shape), half_facets(mesh)
     samples = boundary_samples(mesh, half, corners, False)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]

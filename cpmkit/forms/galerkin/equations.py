@@ -192,7 +192,9 @@ class EquationAssembly(Coefficients):
             self.sides({str(boundary): side})  # type: ignore[dict-item]
         samples = one.boundary
         if boundary in names:
-            chosen = (samples.owner == names.index(str(boundary))) & ~samples.extends & (one.left == (side == "left"))
+            chosen = (
+                (samples.owner == names.index(str(boundary))) & ~samples.beyond_tip & (one.left == (side == "left"))
+            )
         else:
             chosen = (samples.owner < 0) & (samples.half >= 0)
             if isinstance(boundary, int):

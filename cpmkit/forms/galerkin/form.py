@@ -21,15 +21,14 @@ from cpmkit.forms.galerkin.error_orders import (
     difference_order,
     on_curved_cells,
 )
-from cpmkit.forms.galerkin.facing import Turned
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.galerkin_cost import check_unknowns_fit, factorised_share
 from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves, multigrid_applies
 from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
 from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.forms.galerkin.mesh_warnings import NOISE_FACTOR
+from cpmkit.forms.galerkin.normal_alignment import NormalSpread
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.galerkin.shared import cached_on_space
 from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate
@@ -90,7 +89,7 @@ class Galerkin(EquationAssembly):
         dispersion = DISPERSION_OF_DEGREE[self.options.own.degree]
         return FormTraits(
             iterative_solver="multigrid" if multigrid_applies(self.scene) else "direct",
-            dispersion=on_curved_cells(dispersion) if self.sampled.bend == "feet" else dispersion,
+            dispersion=on_curved_cells(dispersion) if self.sampled.geometry == "feet" else dispersion,
             work_record=GalerkinWork,
         )
 
@@ -174,7 +173,7 @@ class Galerkin(EquationAssembly):
         cuts = dof_map.patch[one.interior :]
         source = warnings_of(one.surface.source, one.lattice.spacing)
         rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
-        of_pieces = resolution_warnings(dof_map, connected_pieces(dof_map), one.lattice, cuts, one.bend)
+        of_pieces = resolution_warnings(dof_map, connected_pieces(dof_map), one.lattice, cuts, one.geometry)
         resolved = (*of_pieces, *turning_warnings(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved
 
@@ -187,7 +186,7 @@ class Galerkin(EquationAssembly):
         return float(np.mean(size[piece[dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
 
     @property
-    def turned(self) -> Turned:
+    def turned(self) -> NormalSpread:
         """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
         return self._areas_and_turned[1]
 
@@ -196,7 +195,7 @@ class Galerkin(EquationAssembly):
         one = self.sampled
         noise = NOISE_FACTOR * one.surface.noise / self.spacing
         left = max(integral_floor_of(self.scene.surface, self.spacing), noise)
-        if one.bend != "normals":
+        if one.geometry != "normals":
             return left
         return max(left, support_floor(one.surface, float(one.samples.weights.sum()), difference))
 
@@ -352,7 +351,9 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree
     )
     assert isinstance(sampled.samples, Samples)
-    sampled = replace(sampled, samples=FixedSamples.of(sampled.samples, dof_map))  # what they were made of is let go
+    sampled = replace(
+        sampled, samples=QuantisedSamples.of(sampled.samples, dof_map)
+    )  # what they were made of is let go
     made = Galerkin(scene, options, sampled, build_spline_space(dof_map, sampled.samples))
     hand_back()
     progress("space", 1.0)

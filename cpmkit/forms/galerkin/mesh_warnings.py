@@ -9,8 +9,8 @@ import numpy as np
 from cpmkit.errors import SceneError, place
 from cpmkit.grid.fitting import rounded_up
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import Bend
-from cpmkit.mesh.repair import Mended
+from cpmkit.mesh.mesh import CellGeometry
+from cpmkit.mesh.welding import RepairReport
 from cpmkit.meshing.contouring.contour_checks import MeshDefects
 from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
@@ -33,12 +33,12 @@ NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
 COPIES_SHARE = 0.5
 
 
-def _cells_and_cure(bend: Bend, cure: str) -> tuple[str, str]:
+def _cells_and_cure(bend: CellGeometry, cure: str) -> tuple[str, str]:
     """Return what the cells are called, and what helps: ``cure`` where they are the user's own mesh."""
     return ("triangulation of the surface", "use a smaller spacing") if bend == "feet" else ("mesh", cure)
 
 
-def repair_warnings(mended: Mended, bend: Bend) -> Iterator[str]:
+def repair_warnings(mended: RepairReport, bend: CellGeometry) -> Iterator[str]:
     """Tell what was not sound about a mesh, or about a triangulation, which is curved by closest points."""
     if mended.doubled:
         cells, cure = _cells_and_cure(bend, "clean the mesh")
@@ -54,7 +54,7 @@ def repair_warnings(mended: Mended, bend: Bend) -> Iterator[str]:
         )
 
 
-def seam_warnings(places: Floats, surface: LocalSource, bend: Bend) -> Iterator[str]:
+def seam_warnings(places: Floats, surface: LocalSource, bend: CellGeometry) -> Iterator[str]:
     """Tell of rims that lie on others."""
     if len(places):
         yield (

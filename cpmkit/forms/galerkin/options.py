@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.forms.galerkin.quadrature.clipping import SAMPLINGS
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.arrays import whole

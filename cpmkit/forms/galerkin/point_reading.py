@@ -12,12 +12,11 @@ from cpmkit.errors import InputError, shown
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.galerkin.conditions.boundary_coefficients import READ_BESIDE_WIDTHS
 from cpmkit.forms.galerkin.enrichment.enriched_space import Enrichment
-from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS, Locator
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.own_sheet import OwnSheets
+from cpmkit.forms.galerkin.patch_locator import DIFFERENCE_SPACINGS, CellSides, PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.shared import cached_on_space
-from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
+from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.options import Options
@@ -77,18 +76,18 @@ class Reader(Discretized):
         return points
 
     @cached_on_space
-    def _locator(self) -> Locator:
+    def _locator(self) -> PatchLocator:
         one, count = self.sampled, len(self.sampled.half.cell)
         owner, left = np.full(count, -1), np.zeros(count, dtype=bool)
-        on = np.flatnonzero((one.boundary.half >= 0) & ~one.boundary.extends)
+        on = np.flatnonzero((one.boundary.half >= 0) & ~one.boundary.beyond_tip)
         owner[one.boundary.half[on]], left[one.boundary.half[on]] = one.boundary.owner[on], one.left[on]
         for number, oriented in enumerate(one.oriented):
             if not oriented.has_left:
                 owner[owner == number] = -1
         places = one.mesh.vertices[one.mesh.cells].mean(axis=1)
-        sides = SidesOfCells(one.corners, places, self.spacing, one.half, owner, left)
-        sheets = OwnSheets(one.mesh, one.bend, one.surface, self.spacing)
-        return Locator(one.lattice, one.samples, self.space.dof_map, sides, one.oriented, sheets)
+        sides = CellSides(one.corners, places, self.spacing, one.half, owner, left)
+        sheets = SheetSeparation(one.mesh, one.geometry, one.surface, self.spacing)
+        return PatchLocator(one.lattice, one.samples, self.space.dof_map, sides, one.oriented, sheets)
 
     def evaluate(
         self, u: Floats, points: Any, side: Side | Mapping[str, Side] | None = None, time: float | None = None

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Codes
 from cpmkit.protocols import Bools, Floats, Ints
@@ -33,7 +32,7 @@ class SampleSearch:
     """
 
     dof_map: DofMap
-    samples: Samples | FixedSamples
+    samples: Samples | QuantisedSamples
 
     def of(self, points: Floats, count: int) -> tuple[Floats, Ints]:
         """Return the distances (k, count) of the samples nearest to points (k, d), ascending, and their numbers.
@@ -88,7 +87,7 @@ class SamplesInCells:
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints, Bools]:
         """Return distances (k, count), numbers (k, count), and of which points (k,) these are all: others lie apart."""
-        from cpmkit.forms.galerkin.sample_search_kernels import nearest_in_cells
+        from cpmkit.forms.galerkin.locator_kernels import nearest_in_cells
 
         around = np.array(sorted(product((0, -1, 1), repeat=points.shape[1]), key=lambda step: np.abs(step).sum()))
         lower, strides = self.numbering.lower, self.numbering.strides
@@ -98,7 +97,7 @@ class SamplesInCells:
         return self.spacing * np.sqrt(squares), self.order[near], complete
 
 
-def samples_in_cells(dof_map: DofMap, samples: Samples | FixedSamples) -> SamplesInCells:
+def samples_in_cells(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SamplesInCells:
     """Return the samples patch by patch."""
     from cpmkit.runtime.inverse_index import inverse_index
 

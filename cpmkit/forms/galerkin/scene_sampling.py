@@ -17,7 +17,6 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     reads_rims,
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
 from cpmkit.forms.galerkin.galerkin_cost import check_samples_fit
 from cpmkit.forms.galerkin.mesh_warnings import (
     check_insertion,
@@ -30,31 +29,29 @@ from cpmkit.forms.galerkin.mesh_warnings import (
     with_noise_advice,
 )
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.clipping import (
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
     PLAIN_EDGE_SPACINGS,
-    clipped_triangles,
-    is_fine,
-    longest_edge_spacings,
+    longest_edge,
+    needs_degree_four,
+    quadrature,
+    triangles_to_clip,
 )
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.noise import with_noise
-from cpmkit.mesh.cutting import corners_of, half_facets, is_cut
-from cpmkit.mesh.edges import Edges, edges_of
-from cpmkit.mesh.mesh import Bend, HalfFacets, SampleMesh
-from cpmkit.mesh.seams import seams
-from cpmkit.mesh.subdivision import subdivided
+from cpmkit.mesh.adjacency import cut_corners, half_facets, has_cut_corners, seam_midpoints
+from cpmkit.mesh.mesh import CellGeometry, Edges, HalfFacets, Mesh, edges_of
+from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.curved_mesh import bent
+from cpmkit.meshing.curved_mesh import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
-from cpmkit.meshing.mesh_cache import edges_with, made_sound, own_winding
-from cpmkit.meshing.source_cells import cells_of
+from cpmkit.meshing.mesh_cache import edges_with, own_winding, repair_source_mesh
+from cpmkit.meshing.source_cells import source_cells
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
@@ -102,16 +99,16 @@ class SampledScene:
     surface: LocalSource
     sources: Sequence[LocalSource]
     oriented: Sequence[OrientedBoundary]
-    mesh: SampleMesh
+    mesh: Mesh
     corners: Any
     half: HalfFacets
-    samples: Samples | FixedSamples
+    samples: Samples | QuantisedSamples
     boundary: BoundarySamples
     left: Bools
     held: tuple[ImposedCondition, ...]
     told: tuple[str, ...]
     winding: Any = None
-    bend: Bend = "flat"
+    geometry: CellGeometry = "flat"
     singular: tuple[SingularFunction, ...] = ()
 
     @property
@@ -146,9 +143,9 @@ class InsertedScene:
     surface: LocalSource
     sources: Sequence[LocalSource]
     oriented: Sequence[OrientedBoundary]
-    mesh: SampleMesh
+    mesh: Mesh
     points: Mapping[int, Ints]
-    bend: Bend
+    geometry: CellGeometry
     told: tuple[str, ...]
 
 
@@ -202,30 +199,30 @@ def sample_inserted(
     InputError, SceneError, ResolutionError
         As :func:`sample_scene` does.
     """
-    spacing, sampling, bend = options.spacing, options.own.sampling, found.bend
+    spacing, sampling, bend = options.spacing, options.own.sampling, found.geometry
     lattice, surface, sources, oriented = found.lattice, found.surface, found.sources, found.oriented
     told = found.told
-    longest = longest_edge_spacings(sampling, bend, found.mesh.manifold_dim)
-    mesh = subdivided(found.mesh, longest * spacing)
+    longest = longest_edge(sampling, bend, found.mesh.manifold_dim)
+    mesh = subdivide(found.mesh, longest * spacing)
     mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = grade_towards_tips(mesh, spacing) if with_tips else mesh
     edges = None if bend == "feet" else _edges(surface, mesh)
-    mesh = bent(mesh, bend, surface, sources, spacing, edges)
+    mesh = curve_cells(mesh, bend, surface, sources, spacing, edges)
     edges = edges or _edges(surface, mesh)  # of what moves to its feet the edges may be others then
     is_whole = bend != "feet" and not len(mesh.cut)  # sound cells, of which each vertex is one
-    corners = mesh.cells if is_whole else corners_of(mesh, edges)
+    corners = mesh.cells if is_whole else cut_corners(mesh, edges)
     half, winding = half_facets(mesh, edges), own_winding(surface, mesh, edges)
     del edges  # no sample needs them
-    told += tuple(seam_warnings(seams(mesh, half), surface, bend))
+    told += tuple(seam_warnings(seam_midpoints(mesh, half), surface, bend))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     laws = impose_conditions(scene, boundary, left, surface, lattice)
     singular, of_ends = singular_functions(mesh, boundary, laws, lattice) if with_tips else ((), ())
     told += of_ends
-    further, fine = boundary.as_samples if len(boundary) else None, is_fine(options.own.degree, bend)
+    further, fine = boundary.as_samples if len(boundary) else None, needs_degree_four(options.own.degree, bend)
     if regions is None:
-        samples = samples_of(mesh, spacing, further, clipped_triangles(mesh, sampling, bend, spacing), fine)
+        samples = quadrature(mesh, spacing, further, triangles_to_clip(mesh, sampling, bend, spacing), fine)
     else:
         samples = graded_samples(mesh, regions, sampling, bend, further)
     if len(boundary):
@@ -235,7 +232,7 @@ def sample_inserted(
         )
     # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
     cells: Any = mesh.cells.astype(np.int32)
-    held_corners: Any = corners.astype(np.int32) if is_cut(mesh, corners) else cells
+    held_corners: Any = corners.astype(np.int32) if has_cut_corners(mesh, corners) else cells
     mesh = replace(mesh, cells=cells, midpoints=None)
     parts = (
         lattice,
@@ -257,23 +254,23 @@ def sample_inserted(
     return SampledScene(*parts)
 
 
-def _edges(surface: LocalSource, mesh: SampleMesh) -> Edges | None:
+def _edges(surface: LocalSource, mesh: Mesh) -> Edges | None:
     """Return the edges of triangles, kept ones where they are; of segments none."""
     return None if mesh.manifold_dim == 1 else edges_with(surface, mesh) or edges_of(mesh)
 
 
 def _repaired_cells(
     surface: LocalSource, spacing: float, sampling: str
-) -> tuple[LocalSource, SampleMesh, Bend, tuple[str, ...]]:
+) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
     """Return the manifold, a sound mesh of it, how its cells are to be bent, and what is to be told of it.
 
     The noise of what has closest points alone is known then.
     """
-    lengths = longest_edge_spacings(sampling, "feet", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
-    own = cells_of(surface, *(spacing * length for length in lengths))
+    lengths = longest_edge(sampling, "feet", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
+    own = source_cells(surface, *(spacing * length for length in lengths))
     if own is not None:
-        mesh, mended = made_sound(surface, own.mesh, own.split)
-        return surface, mesh, own.bend, tuple(repair_warnings(mended, own.bend))
+        mesh, mended = repair_source_mesh(surface, own.mesh, own.split)
+        return surface, mesh, own.geometry, tuple(repair_warnings(mended, own.geometry))
     surface = with_noise(surface, spacing)
     noisy = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:

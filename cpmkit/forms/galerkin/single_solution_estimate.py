@@ -119,10 +119,10 @@ def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
 
 
 def _ratios(form: Galerkin) -> tuple[float, float]:
-    bend = form.sampled.bend
+    bend = form.sampled.geometry
     if bend == "normals":
         return _interpolated_ratios(RESOLVED, _rough_share(form.turned.share, FOLDED_AREA))
-    if form.sampled.mesh.extends.any():
+    if form.sampled.mesh.beyond_tip.any():
         return ENDING
     if bend == "flat":
         return FLAT

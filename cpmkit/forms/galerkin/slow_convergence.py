@@ -9,9 +9,9 @@ import numpy as np
 
 from cpmkit.forms.galerkin.mesh_warnings import TURNED_SHARE
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.support import SUPPORTED, UNSUPPORTED
-from cpmkit.meshing.curved_from_normals import own_support
-from cpmkit.meshing.mesh_cache import edges_with, own_cells
+from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
+from cpmkit.meshing.curved_from_normals import source_support
+from cpmkit.meshing.mesh_cache import edges_with, mesh_cache_of
 from cpmkit.protocols import Floats
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 
@@ -46,7 +46,7 @@ def _fold_reason(form: Galerkin, coarser: Discretized | None) -> str:
 
 def end_or_layer_reason(form: Galerkin) -> str:
     """Return whether boundaries end inside the surface, or a layer beside conditions is not resolved, in words."""
-    if bool(form.sampled.mesh.extends.any()) and not form.sampled.singular:
+    if bool(form.sampled.mesh.beyond_tip.any()) and not form.sampled.singular:
         return "boundaries end inside the surface; the error may fall slowly"
     if form.layer_spacings < LAYER_SPACINGS:
         where = "along the direction that conducts worst" if form.scene.has_tensor else "beside conditions"
@@ -145,7 +145,7 @@ def support_floor(surface: LocalSource, area: float, apart: float | None) -> flo
 
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the area of a source's own triangles, of those with an unsupported edge, and with one in doubt."""
-    own, support = own_cells(surface), own_support(surface)
+    own, support = mesh_cache_of(surface), source_support(surface)
     edges = None if own is None else edges_with(surface, own.final)
     if own is None or support is None or edges is None:
         return None

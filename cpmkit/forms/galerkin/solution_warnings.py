@@ -9,11 +9,11 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
-from cpmkit.forms.galerkin.facing import Turned
 from cpmkit.forms.galerkin.mesh_warnings import COPIES_SHARE, TURNED_SHARE
+from cpmkit.forms.galerkin.normal_alignment import NormalSpread
 from cpmkit.forms.galerkin.space.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.grid.lattice import Lattice
-from cpmkit.mesh.mesh import Bend, SampleMesh
+from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
@@ -23,7 +23,7 @@ from cpmkit.scene.scene import Scene
 DIFFERENT_SHARE = 0.01
 
 
-def crossing_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
+def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
     """Tell of boundaries on a surface that meet with different values.
 
     On a sphere at h = 0.2 and 0.1, two great circles that hold 1 and 2 left errors of 0.3 within half a spacing of the
@@ -48,7 +48,7 @@ def crossing_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Itera
         )
 
 
-def tip_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[str]:
+def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
     """Tell of boundaries that end inside a surface with different values on their sides.
 
     On a sphere at h = 0.2 and 0.1, an arc that holds 1 and -1 left errors of 0.4 within half a spacing of its ends, 0.1
@@ -74,21 +74,21 @@ def tip_warnings(scene: Scene, mesh: SampleMesh, lattice: Lattice) -> Iterator[s
             )
 
 
-def ends_inside(mesh: SampleMesh, number: int) -> Ints:
+def ends_inside(mesh: Mesh, number: int) -> Ints:
     """Return the vertices (k,) of triangles at which a boundary ends inside the surface: it is continued there."""
-    own = mesh.cut[(mesh.owner == number) & ~mesh.extends]
-    past = mesh.cut[(mesh.owner == number) & mesh.extends]
+    own = mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip]
+    past = mesh.cut[(mesh.owner == number) & mesh.beyond_tip]
     vertices, count = np.unique(own, return_counts=True)
     return np.intersect1d(vertices[count == 1], past)
 
 
-def _scale(scene: Scene, mesh: SampleMesh, lattice: Lattice, number: int) -> float:
+def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest of the values that a boundary holds at its vertices."""
-    where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.extends])])
+    where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
 
 
-def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
+def _meetings(mesh: Mesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
     """Yield the pairs of boundaries that have a vertex in common, with one such vertex, in the scene's coordinates."""
     seen: set[tuple[int, int]] = set()
     for vertex, owners in _shared_vertices(mesh):
@@ -98,9 +98,9 @@ def _meetings(mesh: SampleMesh, lattice: Lattice) -> Iterator[tuple[tuple[int, i
                 yield (first, second), lattice.to_scene(mesh.vertices[None, vertex])[0]
 
 
-def _shared_vertices(mesh: SampleMesh) -> Iterator[tuple[int, list[int]]]:
+def _shared_vertices(mesh: Mesh) -> Iterator[tuple[int, list[int]]]:
     """Yield the vertices at which facets of several boundaries end, and the numbers of these, ascending."""
-    own = ~mesh.extends
+    own = ~mesh.beyond_tip
     if len(set(mesh.owner[own].tolist())) < 2:
         return
     ends: Ints = np.unique(
@@ -158,7 +158,7 @@ def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
 
 
 def resolution_warnings(
-    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: Bend
+    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: CellGeometry
 ) -> Iterator[str]:
     """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
 
@@ -191,7 +191,7 @@ def resolution_warnings(
         )
 
 
-def turning_warnings(turned: Turned, lattice: Lattice) -> Iterator[str]:
+def turning_warnings(turned: NormalSpread, lattice: Lattice) -> Iterator[str]:
     """Tell where the manifold is thin or folded on the lattice."""
     if turned.share > TURNED_SHARE:
         yield (

@@ -12,8 +12,8 @@ import numpy as np
 from cpmkit.forms.contract import spread_rows
 from cpmkit.forms.field import Field
 from cpmkit.forms.galerkin.conditions.boundary_sides import samples_past_boundary
-from cpmkit.forms.galerkin.facing import Turned, facing, turned
-from cpmkit.forms.galerkin.locating import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.normal_alignment import NormalSpread, normal_alignment, normal_spread
+from cpmkit.forms.galerkin.patch_locator import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.point_reading import Reader
 from cpmkit.forms.galerkin.projection import Projection
 from cpmkit.forms.galerkin.shared import cached_on_space
@@ -105,10 +105,10 @@ class SplineValues(Reader):
         return self._areas_and_turned[0]
 
     @cached_on_space
-    def _areas_and_turned(self) -> tuple[Floats, Turned]:
+    def _areas_and_turned(self) -> tuple[Floats, NormalSpread]:
         """The same, and how much of the manifold turns under splines: samples are gone through once for both."""
-        sums = facing(self.space, self.sampled.mesh, self.sampled.winding)
-        return sums[:, 0].copy(), turned(self.space, sums)
+        sums = normal_alignment(self.space, self.sampled.mesh, self.sampled.winding)
+        return sums[:, 0].copy(), normal_spread(self.space, sums)
 
     def _loads(self, values: Floats) -> Floats:
         """Return the integrals (n, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""

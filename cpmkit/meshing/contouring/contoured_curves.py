@@ -10,7 +10,7 @@ from cpmkit.errors import ResolutionError
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.curve_trace import Trace, project_middles, trace_curve
 from cpmkit.meshing.contouring.plane_crossings import plane_crossings
 from cpmkit.protocols import Bools, Floats, Ints
@@ -81,7 +81,7 @@ class CurveReport:
     defects: TraceDefects
 
 
-def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, CurveReport]:
+def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, CurveReport]:
     """Return segments on a curve, with vertices at its ends, corners and junctions and where it crosses lattice planes.
 
     Parameters
@@ -113,7 +113,7 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
     assert best is not None
     trace, defects = best
     degree = np.bincount(trace.segments.ravel(), minlength=len(trace.vertices))
-    mesh = SampleMesh.of(trace.vertices, trace.segments, trace.midpoints[:, None] if curved else None)
+    mesh = Mesh.of(trace.vertices, trace.segments, trace.midpoints[:, None] if curved else None)
     return mesh, CurveReport(int((degree > 2).sum()), int((degree == 1).sum()), defects)
 
 

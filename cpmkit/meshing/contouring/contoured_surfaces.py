@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contour_checks import (
     COMPONENT_WEIGHT,
     CreasePoints,
@@ -89,7 +89,7 @@ class SurfaceReport:
         return len(self.defects.cracks)
 
 
-def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[SampleMesh, SurfaceReport]:
+def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, SurfaceReport]:
     """Return triangles with vertices on a surface in space, those of its border on the rims.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
@@ -120,7 +120,7 @@ def contour_surface(source: LocalSource, spacing: float, curved: bool = True) ->
         attempt = _contour_on(source, spacing, *lattice)
         best = attempt if attempt.report.severity < best.report.severity else best
     midpoints = edge_midpoints(best.rims, best.vertices, best.cells, best.on_rim) if curved else None
-    return SampleMesh.of(best.vertices, best.cells, midpoints), best.report
+    return Mesh.of(best.vertices, best.cells, midpoints), best.report
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.polylines import Polyline
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.alongside import Chain, side_by_side
 from cpmkit.meshing.insertion.coincidence import on_earlier, runs_close
 from cpmkit.meshing.insertion.curves import Course, chain_of, course, insert_curve
@@ -49,7 +49,7 @@ class Insertion:
         tips, ``tips`` that are left and extended.
     """
 
-    mesh: SampleMesh
+    mesh: Mesh
     point_vertices: dict[int, Ints] = field(default_factory=dict)
     empty: tuple[int, ...] = ()
     coincident: frozenset[tuple[int, int]] = frozenset()
@@ -58,7 +58,7 @@ class Insertion:
 
 
 def insert_boundaries(
-    mesh: SampleMesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False
+    mesh: Mesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False
 ) -> Insertion:
     """Return the mesh with its boundaries made facets: curves edges of triangles, points vertices.
 
@@ -98,7 +98,7 @@ def insert_boundaries(
     return Insertion(cut, points, empty, _shared(courses), dict(told), gaps)
 
 
-def _walker(mesh: SampleMesh, spacing: float, movable: bool) -> Walker:
+def _walker(mesh: Mesh, spacing: float, movable: bool) -> Walker:
     net = Triangulation(in_space(mesh.vertices), mesh.cells, spacing)
     lined = LinedMesh(net, AT_MOVABLE_SHARE if movable else AT_SHARE)
     return Walker(lined, Triangles(net.vertices, net.cells, net.sizes))
@@ -154,11 +154,11 @@ def _vertices(walker: Walker, points: Floats) -> tuple[Ints, float]:
     return found, float(feet.distance.max())
 
 
-def _with_lines(walker: Walker, dim: int) -> SampleMesh:
+def _with_lines(walker: Walker, dim: int) -> Mesh:
     lines = list(walker.lined.cut.values())
     return replace(
         walker.net.mesh(dim),
         cut=np.array([(line.tail, line.head) for line in lines], dtype=np.int64).reshape(-1, 2),
         owner=np.array([line.owner for line in lines], dtype=np.int64),
-        extends=np.array([line.extends for line in lines], dtype=bool),
+        beyond_tip=np.array([line.beyond_tip for line in lines], dtype=bool),
     )

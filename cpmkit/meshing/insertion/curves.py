@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.polylines import Polyline
+from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.alongside import Chain
 from cpmkit.meshing.insertion.feet import Triangles
 from cpmkit.meshing.insertion.loops import without_loops

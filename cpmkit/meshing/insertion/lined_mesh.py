@@ -38,7 +38,7 @@ class Line(NamedTuple):
     tail: int
     head: int
     owner: int
-    extends: bool = False
+    beyond_tip: bool = False
 
 
 @dataclass(eq=False)
@@ -141,7 +141,7 @@ class LinedMesh:
         """Return the new vertex at ``share`` of the way from a to b; an edge on a boundary stays on it."""
         new, line = self.net.split_edge(a, b, share), self.cut.pop(edge_of(a, b), None)
         if line is not None:
-            self.mark([line.tail, new, line.head], line.owner, line.extends)
+            self.mark([line.tail, new, line.head], line.owner, line.beyond_tip)
         return new
 
     def mark(self, path: list[int], owner: int, extends: bool = False) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: Nearer than this, in lengths of its segment, to a vertex a point is there.
@@ -26,9 +26,7 @@ def positions(source: LocalSource, vertices: Floats) -> Floats:
     return np.unique(source.closest_point(target).points, axis=0)
 
 
-def cut_at_points(
-    mesh: SampleMesh, boundaries: Sequence[LocalSource]
-) -> tuple[SampleMesh, tuple[int, ...], dict[int, float]]:
+def cut_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> tuple[Mesh, tuple[int, ...], dict[int, float]]:
     """Return segments cut at the feet of points on boundaries, the boundaries that left none, and how far off they lie.
 
     The last are the largest distances of a boundary's points from the segments.
@@ -43,7 +41,7 @@ def cut_at_points(
     owner = np.array(list(cut.values()), dtype=np.int64)
     facets = np.array(list(cut), dtype=np.int64).reshape(-1, 1)
     empty = tuple(number for number in range(len(boundaries)) if number not in owner)
-    return SampleMesh(vertices, cells, None, facets, owner, np.zeros(len(owner), dtype=bool)), empty, gaps
+    return Mesh(vertices, cells, None, facets, owner, np.zeros(len(owner), dtype=bool)), empty, gaps
 
 
 def _with_foot(vertices: Floats, cells: Ints, point: Floats) -> tuple[Floats, Ints, int]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.mesh.polylines import Polyline, polylines_of
+from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: A chord is halved where its middle is farther than this share of ``length`` from the curve.
@@ -25,7 +25,7 @@ def drawn(source: LocalSource, length: float) -> list[Polyline] | None:
     if cells.shape[1] != 2:
         return None
     vertices = np.asarray(vertices, dtype=np.float64) - source.shift
-    return [followed(source, line, length) for line in polylines_of(vertices, cells)]
+    return [followed(source, line, length) for line in chain_segments(vertices, cells)]
 
 
 def followed(source: LocalSource, line: Polyline, length: float) -> Polyline:

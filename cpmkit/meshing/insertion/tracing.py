@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.grid.band import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.polylines import Polyline
+from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.feet import Triangles
 from cpmkit.meshing.insertion.polylines import followed
 from cpmkit.protocols import Floats

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.manifold.vectors import norms
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.triples import Triple, along, between, cross, direction, dot, less
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -150,7 +150,7 @@ class Triangulation:
     @cached_property
     def rims(self) -> Bools:
         """(m, 3) which edges of roots, by the corners opposite to them, have no other root beside them."""
-        from cpmkit.mesh.edges_kernels import number_edges
+        from cpmkit.mesh.mesh_kernels import number_edges
 
         of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
         return np.asarray(np.bincount(of_cells.ravel())[of_cells] == 1)
@@ -201,14 +201,14 @@ class Triangulation:
                     todo.append(middle)
         return found
 
-    def mesh(self, dim: int) -> SampleMesh:
+    def mesh(self, dim: int) -> Mesh:
         """Return the triangles as they are now, in ``dim`` coordinates; no boundary cuts them yet."""
         new = [self._points[vertex] for vertex in range(len(self.vertices), self._vertex_count)]
         vertices = np.concatenate([self.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
         cells = np.concatenate([self.cells, np.empty((self._cell_count - len(self.cells), 3), dtype=np.int64)])
         known = list(self._corners)
         cells[known] = np.array([self._corners[cell] for cell in known], dtype=np.int64).reshape(-1, 3)
-        return SampleMesh.of(np.ascontiguousarray(vertices), cells)
+        return Mesh.of(np.ascontiguousarray(vertices), cells)
 
     def _new_vertex(self, place: Triple) -> int:
         new = self._vertex_count

@@ -82,7 +82,7 @@ class Layer:
     covering: float
 
     @cached_property
-    def bend(self) -> Floats:
+    def geometry(self) -> Floats:
         """(k,) the largest curvature at the samples."""
         bend: Floats = norms(self.bends).max(axis=1, initial=0.0)
         return bend
@@ -90,13 +90,13 @@ class Layer:
     @cached_property
     def rough(self) -> Bools:
         """(k,) at which samples the zero set bends too much for the models."""
-        rough: Bools = ~(self.bend * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
+        rough: Bools = ~(self.geometry * self.covering * ROUGH_RADIUS_COVERINGS <= 1.0)
         return rough
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
         """Return what the samples ``near`` (n, k) say of the queries ``x`` (n, d), which are ``gap`` (n, k) away."""
         models = Models(np.empty(near.shape), np.empty((*near.shape, x.shape[1])), np.empty(near.shape, dtype=bool))
-        of_samples = self.samples, self.tangents, self.bends, self.bend, self.covering
+        of_samples = self.samples, self.tangents, self.bends, self.geometry, self.covering
         fill_models(x, gap, near, *of_samples, MODEL_SHARES, *models)
         return models
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, Ints, place, support_of, unit
+from cpmkit.plugin import Bools, Floats, Ints, edge_support, place, unit
 from cpmkit_mesh.directions import doubled_areas
 from cpmkit_mesh.tilting import LEAST_NEIGHBOUR_SPREAD
 
@@ -71,5 +71,5 @@ def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
     face, corner = np.divmod(first, 3)
     normals = mesh.normals_at_corners[face[:, None], np.stack([corner + 1, corner + 2], axis=1) % 3]
     edges = np.stack([starts.ravel()[first], ends.ravel()[first]], axis=1)
-    unsupported = support_of(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
+    unsupported = edge_support(mesh.vertices, edges, normals, mesh.at_crease).unsupported()
     return edges, unsupported & ~mesh.at_crease[edges].any(axis=1), of_faces.reshape(faces.shape)

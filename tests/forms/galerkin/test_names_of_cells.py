@@ -6,13 +6,13 @@ import pytest
 import cpmkit as ck
 from cpmkit.forms.galerkin.mesh_warnings import repair_warnings, seam_warnings
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.repair import Mended
+from cpmkit.mesh.welding import RepairReport
 
 SHEET = np.stack(np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17)), axis=-1).reshape(-1, 2)
 
 
 def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
-    mended = Mended(welded=0, doubled=2, fans=1)
+    mended = RepairReport(welded=0, doubled=2, fans=1)
     for bend in ("flat", "normals"):
         cells, touch = repair_warnings(mended, bend)
         assert cells.startswith("2 cells of the mesh had")

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh import repair
+from cpmkit.mesh import welding
 from cpmkit.meshing import curved_from_normals, mesh_cache
 from cpmkit.meshing.mesh_cache import KEPT
 
@@ -42,7 +42,7 @@ def queries(scene, spacing, origin=None):
 
 @pytest.mark.parametrize("closest", ["smooth", "faceted"])
 def test_cells_of_a_mesh_are_made_sound_once(monkeypatch, closest):
-    calls = counted(monkeypatch, [(mesh_cache, "sound_corners"), (repair, "sound_corners")])
+    calls = counted(monkeypatch, [(mesh_cache, "repaired_cells"), (welding, "repaired_cells")])
     scene = ck.Scene(ball_mesh(closest=closest), F)
     ck.solve(scene, SPACING, form="galerkin")
     first = len(calls)
@@ -75,8 +75,8 @@ def test_a_mesh_whose_long_edges_are_split_asks_for_what_is_new_alone(monkeypatc
     found = ck.solve(scene, spacing, form="galerkin", origin=origin)
     monkeypatch.setattr(
         curved_from_normals,
-        "vertex_normals",
-        lambda source, mesh: curved_from_normals.normals_at(source, mesh.vertices),
+        "smooth_vertex_normals",
+        lambda source, mesh: curved_from_normals.smooth_normals(source, mesh.vertices),
     )
     every = ck.solve(scene, spacing, form="galerkin", origin=origin)
     target = [one.work.closest_point_queries for one in (found, every)]

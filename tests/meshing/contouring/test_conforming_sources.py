@@ -10,7 +10,7 @@ from made_cases import CASES, source_of
 from meshing.contouring.measures import area, length, pieces, topology
 
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 
@@ -81,7 +81,7 @@ def drawn_size(source, case, spacing):
     vertices, cells = source.mesh(spacing)
     if cells.shape[1] == 2:
         return np.linalg.norm(np.diff(vertices[cells], axis=1)[:, 0], axis=1).sum()
-    return area(SampleMesh.of(vertices, cells))
+    return area(Mesh.of(vertices, cells))
 
 
 SLOW_SURFACES = [pytest.param(case, marks=pytest.mark.slow) for case in CASES if holds(case, SLOW)]

@@ -12,7 +12,7 @@ from scipy.special import ellipe
 import cpmkit as ck
 from cpmkit.errors import ResolutionError
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.segments import split_at_knots
+from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}
@@ -58,7 +58,7 @@ def test_segments_of_a_trace_are_split_to_lie_in_one_cell_each():
     source = ck.source("analytic.arc", start=0.7, end=5.9)
     local = localize(source, np.asarray(source.bounds).mean(axis=0))
     mesh, report = contour_curve(local, 0.1, curved=False)
-    ends = split_at_knots(mesh, 0.1, local).vertices[split_at_knots(mesh, 0.1, local).cells] / 0.1
+    ends = split_at_knot_planes(mesh, 0.1, local).vertices[split_at_knot_planes(mesh, 0.1, local).cells] / 0.1
     assert report.ends == 2
     assert np.abs(ends - np.rint(ends.mean(axis=1))[:, None]).max() < 0.5 + 1e-9
 

@@ -5,7 +5,7 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere, moebius_band, plate, polyline, torus, tube, zones_and_tips
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 PLATE = plate(30)
 TURN = 2 * np.pi * np.arange(200) / 200
@@ -92,7 +92,7 @@ def test_curves_in_space(make, source, expected):
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_the_unit_of_length_does_not_matter(unit):
-    mesh = SampleMesh.of(unit * PLATE.vertices, PLATE.cells)
+    mesh = Mesh.of(unit * PLATE.vertices, PLATE.cells)
     source = ck.source("moved", of=CASES["square"][0], scale=unit)
     assert zones_and_tips(cut(mesh, ClosestPointsAlone(source), spacing=0.05 * unit).mesh) == (2, 0)
 

@@ -41,7 +41,7 @@ def test_edges_go_along_the_curve():
 def test_tips_go_on_straight_by_three_spacings():
     spacing = 1.5 * mean_edge(SPHERE)
     result = cut(SPHERE, ARCH, spacing=spacing)
-    mesh, past = result.mesh, result.mesh.cut[result.mesh.extends]
+    mesh, past = result.mesh, result.mesh.cut[result.mesh.beyond_tip]
     lengths = np.linalg.norm(mesh.vertices[past[:, 1]] - mesh.vertices[past[:, 0]], axis=1)
     assert result.counts["tips"] == 2
     assert lengths.sum() == pytest.approx(6 * spacing, rel=0.02)

@@ -6,7 +6,7 @@ from cut_meshes import area, check_sound, cut, moebius_band, polyline, torus, tu
 from sample_shapes import box
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 TURN = 2 * np.pi * np.arange(200) / 200
 TWICE = 2 * TURN
@@ -66,7 +66,7 @@ def test_a_curve_on_a_thin_plate_stays_on_its_side():
         cell for k in range(4) for cell in [(k, (k + 1) % 4, 4 + (k + 1) % 4), (k, 4 + (k + 1) % 4, 4 + k)]
     ]
     vertices = np.concatenate([np.c_[square, np.zeros(4)], np.c_[square, np.full(4, 0.01)]])
-    mesh = SampleMesh.of(vertices, np.array(faces, dtype=np.int64))
+    mesh = Mesh.of(vertices, np.array(faces, dtype=np.int64))
     wave = ring([0.5 + 0.3 * np.cos(TURN), 0.5 + 0.3 * np.sin(TURN), 0.0062 + 0.004 * np.sin(5 * TURN)])
     after = cut(mesh, wave, spacing=0.1).mesh
     assert zones_and_tips(after) == (2, 0)
@@ -75,7 +75,7 @@ def test_a_curve_on_a_thin_plate_stays_on_its_side():
 
 
 def test_triangles_larger_than_the_spacing():
-    cube = SampleMesh.of(*box([0] * 3, [1] * 3))
+    cube = Mesh.of(*box([0] * 3, [1] * 3))
     on_top = ring([0.5 + 0.2 * np.cos(TURN), 0.5 + 0.2 * np.sin(TURN), NONE + 1])
     corner = polyline([[0, 0.3, 0], [0.3, 0, 0], [0, 0, 0.3]], closed=True)
     girdle = polyline([[0, 0, 0.3], [1, 0, 0.4], [1, 1, 0.5], [0, 1, 0.4]], closed=True)
@@ -96,7 +96,7 @@ def test_a_curve_crosses_the_line_where_three_sheets_meet():
         numbers = np.concatenate([np.arange(13)[None], first + np.arange(12 * 13).reshape(12, 13)])
         a, b, c, d = numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:]
         sheets.append(np.concatenate([np.stack(t, axis=-1).reshape(-1, 3) for t in ((a, b, c), (a, c, d))]))
-    mesh = SampleMesh.of(np.concatenate(vertices), np.concatenate(sheets).astype(np.int64))
+    mesh = Mesh.of(np.concatenate(vertices), np.concatenate(sheets).astype(np.int64))
     ends = [[np.cos(angle), np.sin(angle), 0.43] for angle in (0.0, 2.0, 4.2)]
     both = polyline([ends[0], [0, 0, 0.43], ends[1]])
     after = cut(mesh, both).mesh

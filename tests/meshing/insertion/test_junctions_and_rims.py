@@ -6,8 +6,7 @@ from cut_meshes import check_sound, cut, plate, polyline, zones_and_tips
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.mesh.edges import edges_of, edges_on_cut
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh, edges_of, edges_on_cut
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 
 PLATE = plate(30)
@@ -97,7 +96,7 @@ def test_what_ends_beside_a_vertex_of_the_rim_does_not_go_along_the_rim(share, e
 
 @pytest.mark.parametrize("unit", [1e-6, 1e6])
 def test_the_unit_of_length_does_not_matter(unit):
-    mesh = SampleMesh.of(unit * PLATE.vertices, PLATE.cells)
+    mesh = Mesh.of(unit * PLATE.vertices, PLATE.cells)
     sources = [ck.source("moved", of=source, scale=unit) for source in (*CASES["X"][0], circle(radius=0.55), EIGHT)]
     expected = cut(PLATE, *CASES["X"][0], circle(radius=0.55), EIGHT, spacing=0.05).mesh
     after = cut(mesh, *sources, spacing=0.05 * unit).mesh
@@ -107,7 +106,7 @@ def test_the_unit_of_length_does_not_matter(unit):
 
 
 def test_a_plate_in_the_plane_is_cut_as_one_in_space():
-    mesh = SampleMesh.of(PLATE.vertices[:, :2].copy(), PLATE.cells)
+    mesh = Mesh.of(PLATE.vertices[:, :2].copy(), PLATE.cells)
     after = cut(mesh, ck.source("analytic.circle", center=[0.5, 0.5], radius=0.3), spacing=0.05).mesh
     assert after.vertices.shape[1] == 2
     assert np.abs(np.linalg.norm(after.vertices[after.cut] - 0.5, axis=2) - 0.3).max() < 1e-3
@@ -134,7 +133,7 @@ def test_edges_of_the_rim_are_cut_as_well():
 
 def test_an_extension_stops_at_another_curve():
     result = cut(PLATE, line((0.3, 0.513), (0.7, 0.513)), line((0.75, 0.0), (0.75, 1.0)), spacing=0.05)
-    past = result.mesh.vertices[result.mesh.cut[result.mesh.extends]][..., 0]
+    past = result.mesh.vertices[result.mesh.cut[result.mesh.beyond_tip]][..., 0]
     assert result.counts["tips"] == 2
     assert past.max() == pytest.approx(0.75, abs=1e-9)
     assert past.min() == pytest.approx(0.15, abs=2e-3)
@@ -143,7 +142,7 @@ def test_an_extension_stops_at_another_curve():
 
 def test_an_extension_stops_at_a_rim():
     after = cut(PLATE, line((0.3, 0.513), (0.9, 0.513)), spacing=0.05).mesh
-    assert after.vertices[after.cut[after.extends]][..., 0].max() == pytest.approx(1.0, abs=1e-9)
+    assert after.vertices[after.cut[after.beyond_tip]][..., 0].max() == pytest.approx(1.0, abs=1e-9)
 
 
 def test_extensions_meet_in_a_gap():

@@ -5,13 +5,13 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 
 def ring(count, dim):
     angle = 2 * np.pi * np.arange(count) / count
     vertices = np.stack([np.cos(angle), np.sin(angle), np.zeros(count)], axis=1)[:, :dim]
-    return SampleMesh.of(vertices, np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1))
+    return Mesh.of(vertices, np.stack([np.arange(count), (np.arange(count) + 1) % count], axis=1))
 
 
 @pytest.mark.parametrize("dim", [2, 3])
@@ -23,7 +23,7 @@ def test_points_cut_a_curve(dim):
     assert np.arctan2(places[:, 1], places[:, 0]) == pytest.approx(angles, abs=2e-3)
     assert mesh.owner.tolist() == [0, 1, 2]
     assert len(mesh.cells) == 43
-    assert not mesh.extends.any()
+    assert not mesh.beyond_tip.any()
     ends = np.sort(mesh.cells.ravel())
     assert (ends == np.repeat(np.arange(43), 2)).all()
 

@@ -24,7 +24,7 @@ from cpmkit.forms.collocation.conservation.weak_form import WeakForm, curved_cel
 from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.free_constants import Imbalance
-from cpmkit.mesh.dimensions import dimensions_of
+from cpmkit.mesh.mixed_cells import member_dimensions
 from cpmkit.protocols import Floats, HasMesh, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
@@ -66,7 +66,7 @@ def check_balance(scene: Scene, degree: int) -> None:
         raise _refused(f"a scene with the boundaries {names}", "scenes without conditions inside")
     if not isinstance(scene.surface, HasMesh):
         raise _refused(f"the surface {type(scene.surface).__name__}, which has no mesh", "surfaces with a mesh")
-    if len(dimensions_of(scene.surface)) > 1:
+    if len(member_dimensions(scene.surface)) > 1:
         raise _refused("a manifold of mixed dimensions", "manifolds of one")
 
 

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.mesh.curved_cells import RULES_BY_NODES, CurvedCells, find_edges, middles_on
-from cpmkit.mesh.dimensions import cells_of_dimension, dimensions_of
-from cpmkit.mesh.display_mesh import mesh_of
-from cpmkit.mesh.refinement import refine
+from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_of, refine_mixed_cells
+from cpmkit.mesh.quadratic_cells import RULES_BY_NODES, QuadraticCells, edge_midpoints_on, outward_edges
 from cpmkit.protocols import ClosestPointSource, Floats
 
 if TYPE_CHECKING:
@@ -22,7 +20,7 @@ DEGENERATE_AREA_SHARE = 1e-20
 WEAK_FORM_CHUNK_CELLS = 1 << 14
 
 
-def curved_cells_of(surface: ClosestPointSource, longest: float) -> CurvedCells:
+def curved_cells_of(surface: ClosestPointSource, longest: float) -> QuadraticCells:
     """Return quadratic cells on a surface of one dimension, with edges of at most about ``longest``.
 
     Raises
@@ -30,12 +28,12 @@ def curved_cells_of(surface: ClosestPointSource, longest: float) -> CurvedCells:
     InputError
         If the surface has no mesh, or one that does not fill it.
     """
-    points, cells = refine(*mesh_of(surface)(longest), surface.dim, longest)
-    corners = cells_of_dimension(cells, surface, dimensions_of(surface)[0])
+    points, cells = refine_mixed_cells(*mesh_of(surface)(longest), surface.dim, longest)
+    corners = cells_of_dimension(cells, surface, member_dimensions(surface)[0])
     points = surface.closest_point(np.ascontiguousarray(points)).points
-    edges = find_edges(points, corners)
-    nodes = np.concatenate([points, middles_on(surface, points, edges)])
-    return CurvedCells(nodes, np.hstack([corners, len(points) + edges.of_cells]))
+    edges = outward_edges(points, corners)
+    nodes = np.concatenate([points, edge_midpoints_on(surface, points, edges)])
+    return QuadraticCells(nodes, np.hstack([corners, len(points) + edges.of_cells]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +55,7 @@ class WeakForm:
     mass: csr_array
 
 
-def weak_form(curved: CurvedCells, diffusivity: Floats, c: Floats) -> WeakForm:
+def weak_form(curved: QuadraticCells, diffusivity: Floats, c: Floats) -> WeakForm:
     """Return the weak form of ``-div(a grad u) + c u = f`` with a and c (n,) at the nodes.
 
     With tangents T of a cell at a point of the rule and G = T T', grad u . grad v = (du)' inv(G) dv, where d are
@@ -93,7 +91,7 @@ def _inverse(gram: Floats) -> tuple[Floats, Floats]:
     return determinant, cofactors / np.where(determinant > 0, determinant, np.inf)[..., None, None]
 
 
-def _assembled(curved: CurvedCells, blocks: list[Floats]) -> csr_array:
+def _assembled(curved: QuadraticCells, blocks: list[Floats]) -> csr_array:
     """Return the sum of the cells' matrices (m, k, k)."""
     from scipy.sparse import coo_array
 

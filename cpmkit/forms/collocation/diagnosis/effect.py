@@ -10,8 +10,8 @@ from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
 from cpmkit.forms.collocation.ghosts.edge import EDGE_CONDITION
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.mesh.cells import with_corners
-from cpmkit.mesh.curved_cells import find_edges
+from cpmkit.mesh.mixed_cells import with_corners
+from cpmkit.mesh.quadratic_cells import outward_edges
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
@@ -82,7 +82,7 @@ def _loops(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | N
         return None
     points, cells = surface.mesh(spacing)
     triangles, segments = with_corners(cells, 3), with_corners(cells, 2)
-    edges = find_edges(points, triangles)
+    edges = outward_edges(points, triangles)
     single = np.flatnonzero(edges.outward.any(axis=1))
     a, b = points[edges.ends[single, 0]], points[edges.ends[single, 1]]
     beyond = [0.5 * (a + b) + PAST_EDGE_CELLS * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]

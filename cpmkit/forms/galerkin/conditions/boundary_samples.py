@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import HalfFacets, SampleMesh
+from cpmkit.mesh.mesh import HalfFacets, Mesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: A triangle less high over its edge than this share of the edge is thin.
@@ -19,7 +19,7 @@ REACH = (-2.0, 3.0)
 
 
 def conormals_of_slivers(
-    mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats
+    mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats
 ) -> Floats:
     """Return ``conormals`` (n, g, d), at points of edges with ``tangents`` (n, g, d), put right on thin triangles.
 
@@ -47,7 +47,7 @@ def conormals_of_slivers(
     return steady
 
 
-def _mean_place_and_normal(mesh: SampleMesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
+def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
     """Return the mean place (n, d), relative to ``middles``, and normal (n, d) of triangles near new vertices (n, 2).
 
     Those that meet there and those that these meet: thin triangles may meet thin ones alone. Weighted by areas; in the
@@ -106,7 +106,7 @@ EDGE_POINTS += 0.5
 Facets = tuple[Floats, Floats, Floats, Floats]
 
 
-def points_on_edges(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
+def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
     """Return g points on edges of triangles: points (n, g, d), weights, conormals, normals (n, g, d - 2, d).
 
     The edges are those opposite to corner ``facet`` (n,) of ``cell`` (n,), counted against the cell's sense where
@@ -132,7 +132,7 @@ def points_on_edges(mesh: SampleMesh, corners: Ints, cell: Ints, facet: Ints, re
     return y, EDGE_WEIGHTS * speed, conormals, normals
 
 
-def ends_of_segments(mesh: SampleMesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
+def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
     """Return the ends of segments: points (n, 1, d), weights 1, tangents out of the cell, normals (n, 1, d - 1, d)."""
     vertices = mesh.vertices[mesh.cells[cell]]
     end, other = _select_corner(vertices, 1 - facet), _select_corner(vertices, facet)
@@ -150,7 +150,7 @@ def _normals_of_tangents(tangent: Floats) -> Floats:
     return np.stack([first, np.cross(tangent, first)], axis=-2)
 
 
-def _midpoints(mesh: SampleMesh, vertices: Floats, cell: Ints) -> Floats:
+def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
     """Return the edge midpoints (n, 3, d) of triangles, each opposite to a corner."""
     if mesh.midpoints is not None:
         return mesh.midpoints[cell]
@@ -209,7 +209,7 @@ class BoundarySamples:
     facet: Ints
     place: Ints
     owner: Ints
-    extends: Bools
+    beyond_tip: Bools
 
     def __len__(self) -> int:
         return len(self.points)
@@ -225,7 +225,7 @@ class BoundarySamples:
 
 
 def boundary_samples(
-    mesh: SampleMesh, half: HalfFacets, corners: Ints, rims: bool, points: Mapping[int, Ints] | None = None
+    mesh: Mesh, half: HalfFacets, corners: Ints, rims: bool, points: Mapping[int, Ints] | None = None
 ) -> BoundarySamples:
     """Return the samples on the facets of boundaries, and on other rims where ``rims`` says so.
 
@@ -249,7 +249,7 @@ def boundary_samples(
     each = x.shape[1]
     rows, on = np.repeat(np.arange(len(chosen)), each), cut >= 0
     owner, extends = np.full(len(chosen), -1), np.zeros(len(chosen), dtype=bool)
-    owner[on], extends[on] = mesh.owner[cut[on]], mesh.extends[cut[on]]
+    owner[on], extends[on] = mesh.owner[cut[on]], mesh.beyond_tip[cut[on]]
     found = BoundarySamples(
         x.reshape(-1, mesh.dim),
         weights.ravel(),
@@ -272,7 +272,7 @@ def concatenate_samples(first: BoundarySamples, second: BoundarySamples) -> Boun
     return BoundarySamples(*[np.concatenate([getattr(first, name), getattr(second, name)]) for name in names])
 
 
-def _at_vertices(mesh: SampleMesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
+def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
     """Return the points of a surface, each in one of the triangles that meet there."""
     owner = np.repeat(list(points), [len(one) for one in points.values()])
     vertex = np.concatenate(list(points.values()))

@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.sides_of_cells import SidesOfCells
+from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.space.dof_map import components
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import HalfFacets, SampleMesh
+from cpmkit.mesh.mesh import HalfFacets, Mesh
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
 
@@ -31,7 +31,7 @@ DIFFERENCE_SPACINGS = 0.5
 
 
 def left_of_boundaries(
-    mesh: SampleMesh,
+    mesh: Mesh,
     half: HalfFacets,
     corners: Ints,
     samples: BoundarySamples,
@@ -81,7 +81,7 @@ def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))
-    rows = np.flatnonzero(left & (samples.owner >= 0) & ~samples.extends)
+    rows = np.flatnonzero(left & (samples.owner >= 0) & ~samples.beyond_tip)
     positions = np.hstack([np.ones((len(rows), 1)), samples.points[rows]])
     weighted = samples.weights[rows, None] * samples.conormals[rows]
     np.add.at(moments, samples.owner[rows], weighted[:, :, None] * positions[:, None])
@@ -97,7 +97,7 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
     facets = int(samples.facet.max(initial=-1)) + 1
     count = np.bincount(samples.facet[samples.facet >= 0], minlength=facets)
     for number, oriented in enumerate(boundaries):
-        rows = np.flatnonzero((samples.owner == number) & (samples.facet >= 0) & ~samples.extends)
+        rows = np.flatnonzero((samples.owner == number) & (samples.facet >= 0) & ~samples.beyond_tip)
         if not oriented.has_sides or not len(rows):
             continue
         target, place = np.unique(samples.facet[rows], return_inverse=True)
@@ -108,7 +108,7 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
     return votes
 
 
-def _groups(mesh: SampleMesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
+def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
     """Return which half facets (n,) are on one side of their boundary, and of which connected piece of it they are.
 
     Facets of one boundary hang together at vertices where exactly two facets of boundaries meet.
@@ -153,7 +153,7 @@ NEAR_CHORD_SPACINGS = 0.05
 GAPS = 2.0
 
 
-def samples_past_boundary(one: SampledScene, sides: SidesOfCells) -> tuple[Ints, Floats]:
+def samples_past_boundary(one: SampledScene, sides: CellSides) -> tuple[Ints, Floats]:
     """Return the samples (k,) that are past the boundary beside their cell, and places (k, d) on the cell's side.
 
     Their mirror images, in the scene's coordinates. Where a boundary lies off the manifold, data may change anywhere

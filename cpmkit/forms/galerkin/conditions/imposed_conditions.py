@@ -125,7 +125,7 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
         what = f"boundary {boundary.name!r}"
-        on = (samples.owner == number) & ~samples.extends
+        on = (samples.owner == number) & ~samples.beyond_tip
         conditions = [boundary.condition(side) for side in SIDES]
         if not np.any(on):
             continue
@@ -230,7 +230,7 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
 
 def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
     """Return where boundaries go on past their tips: all cells beside a facet there are tied, each to the next."""
-    rows = np.flatnonzero(samples.extends)
+    rows = np.flatnonzero(samples.beyond_tip)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
@@ -259,7 +259,7 @@ def point_warnings(
 
 def _boundary_size(samples: BoundarySamples, number: int) -> float:
     """Return the diagonal of the bounds of a boundary that is no point, infinite where it has no samples."""
-    points = samples.points[(samples.owner == number) & ~samples.extends & (samples.half >= 0)]
+    points = samples.points[(samples.owner == number) & ~samples.beyond_tip & (samples.half >= 0)]
     return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf
 
 

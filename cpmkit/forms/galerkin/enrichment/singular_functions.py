@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
 from cpmkit.forms.galerkin.enrichment.tip_discs import TipDisc, TipDiscFinder
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
 from cpmkit.grid.lattice import Lattice
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.laws import Interface, Value
 
@@ -67,7 +67,7 @@ class SingularFunction:
         by_x = along * np.cos(t) - around * np.sin(t)
         by_y = along * np.sin(t) + around * np.cos(t)
         x = disc.plane(points[rows])[0]
-        by_x = by_x - disc.bend * x * by_y
+        by_x = by_x - disc.geometry * x * by_y
         return rows, by_x[:, None] * disc.heading + by_y[:, None] * disc.leftward
 
     def _polar(self, points: Floats, cells: Ints) -> tuple[Ints, Floats, Floats]:
@@ -90,7 +90,7 @@ FLUX, VALUE, THROUGH = range(3)
 
 
 def singular_functions(
-    mesh: SampleMesh, boundary: BoundarySamples, laws: Sequence[ImposedCondition], lattice: Lattice
+    mesh: Mesh, boundary: BoundarySamples, laws: Sequence[ImposedCondition], lattice: Lattice
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
     """Return the functions of all tips of a cut mesh, and a sentence on those around which no disc fits."""
     finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, laws)
@@ -107,7 +107,7 @@ def singular_functions(
     return tuple(found), tuple(_narrow_disc_warnings(narrow, lattice))
 
 
-def _tips(mesh: SampleMesh) -> Iterator[tuple[int, int]]:
+def _tips(mesh: Mesh) -> Iterator[tuple[int, int]]:
     for number in np.unique(mesh.owner).tolist():
         for tip in ends_inside(mesh, number).tolist():
             yield number, tip
@@ -127,7 +127,7 @@ def _kinds(boundary: BoundarySamples, laws: Sequence[ImposedCondition]) -> Ints:
 def _kind_on(side: int, disc: TipDisc, number: int, boundary: BoundarySamples, kinds: Ints) -> int:
     """Return what stands on a side of a boundary inside a disc."""
     inside, sides = disc.side_of(boundary.cell)
-    rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.extends)
+    rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.beyond_tip)
     return int(np.bincount(kinds[rows], minlength=1).argmax())
 
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.edges import Edges, edges_of, edges_on_cut
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Edges, Mesh, edges_of, edges_on_cut
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: The disc ends where the surface has turned by more than the angle of this cosine, 37 degrees,
@@ -48,7 +47,7 @@ class TipDisc:
     origin: Floats
     heading: Floats
     leftward: Floats
-    bend: float
+    geometry: float
     radius: float
     cells: Ints
     sides: Ints
@@ -57,7 +56,7 @@ class TipDisc:
         """Return X, and Y less that of the parabola, of points (..., d)."""
         apart = points - self.origin
         x = apart @ self.heading
-        return x, apart @ self.leftward - 0.5 * self.bend * x**2
+        return x, apart @ self.leftward - 0.5 * self.geometry * x**2
 
     def distance(self, points: Floats) -> Floats:
         """Return r of points (..., d)."""
@@ -88,7 +87,7 @@ class TipDiscFinder:
         h of the lattice.
     """
 
-    mesh: SampleMesh
+    mesh: Mesh
     spacing: float
 
     @cached_property
@@ -99,7 +98,7 @@ class TipDiscFinder:
     def _owner(self) -> Ints:
         """(e,) the boundary that lies on each edge, -1 where none does, and past tips."""
         owner, on_cut = np.full(len(self._edges.ends), -1), edges_on_cut(self.mesh, self._edges)
-        own = ~self.mesh.extends & (on_cut >= 0)
+        own = ~self.mesh.beyond_tip & (on_cut >= 0)
         owner[on_cut[own]] = self.mesh.owner[own]
         return owner
 
@@ -125,7 +124,7 @@ class TipDiscFinder:
         """Return the axes at a tip, with no disc yet: those of the cubic that fits the boundary's end."""
         mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
         origin, own = mesh.vertices[tip], mesh.owner == boundary
-        behind = self._near(mesh.cut[own & ~mesh.extends], origin)
+        behind = self._near(mesh.cut[own & ~mesh.beyond_tip], origin)
         guess = -behind.mean(axis=0)
         heading = unit((guess - (guess @ normal) * normal)[None])[0]
         for _ in range(2):
@@ -179,7 +178,7 @@ class TipDiscFinder:
 
     def _off_course(self, frame: TipDisc, boundary: int, tip: int) -> float:
         """Return how far from a tip its boundary ends, turns round, or leaves its parabola."""
-        own = self.mesh.cut[(self.mesh.owner == boundary) & ~self.mesh.extends]
+        own = self.mesh.cut[(self.mesh.owner == boundary) & ~self.mesh.beyond_tip]
         vertices, count = np.unique(own, return_counts=True)
         x, y = frame.plane(self.mesh.vertices[vertices])
         distance = np.hypot(x, y)

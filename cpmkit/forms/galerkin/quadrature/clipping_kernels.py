@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.piece_kernels import MOST_CORNERS, MOST_PLACES, fanned, rule
+from cpmkit.forms.galerkin.quadrature.polygon_rules import MOST_CORNERS, MOST_PLACES, fanned, rule
 from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled
 

@@ -7,7 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.protocols import Floats, Ints
+
+#: What one unit of a place is in spacings, and one of a normal's component: 1 and -1 are whole numbers of it.
+PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,3 +52,112 @@ class Samples:
     def cell_at(self, rows: Ints) -> Ints:
         """Return (...) the cells of the samples ``rows`` (...)."""
         return np.asarray(self.cell[rows])
+
+
+#: Samples that are rounded or decoded at a time.
+SAMPLES_AT_ONCE = 1 << 16
+
+
+@dataclass(frozen=True, eq=False)
+class QuantisedSamples:
+    """Samples of a parting.
+
+    Attributes
+    ----------
+    dof_map : Parting
+        Of these samples.
+    places : (q, d) int32, float64 for curves
+        Where each lies, from the node in the middle of its patch's cell, in spacings over `PLACE_UNIT`.
+    directions : (q, c, e) int32, float64 for curves
+        The normals over `NORMAL_UNIT`, made orthonormal again where they are read; e = d, but 2 for surfaces: there it
+        is the place on an octahedron, unfolded into a square.
+    weights : (q,) float64
+        Shares of the manifold's measure; zero for points that only read u beside a boundary.
+    cell_starts : (m + 1,) int32
+        The first sample of each cell of the mesh, for as many samples as stand cell after cell.
+    further_cells : (k,) int32
+        The cells of the samples behind these.
+    """
+
+    dof_map: DofMap
+    places: Any
+    directions: Any
+    weights: Floats
+    cell_starts: Any
+    further_cells: Any
+
+    @classmethod
+    def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:
+        """Return the ``samples`` that were parted, rounded."""
+        from cpmkit.forms.galerkin.quadrature.quantised_kernels import encode_normals
+
+        codim, d = samples.normals.shape[1:]
+        surface = d - codim == 2
+        places = np.empty(samples.points.shape, dtype=np.int32 if surface else np.float64)
+        directions = np.empty((len(samples), codim, 2 if surface else d), dtype=places.dtype)
+        most = np.iinfo(np.int32).max
+        for start in range(0, len(samples), SAMPLES_AT_ONCE):
+            some = slice(start, start + SAMPLES_AT_ONCE)
+            from_node = samples.points[some] / dof_map.spacing - dof_map.cells[dof_map.patch[some]]
+            from_node /= PLACE_UNIT
+            places[some] = np.clip(np.rint(from_node), -most - 1, most) if surface else from_node
+        if surface:
+            encode_normals(samples.normals, directions)
+        else:
+            directions[:] = samples.normals / NORMAL_UNIT
+        descents = np.flatnonzero(samples.cell[1:] < samples.cell[:-1])
+        count = int(descents[0]) + 1 if len(descents) else len(samples)
+        cells = np.bincount(samples.cell[:count])
+        starts = np.concatenate([[0], np.cumsum(cells)]).astype(np.int32)
+        return cls(dof_map, places, directions, samples.weights, starts, samples.cell[count:].copy())
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @property
+    def codim(self) -> int:
+        """Dimension c of the normal space."""
+        return int(self.directions.shape[1])
+
+    @property
+    def points(self) -> Floats:
+        """(q, d) relative to the lattice's origin; made anew each time."""
+        return self.points_at(slice(None))
+
+    @property
+    def normals(self) -> Floats:
+        """(q, c, d) orthonormal vectors that span the normal space; made anew each time."""
+        return self.normals_at(slice(None))
+
+    @property
+    def cell(self) -> Any:
+        """(q,) int32 the cell of the mesh that each lies in; made anew each time."""
+        cells = np.arange(len(self.cell_starts) - 1, dtype=np.int32)
+        return np.concatenate([np.repeat(cells, np.diff(self.cell_starts)), self.further_cells])
+
+    def points_at(self, rows: slice | Ints) -> Floats:
+        """Return (..., d) the points of the samples ``rows`` (...)."""
+        from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_places
+
+        places, patch = self.places[rows], self.dof_map.patch[rows]
+        points = np.empty(places.shape)
+        flat = places.reshape(-1, places.shape[-1])
+        decode_places(flat, patch.ravel(), self.dof_map.cells, self.dof_map.spacing, points.reshape(flat.shape))
+        return points
+
+    def normals_at(self, rows: slice | Ints) -> Floats:
+        """Return (..., c, d) the normals of the samples ``rows`` (...)."""
+        from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_all_normals
+
+        directions = self.directions[rows]
+        normals = np.empty((*directions.shape[:-1], self.dof_map.dim))
+        decode_all_normals(directions.reshape(-1, *directions.shape[-2:]), normals.reshape(-1, *normals.shape[-2:]))
+        return normals
+
+    def cell_at(self, rows: Ints) -> Ints:
+        """Return (...) the cells of the samples ``rows`` (...)."""
+        count = int(self.cell_starts[-1])
+        cells = np.searchsorted(self.cell_starts, np.minimum(rows, count - 1), side="right") - 1
+        behind = rows >= count
+        cells[behind] = self.further_cells[rows[behind] - count]
+        return cells

@@ -7,21 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.clipping import clipped_triangles
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature, triangles_to_clip
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
-from cpmkit.mesh.edges import Edges, edges_of
-from cpmkit.mesh.mesh import Bend, SampleMesh
-from cpmkit.mesh.subdivision import halved
+from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh, edges_of
+from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Edges are looked at from these places between their ends.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 
 
-def grade_mesh(mesh: SampleMesh, regions: Regions, spacings: float) -> SampleMesh:
+def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
     """Return flat triangles with their edges halved that are longer than ``spacings`` times the spacing around them.
 
     With them the longest edge of each triangle is halved, and so on from triangle to triangle: needles end so.
@@ -35,7 +33,7 @@ def grade_mesh(mesh: SampleMesh, regions: Regions, spacings: float) -> SampleMes
             return mesh
         middle = np.full(len(edges.ends), -1)
         middle[long] = len(mesh.vertices) + np.arange(long.sum())
-        mesh = halved(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
+        mesh = halve_edges(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
 def _is_long(vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near: Ints, spacings: float) -> Bools:
@@ -65,7 +63,7 @@ def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
         long[new] = True
 
 
-def graded_samples(mesh: SampleMesh, regions: Regions, sampling: str, bend: Bend, further: Samples | None) -> Samples:
+def graded_samples(mesh: Mesh, regions: Regions, sampling: str, bend: CellGeometry, further: Samples | None) -> Samples:
     """Return the samples of triangles, those of one after those of another, and ``further`` ones behind them.
 
     Triangles that are clipped are so at the knot planes of the finest level that their corners or middle lie in.
@@ -83,12 +81,12 @@ def graded_samples(mesh: SampleMesh, regions: Regions, sampling: str, bend: Bend
     return Samples(*(own if not behind else [np.concatenate(pair) for pair in zip(own, behind, strict=True)]))
 
 
-def _of_level(mesh: SampleMesh, chosen: Ints, regions: Regions, level: int, sampling: str, bend: Bend) -> Samples:
+def _of_level(mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, bend: CellGeometry) -> Samples:
     shift = shift_of(regions.spacing, level)
     midpoints = None if mesh.midpoints is None else mesh.midpoints[chosen] + shift
     moved = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
     spacing = regions.spacing / 2**level
-    found = samples_of(moved, spacing, clipped=clipped_triangles(moved, sampling, bend, spacing))
+    found = quadrature(moved, spacing, clipped=triangles_to_clip(moved, sampling, bend, spacing))
     return Samples(found.points - shift, found.weights, found.normals, chosen[found.cell])
 
 
@@ -103,7 +101,7 @@ LONGEST_EDGE_SHARE = 0.5
 LEAST_EDGE_SPACINGS = 1e-3
 
 
-def grade_towards_tips(mesh: SampleMesh, spacing: float) -> SampleMesh:
+def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
     """Return flat triangles with their edges halved that are longer than half their distance from a boundary's end.
 
     Parameters
@@ -129,7 +127,7 @@ def grade_towards_tips(mesh: SampleMesh, spacing: float) -> SampleMesh:
         long = _is_long_near_tips(mesh.vertices, edges.ends, edges.lengths(mesh.vertices), centres, spacing)
         middle = np.full(len(edges.ends), -1)
         middle[long] = len(mesh.vertices) + np.arange(long.sum())
-        mesh = halved(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
+        mesh = halve_edges(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
 def _is_long_near_tips(vertices: Floats, ends: Ints, lengths: Floats, centres: Floats, spacing: float) -> Bools:

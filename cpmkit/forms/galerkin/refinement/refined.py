@@ -10,12 +10,12 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.form_records import ExpectedError
-from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves
 from cpmkit.forms.galerkin.levels import coarser_levels
-from cpmkit.forms.galerkin.locating import Locator
+from cpmkit.forms.galerkin.patch_locator import PatchLocator
 from cpmkit.forms.galerkin.projection import Projection
+from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import prolongation_to, representations
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, RefinedSpace
 from cpmkit.forms.galerkin.refinement.regions import Regions
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedLocator(Locator):
+class RefinedLocator(PatchLocator):
     """Finds the patches of points among those of several levels."""
 
     def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
@@ -118,7 +118,7 @@ class RefinedGalerkin(Galerkin):
         return (rows @ self.representation).tocsr()
 
     @cached_on_space
-    def _locator(self) -> Locator:
+    def _locator(self) -> PatchLocator:
         plain = super()._locator
         return RefinedLocator(plain.lattice, plain.samples, plain.dof_map, plain.sides, plain.boundaries, plain.sheets)
 

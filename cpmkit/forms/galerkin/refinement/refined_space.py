@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import LevelSplines, build_patches
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
@@ -64,7 +63,7 @@ class RefinedDofMap(DofMap):
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedSamples(FixedSamples):
+class RefinedSamples(QuantisedSamples):
     """Samples that are held where the magnification puts them, and are read where they are."""
 
     def points_at(self, rows: slice | Ints) -> Floats:
@@ -107,8 +106,8 @@ def build_refined_space(
     """Return the space of these levels over ``samples``, those of boundaries among them."""
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     placed = Samples(dof_map.magnified(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
-    fixed = FixedSamples.of(placed, dof_map)
-    own = RefinedSamples(*[getattr(fixed, name) for name in FixedSamples.__dataclass_fields__])
+    fixed = QuantisedSamples.of(placed, dof_map)
+    own = RefinedSamples(*[getattr(fixed, name) for name in QuantisedSamples.__dataclass_fields__])
     return RefinedSpace(build_spline_space(dof_map, own), dof_map, levels, used)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
+from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.refinement.refined import RefinedGalerkin
 from cpmkit.forms.galerkin.space.sample_kernels import spline_slopes, spline_values
 from cpmkit.protocols import Bools, Floats, Ints

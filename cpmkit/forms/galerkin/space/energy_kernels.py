@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_kernels import decode_normals
-from cpmkit.forms.galerkin.fixed_point import PLACE_UNIT
+from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
+from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined

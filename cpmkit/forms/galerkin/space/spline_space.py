@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.space.dof_map import DofMap, connected_pieces
 from cpmkit.protocols import Floats, Ints
 
@@ -39,7 +38,7 @@ class SplineSpace:
     """
 
     dof_map: DofMap
-    samples: FixedSamples
+    samples: QuantisedSamples
     heaviest: Any
     runs: Any
     short_runs: Any
@@ -82,12 +81,12 @@ class SplineSpace:
         return np.asarray(totals[0] / totals[1])
 
 
-def build_spline_space(dof_map: DofMap, samples: Samples | FixedSamples) -> SplineSpace:
+def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
     """Return the space of the unknowns of ``dof_map`` over its ``samples``, which it numbers."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, pattern, runs_of
     from cpmkit.runtime.inverse_index import inverse_index
 
-    samples = FixedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
+    samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
     n = dof_map.size
     patches, width = dof_map.unknowns.shape
     starts, places = inverse_index(dof_map.unknowns.ravel(), n)

@@ -7,7 +7,7 @@ from model_problems import order_of
 import cpmkit as ck
 from cpmkit.forms.collocation.conservation.polynomials import Polynomials
 from cpmkit.forms.collocation.conservation.weak_form import curved_cells_of, weak_form
-from cpmkit.mesh.curved_cells import CurvedCells
+from cpmkit.mesh.quadratic_cells import QuadraticCells
 
 SPHERE = ck.source("analytic.sphere")
 SPACINGS = (0.2, 0.1, 0.05)
@@ -44,7 +44,7 @@ def test_cells_without_area_weigh_nothing(height):
     middles = np.array([[0.5, 0, 0], [0.5, 0.5, 0], [0, 0.5, 0], [1.5, height / 2, 0], [1, height / 2, 0]])
     cells = np.array([[0, 1, 2, 4, 5, 6], [0, 1, 3, 4, 7, 8]])
     nodes = np.concatenate([corners, middles])
-    weak = weak_form(CurvedCells(nodes, cells), np.ones(9), np.zeros(9))
+    weak = weak_form(QuadraticCells(nodes, cells), np.ones(9), np.zeros(9))
     assert np.isfinite(weak.form.data).all()
     x = nodes[:, 0]
     assert x @ weak.form @ x == pytest.approx(0.5)

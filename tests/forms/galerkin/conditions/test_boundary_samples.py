@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE, boundary_samples
-from cpmkit.mesh.cutting import corners_of, half_facets
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.mesh import Mesh
 
 
 def sampled(mesh, rims=False, points=None):
-    return boundary_samples(mesh, half_facets(mesh), corners_of(mesh), rims, points)
+    return boundary_samples(mesh, half_facets(mesh), cut_corners(mesh), rims, points)
 
 
 def hexagon(inward=0.0):
@@ -24,7 +24,7 @@ def hexagon(inward=0.0):
     cut = np.array([[0, 6], [6, 3]])
     for cell, facet in ((0, 2), (5, 1), (2, 1), (3, 2)):  # the cells beside the cut, and their edges on it
         middles[cell, facet, 1] += inward
-    return SampleMesh(vertices, cells, middles, cut, np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool))
+    return Mesh(vertices, cells, middles, cut, np.zeros(2, dtype=np.int64), np.zeros(2, dtype=bool))
 
 
 def test_length_and_directions_of_a_curved_cut():
@@ -78,7 +78,7 @@ def test_rims_are_sampled_where_they_are_asked_for():
 
 def test_ends_and_cuts_of_a_curve():
     x = np.array([[0.0, 0, 0], [1, 0, 0], [2, 1, 0]])
-    mesh = SampleMesh(
+    mesh = Mesh(
         x, np.array([[0, 1], [2, 1]]), None, np.array([[1]]), np.zeros(1, dtype=np.int64), np.zeros(1, dtype=bool)
     )
     samples = sampled(mesh, rims=True)

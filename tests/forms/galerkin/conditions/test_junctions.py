@@ -6,8 +6,8 @@ from model_problems import order_of
 from small_galerkin import small
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.subdivision import subdivided
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import subdivide
 
 SPACINGS = (0.2, 0.14, 0.1)
 #: Rows: two axes of the hexagon's plane, and its normal.
@@ -22,7 +22,7 @@ def hexagon():
     flat = np.append(np.stack([np.cos(angles), np.sin(angles)], axis=1), [[0, 0]], axis=0)
     cells = np.stack([np.full(6, 6), np.arange(6), (np.arange(6) + 1) % 6], axis=1)
     cut = np.array([[6, 0], [6, 2], [6, 4]])
-    return SampleMesh(flat @ FRAME[:2], cells, None, cut, np.arange(3), np.zeros(3, dtype=bool))
+    return Mesh(flat @ FRAME[:2], cells, None, cut, np.arange(3), np.zeros(3, dtype=bool))
 
 
 def plane(x):
@@ -77,7 +77,7 @@ def junction(materials):
 
 
 def solve(scene, spacing, place, share=0.15):
-    return small(scene, subdivided(hexagon(), share * spacing), spacing, spacing * np.asarray(place))
+    return small(scene, subdivide(hexagon(), share * spacing), spacing, spacing * np.asarray(place))
 
 
 @pytest.mark.parametrize("materials", [(1.0, 1.0, 1.0), (1.0, 10.0, 1000.0)])

@@ -6,7 +6,7 @@ from sphere_zones import SPHERE, coupled, errors, sphere_points
 from trimesh.creation import icosphere
 
 import cpmkit as ck
-from cpmkit.mesh.edges import edges_of, edges_on_cut
+from cpmkit.mesh.mesh import edges_of, edges_on_cut
 from cpmkit.meshing import curved_from_points
 
 SCENE = coupled(1000.0, 0.3)
@@ -27,13 +27,13 @@ def near(spacing, seed):
 
 @pytest.mark.parametrize(("spacing", "seed"), BESIDE_VERTICES)
 def test_a_boundary_beside_a_vertex_keeps_its_bend(spacing, seed, monkeypatch):
-    found, bend = {}, curved_from_points.with_midpoints
+    found, bend = {}, curved_from_points.add_midpoints
 
     def kept(mesh, source, boundaries=()):
         found["mesh"], found["boundary"] = bend(mesh, source, boundaries), boundaries[0]
         return found["mesh"]
 
-    monkeypatch.setattr(curved_from_points, "with_midpoints", kept)
+    monkeypatch.setattr(curved_from_points, "add_midpoints", kept)
     solution = ck.solve(SCENE, **near(spacing, seed))
     mesh, edges = found["mesh"], edges_of(found["mesh"])
     middles = np.zeros((len(edges.ends), 3))

@@ -10,7 +10,7 @@ from small_galerkin import small
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 SPACING = 0.2
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)
@@ -86,7 +86,7 @@ def test_crossing_curves_have_each_its_own_sides():
     along = along[np.argsort(z[along])]
     line = np.stack([along[:-1], along[1:]], axis=1)
     owner = np.concatenate([mesh.owner, np.ones(len(line), dtype=np.int64)])
-    mesh = replace(mesh, cut=np.concatenate([mesh.cut, line]), owner=owner, extends=owner > 1)
+    mesh = replace(mesh, cut=np.concatenate([mesh.cut, line]), owner=owner, beyond_tip=owner > 1)
     segment = ck.source("analytic.segment", start=placed(0.0, 0.0), end=placed(LENGTH, 0.0))
     cuts = [ck.Boundary("ring", ring(), **UNLIKE), ck.Boundary("line", segment, **UNLIKE)]
     scene = ck.Scene(SURFACE, ck.ScreenedPoisson(0.0, 1.0), cuts)
@@ -114,7 +114,7 @@ def moebius_mesh(count, rows):
     cut = np.stack([core[:-1], core[1:]], axis=1)
     middles = on_strip(0.5 * (np.roll(places, -1, axis=1) + np.roll(places, -2, axis=1)))
     nothing = np.zeros(count, dtype=np.int64)
-    return SampleMesh(on_strip(grid[:-1].reshape(-1, 2)), cells, middles, cut, nothing, nothing > 0)
+    return Mesh(on_strip(grid[:-1].reshape(-1, 2)), cells, middles, cut, nothing, nothing > 0)
 
 
 def on_strip(places):
@@ -149,7 +149,7 @@ def fan(angles, count):
         cells += [np.stack(three, axis=-1).reshape(-1, 3) for three in ((a, b, c), (a, c, d))]
     cut = np.stack([np.arange(count), np.arange(1, count + 1)], axis=1)
     nothing = np.zeros(count, dtype=np.int64)
-    return SampleMesh(np.concatenate(vertices), np.concatenate(cells), None, cut, nothing, nothing > 0)
+    return Mesh(np.concatenate(vertices), np.concatenate(cells), None, cut, nothing, nothing > 0)
 
 
 @pytest.mark.parametrize("angles", [(0.3,), (0.3, 2.0), (0.3, 2.0, 4.5), (0.3, 1.4, 2.9, 4.4, 5.6)])

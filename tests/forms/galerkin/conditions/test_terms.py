@@ -21,8 +21,8 @@ from small_galerkin import circle_mesh, small
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.galerkin.conditions.imposed_conditions import point_warnings
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.segments import split_at_knots
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.mesh.subdivision import split_at_knot_planes
 
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)
 
@@ -48,7 +48,7 @@ def two_rings(spacing, gap):
         midpoints=placed(middles[..., 0], middles[..., 1]),
         cut=np.concatenate([mesh.cut, mesh.cut + around]),
         owner=np.repeat([0, 1], around),
-        extends=np.zeros(2 * around, dtype=bool),
+        beyond_tip=np.zeros(2 * around, dtype=bool),
     )
 
 
@@ -81,7 +81,7 @@ def square_with_slit(count, tip, reach):
     cut = np.stack([line[:-1], line[1:]], axis=1)[on]
     grid = np.stack(np.meshgrid(x, x, indexing="ij"), axis=-1).reshape(-1, 2)
     vertices = np.concatenate([grid, np.zeros((len(grid), 1))], axis=1)
-    return SampleMesh(vertices, cells, None, cut, np.zeros(len(cut), dtype=np.int64), middle[on] > tip)
+    return Mesh(vertices, cells, None, cut, np.zeros(len(cut), dtype=np.int64), middle[on] > tip)
 
 
 def slit_error(spacing, reach):
@@ -116,13 +116,13 @@ def test_slits_are_continued_past_their_tips():
 def plain(scene, spacing=0.2, **points):
     mesh = cylinder_mesh(2 * spacing)
     if not scene.boundaries:
-        mesh = replace(mesh, cut=mesh.cut[:0], owner=mesh.owner[:0], extends=mesh.extends[:0])
+        mesh = replace(mesh, cut=mesh.cut[:0], owner=mesh.owner[:0], beyond_tip=mesh.beyond_tip[:0])
     return small(scene, mesh, spacing, spacing * np.array([0.1, 0.6, 0.3]), **points)
 
 
 def pinned(law, *more, edge=None):
     mesh = cylinder_mesh(0.4)
-    nowhere = replace(mesh, cut=mesh.cut[:0], owner=mesh.owner[:0], extends=mesh.extends[:0])
+    nowhere = replace(mesh, cut=mesh.cut[:0], owner=mesh.owner[:0], beyond_tip=mesh.beyond_tip[:0])
     pin = ck.Boundary("pin", ck.source("analytic.point", at=mesh.vertices[100]), both=law)
     scene = ck.Scene(SURFACE, ck.Laplace(), [pin], edge=edge or ck.Neumann())
     return scene, small(scene, nowhere, 0.2, points={0: np.array([100])})
@@ -164,7 +164,7 @@ def bar(law, spacing=0.05):
     scene = ck.Scene(surface, ck.Laplace(), edge={0: ck.Dirichlet(2.0), 1: law})
     x = start + np.linspace(0, 1, 41)[:, None] * (end - start)
     cells = np.stack([np.arange(40), np.arange(1, 41)], axis=1)
-    return small(scene, split_at_knots(SampleMesh.of(x, cells), spacing), spacing), start
+    return small(scene, split_at_knot_planes(Mesh.of(x, cells), spacing), spacing), start
 
 
 def test_fluxes_that_depend_on_the_solution():

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature import piece_kernels
-from cpmkit.forms.galerkin.quadrature.clipping import clipped_triangles
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.forms.galerkin.quadrature import polygon_rules
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature, triangles_to_clip
+from cpmkit.mesh.mesh import Mesh
 
 SPACING = 0.2
 #: Long enough to cross several knot planes of each axis.
-TRIANGLE = SampleMesh.of(np.array([[0.03, -0.11, 0.05], [0.71, 0.13, -0.4], [0.2, 0.66, 0.35]]), np.array([[0, 1, 2]]))
+TRIANGLE = Mesh.of(np.array([[0.03, -0.11, 0.05], [0.71, 0.13, -0.4], [0.2, 0.66, 0.35]]), np.array([[0, 1, 2]]))
 
 
 def quadratic(x):
@@ -19,7 +18,7 @@ def quadratic(x):
 
 
 def test_pieces_integrate_quadratics_exactly():
-    plain, clipped = samples_of(TRIANGLE), samples_of(TRIANGLE, SPACING)
+    plain, clipped = quadrature(TRIANGLE), quadrature(TRIANGLE, SPACING)
     assert len(clipped) > 10 * len(plain)
     assert clipped.weights @ quadratic(clipped.points) == pytest.approx(
         plain.weights @ quadratic(plain.points), rel=1e-12
@@ -42,7 +41,7 @@ def test_pieces_are_integrated_from_within(taken, degree):
         piece, places, shares = np.zeros((34, 5)), np.empty((taken, 2)), np.empty(taken)
         piece[: len(corners), :2] = corners
         room = np.empty(5), np.empty(4), np.empty((34, 2))
-        area = piece_kernels.rule(piece, len(corners), taken, *room, places, shares)
+        area = polygon_rules.rule(piece, len(corners), taken, *room, places, shares)
 
         def powers_at(x, corners=corners):
             y = (x - corners.mean(axis=0)) / np.ptp(corners, axis=0)
@@ -61,7 +60,7 @@ def test_pieces_are_integrated_from_within(taken, degree):
 
 def test_each_cell_holds_as_much_as_lies_in_it():
     """The area in each lattice cell, counted by a fine grid of points on the triangle."""
-    clipped = samples_of(TRIANGLE, SPACING)
+    clipped = quadrature(TRIANGLE, SPACING)
     n = 800
     i, j = (x.ravel() for x in np.indices((n, n)))
     up, down = i + j < n, i + j < n - 1
@@ -79,9 +78,9 @@ def test_each_cell_holds_as_much_as_lies_in_it():
 
 def test_samples_lie_in_the_cells_of_their_pieces_in_any_unit():
     for unit in (1e-6, 1.0, 1e6):
-        mesh = SampleMesh.of(unit * TRIANGLE.vertices, TRIANGLE.cells)
-        clipped = samples_of(mesh, unit * SPACING)
-        reference = samples_of(TRIANGLE, SPACING)
+        mesh = Mesh.of(unit * TRIANGLE.vertices, TRIANGLE.cells)
+        clipped = quadrature(mesh, unit * SPACING)
+        reference = quadrature(TRIANGLE, SPACING)
         np.testing.assert_allclose(clipped.points, unit * reference.points, rtol=1e-9, atol=1e-12 * unit)
         t = np.abs(clipped.points / (unit * SPACING) - np.round(clipped.points / (unit * SPACING)))
         assert len(clipped) == len(reference)
@@ -90,13 +89,13 @@ def test_samples_lie_in_the_cells_of_their_pieces_in_any_unit():
 
 def test_every_triangle_has_samples_even_without_area():
     vertices = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.15, 0, 0], [0.1, 0.1, 0.1], [0.1, 0.1, 0.1 + 1e-13]])
-    mesh = SampleMesh.of(vertices, np.array([[0, 1, 2], [3, 3, 3], [0, 3, 4], [0, 1, 3]]))
-    clipped = samples_of(mesh, 0.05)
+    mesh = Mesh.of(vertices, np.array([[0, 1, 2], [3, 3, 3], [0, 3, 4], [0, 1, 3]]))
+    clipped = quadrature(mesh, 0.05)
     assert set(clipped.cell) == {0, 1, 2, 3}
     assert np.all(np.diff(clipped.cell) >= 0)
     assert np.isfinite(clipped.points).all()
     np.testing.assert_allclose(np.linalg.norm(clipped.normals[:, 0], axis=1), 1, rtol=1e-12)
-    assert clipped.weights.sum() == pytest.approx(samples_of(mesh).weights.sum(), rel=1e-12)
+    assert clipped.weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-12)
 
 
 @pytest.mark.parametrize("height", [1e-9, 5e-4, 1e-3, 2e-3, 1e-2])
@@ -105,10 +104,10 @@ def test_triangles_that_lie_nearly_in_a_knot_plane_count_once(height):
     at = np.random.default_rng(0).uniform(0, 0.3, (200, 3, 2))
     z = 0.05 + 0.1 * height * np.random.default_rng(1).uniform(-2, 2, (200, 3, 1))
     vertices = np.concatenate([at, z], axis=2).reshape(-1, 3)
-    mesh = SampleMesh.of(vertices, np.arange(600).reshape(-1, 3))
-    clipped = samples_of(mesh, 0.1)
+    mesh = Mesh.of(vertices, np.arange(600).reshape(-1, 3))
+    clipped = quadrature(mesh, 0.1)
     area = np.bincount(clipped.cell, clipped.weights)
-    np.testing.assert_allclose(area, samples_of(mesh).weights.reshape(-1, 3).sum(axis=1), rtol=1e-9)
+    np.testing.assert_allclose(area, quadrature(mesh).weights.reshape(-1, 3).sum(axis=1), rtol=1e-9)
     assert len(clipped) < 100 * len(mesh.cells)
 
 
@@ -119,10 +118,10 @@ def test_curved_triangles_keep_their_area():
     vertices = np.concatenate([vertices[::2], [[0, np.sin(0.3), np.cos(0.3)]]])
     middles = vertices[[[1, 2, 0]]] + vertices[[[2, 0, 1]]]
     middles /= np.linalg.norm(middles, axis=2)[..., None]
-    mesh, errors = SampleMesh.of(vertices, np.array([[0, 1, 2]]), middles), []
-    fine = samples_of(mesh, 0.003).weights.sum()
+    mesh, errors = Mesh.of(vertices, np.array([[0, 1, 2]]), middles), []
+    fine = quadrature(mesh, 0.003).weights.sum()
     for spacing in (0.2, 0.1, 0.05):
-        errors.append(abs(samples_of(mesh, spacing).weights.sum() / fine - 1))
+        errors.append(abs(quadrature(mesh, spacing).weights.sum() / fine - 1))
     assert errors[0] < 1e-4
     assert errors[-1] < 0.3 * errors[0]
 
@@ -153,8 +152,8 @@ def test_curved_triangles_that_cross_planes_often_count_once():
     gauss, weight = np.polynomial.legendre.leggauss(24)
     r, along = (x.ravel() for x in np.meshgrid(0.5 * (gauss + 1), 0.5 * (gauss + 1), indexing="ij"))
     area = areas_at(nodes, r, along * (1 - r)) @ (np.outer(weight, weight).ravel() / 4 * (1 - r))
-    mesh = SampleMesh.of(nodes[:, :3].reshape(-1, 3), np.arange(3 * len(nodes)).reshape(-1, 3), nodes[:, 3:])
-    clipped = samples_of(mesh, 1.0)
+    mesh = Mesh.of(nodes[:, :3].reshape(-1, 3), np.arange(3 * len(nodes)).reshape(-1, 3), nodes[:, 3:])
+    clipped = quadrature(mesh, 1.0)
     held = np.bincount(clipped.cell, clipped.weights)
     assert np.quantile(np.abs(held / area - 1), 0.99) < 2e-3
     assert np.abs(held / area - 1).max() < 1e-2
@@ -188,8 +187,8 @@ def test_how_samples_are_taken_is_an_option():
 )
 def test_flat_triangles_are_left_whole_where_they_are_small_beside_a_cell(sampling, bend, clipped):
     vertices = np.array([[0.0, 0, 0], [0.09, 0, 0], [0, 0.04, 0], [0.09, -0.14, 0]])
-    mesh = SampleMesh.of(vertices, np.array([[0, 1, 2], [0, 3, 1]]))
-    np.testing.assert_array_equal(clipped_triangles(mesh, sampling, bend, SPACING), clipped)
+    mesh = Mesh.of(vertices, np.array([[0, 1, 2], [0, 3, 1]]))
+    np.testing.assert_array_equal(triangles_to_clip(mesh, sampling, bend, SPACING), clipped)
 
 
 def test_large_flat_triangles_cost_fewer_samples_than_small_whole_ones_and_leave_no_more_error():

@@ -7,21 +7,20 @@ import pytest
 from trimesh.creation import box, icosphere
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature import facets
-from cpmkit.forms.galerkin.quadrature.facets import (
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
     CURVED_SINGLE_MOMENT,
     MOST_SINGLE_MOMENT,
     SINGLE_MOMENT_OF_ANGLE,
-    single_moments,
+    one_point_limits,
+    quadrature,
 )
-from cpmkit.forms.galerkin.quadrature.mesh_quadrature import samples_of
-from cpmkit.mesh.mesh import SampleMesh
+from cpmkit.mesh.mesh import Mesh
 
 BALL = icosphere(subdivisions=3)
 
 
 def mesh(vertices, faces):
-    return SampleMesh.of(np.array(vertices, dtype=float), np.array(faces, dtype=np.int64))
+    return Mesh.of(np.array(vertices, dtype=float), np.array(faces, dtype=np.int64))
 
 
 def roof(slope):
@@ -35,15 +34,15 @@ def test_the_least_angle_at_an_edge_decides_whichever_way_triangles_are_wound():
     normals = np.cross(*(low.vertices[low.cells[:, k]] - low.vertices[low.cells[:, 0]] for k in (1, 2)))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     sine = np.linalg.norm(np.cross(normals[:, None], normals[None]), axis=2) + 9 * np.eye(4)
-    np.testing.assert_allclose(single_moments(low, 1.0), SINGLE_MOMENT_OF_ANGLE * sine.min(axis=1), rtol=1e-12)
+    np.testing.assert_allclose(one_point_limits(low, 1.0), SINGLE_MOMENT_OF_ANGLE * sine.min(axis=1), rtol=1e-12)
 
 
 def test_planes_rims_and_edges_of_three_have_all_samples():
     bent = roof(0.01)
     third = replace(bent, vertices=np.r_[bent.vertices, [[0, 0, 1]]], cells=np.r_[bent.cells, [[0, 1, 4]]])
     for one in (roof(0.0), bent, third, mesh(*(getattr(box(), name) for name in ("vertices", "faces")))):
-        np.testing.assert_allclose(single_moments(one, 1.0), 0.0, atol=1e-15)
-    assert single_moments(mesh(BALL.vertices, BALL.faces), 1.0).min() == MOST_SINGLE_MOMENT
+        np.testing.assert_allclose(one_point_limits(one, 1.0), 0.0, atol=1e-15)
+    assert one_point_limits(mesh(BALL.vertices, BALL.faces), 1.0).min() == MOST_SINGLE_MOMENT
 
 
 def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_no_accuracy():
@@ -53,7 +52,7 @@ def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_n
     errors, samples = [], []
     for limit in (0.0, CURVED_SINGLE_MOMENT):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(facets, "CURVED_SINGLE_MOMENT", limit)
+            patch.setattr("cpmkit.forms.galerkin.quadrature.cell_quadrature.CURVED_SINGLE_MOMENT", limit)
             found = [ck.solve(scene, 0.45, form="galerkin", origin=[x, 0.1, 0.2]) for x in (0.0, 0.13)]
         errors.append(np.sqrt(np.mean([(one.evaluate(at) - at.prod(axis=1)) ** 2 for one in found])))
         samples.append(found[0].work.samples)
@@ -66,7 +65,7 @@ def test_triangles_that_touch_a_boundary_have_all_samples():
     cut = replace(ball, cut=ball.cells[:1, :2])
     touching = np.isin(ball.cells, cut.cut).any(axis=1)
     assert 0 < touching.sum() < 20
-    np.testing.assert_array_equal(single_moments(cut, 1.0) == 0, touching)
+    np.testing.assert_array_equal(one_point_limits(cut, 1.0) == 0, touching)
 
 
 def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
@@ -77,7 +76,7 @@ def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
     fewer = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "cpmkit.forms.galerkin.quadrature.mesh_quadrature.single_moments",
+            "cpmkit.forms.galerkin.quadrature.cell_quadrature.one_point_limits",
             lambda one, _spacing: np.zeros(len(one.cells)),
         )
         every = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
@@ -91,7 +90,7 @@ def test_small_whole_facets_have_one_sample_each():
     ball = mesh(BALL.vertices, BALL.faces)
     whole = np.zeros(len(ball.cells), dtype=bool)
     for spacing, each in ((1.0, 1), (0.18, 3)):
-        found = samples_of(ball, spacing, clipped=whole)
+        found = quadrature(ball, spacing, clipped=whole)
         assert len(found) == each * len(ball.cells)
         assert found.weights.sum() == pytest.approx(BALL.area, rel=1e-12)
         flat = np.einsum("qi,qi->q", found.normals[:, 0], found.points - ball.vertices[ball.cells[found.cell, 0]])
@@ -100,4 +99,4 @@ def test_small_whole_facets_have_one_sample_each():
 
 def test_the_area_is_kept():
     ball = mesh(BALL.vertices, BALL.faces)
-    assert samples_of(ball, 0.18).weights.sum() == pytest.approx(BALL.area, rel=1e-12)
+    assert quadrature(ball, 0.18).weights.sum() == pytest.approx(BALL.area, rel=1e-12)

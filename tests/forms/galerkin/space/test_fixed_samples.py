@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from galerkin_scenes import sphere
 
-from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
-from cpmkit.forms.galerkin.fixed_samples import FixedSamples
-from cpmkit.forms.galerkin.quadrature.samples import Samples
+from cpmkit.forms.galerkin.quadrature.samples import NORMAL_UNIT, PLACE_UNIT, QuantisedSamples, Samples
 from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 
 H = 0.2
@@ -14,7 +12,7 @@ H = 0.2
 
 def fixed(drawn, samples=None):
     samples = drawn.samples if samples is None else samples
-    return FixedSamples.of(samples, build_dof_map(samples.points, drawn.contacts, H))
+    return QuantisedSamples.of(samples, build_dof_map(samples.points, drawn.contacts, H))
 
 
 def test_points_and_normals_are_rounded_to_a_unit():
@@ -42,7 +40,7 @@ def test_cells_are_kept_whatever_follows(last):
     again = np.concatenate([np.arange(len(s)), np.arange(last)[::-1] * 7])
     samples = Samples(s.points[again], s.weights[again], s.normals[again], s.cell[again])
     dof_map = build_dof_map(samples.points, drawn.contacts[again], H)
-    one = FixedSamples.of(samples, dof_map)
+    one = QuantisedSamples.of(samples, dof_map)
     assert np.array_equal(one.cell, samples.cell)
     assert np.array_equal(one.cell_at(np.arange(len(samples))), samples.cell)
 
@@ -53,6 +51,6 @@ def test_normals_along_axes_are_exact(axis, sign):
     normal = np.zeros((1, 1, 3))
     normal[0, 0, axis] = sign
     samples = Samples(np.full((1, 3), 0.25 * H), np.ones(1), normal, np.zeros(1))
-    one = FixedSamples.of(samples, build_dof_map(samples.points, np.zeros((1, 3), dtype=np.int64), H))
+    one = QuantisedSamples.of(samples, build_dof_map(samples.points, np.zeros((1, 3), dtype=np.int64), H))
     assert np.array_equal(one.normals, normal)
     assert np.array_equal(one.points, samples.points)

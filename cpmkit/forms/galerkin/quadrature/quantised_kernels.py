@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_point import NORMAL_UNIT, PLACE_UNIT
+from cpmkit.forms.galerkin.quadrature.samples import NORMAL_UNIT, PLACE_UNIT
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 

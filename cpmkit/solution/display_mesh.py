@@ -8,19 +8,17 @@ of a cloud or of a union, shows the value of the side on which it lies.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.errors import InputError
 from cpmkit.manifold.vectors import unit
-from cpmkit.mesh.cells import with_corners
-from cpmkit.mesh.cut import Pieces, cut
-from cpmkit.mesh.refinement import refine
-from cpmkit.mesh.vertex_normals import vertex_normals
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasNormals, Ints, Side
+from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
+from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.normals_of_mesh import vertex_normals
+from cpmkit.protocols import ClosestPointSource, Floats, HasNormals, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
@@ -81,22 +79,6 @@ class DisplayMesh:
         return with_corners(self.cells, 1)[:, 0]
 
 
-def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
-    """Return the method of ``surface`` that meshes it for a spacing.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
-    if isinstance(surface, HasMesh):
-        return surface.mesh
-    raise InputError(
-        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
-        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
-    )
-
-
 def display_mesh(solution: Solution) -> DisplayMesh:
     """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
 
@@ -110,11 +92,11 @@ def display_mesh(solution: Solution) -> DisplayMesh:
     normals = _normals(surface, points, cells)
     attributes = points if normals is None else np.hstack([points, normals])
     dim, boundaries = points.shape[1], solution.scene.boundaries
-    attributes, cells = refine(attributes, cells, dim, LONGEST_EDGE_SPACINGS * solution.spacing)
-    pieces = Pieces(attributes, np.zeros((len(attributes), len(boundaries)), dtype=np.int64), cells)
+    attributes, cells = refine_mixed_cells(attributes, cells, dim, LONGEST_EDGE_SPACINGS * solution.spacing)
+    pieces = CutCells(attributes, np.zeros((len(attributes), len(boundaries)), dtype=np.int64), cells)
     for index, boundary in enumerate(boundaries):
         distance = solution.signed_distance(boundary.name, np.ascontiguousarray(pieces.attributes[:, :dim]))
-        pieces = cut(pieces, index, distance, dim, boundary.source, solution.spacing)
+        pieces = cut_by_distance(pieces, index, distance, dim, boundary.source, solution.spacing)
     cut_points = np.ascontiguousarray(pieces.attributes[:, :dim])
     return DisplayMesh(
         points=cut_points,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vectors import norms
-from cpmkit.mesh.cells import edges_of, padded, renumbered, with_corners
+from cpmkit.mesh.mixed_cells import number_edges, renumber_cells, rotate_triangles, stack_cells, with_corners
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 
 #: A vertex nearer to a boundary than this share of the spacing lies on it.
@@ -18,7 +18,7 @@ CROSSED_EDGE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
-class Pieces:
+class CutCells:
     """A mesh between two cuts; ``attributes`` are points and normals, which a cut interpolates alike."""
 
     attributes: Floats  # (v, d) or (v, 2 d)
@@ -26,7 +26,9 @@ class Pieces:
     cells: Ints  # (m, k): triangles, segments and points, shorter rows end in -1
 
 
-def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float) -> Pieces:
+def cut_by_distance(
+    pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
+) -> CutCells:
     """Split every cell that a boundary crosses, and part the two sides.
 
     Parameters
@@ -51,7 +53,7 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
         part = with_corners(pieces.cells, corners)
         if not len(part):
             continue
-        part_edges, cell_edges = edges_of(part, count)
+        part_edges, cell_edges = number_edges(part, count)
         crossed = _crossed(points, part_edges, distance, sign, curve)
         # The crossing of edge e is called vertex count + e; only those that are used will be made.
         after, side = part, _side(part, sign)  # nothing cuts a point
@@ -60,13 +62,13 @@ def cut(pieces: Pieces, boundary: int, distance: Floats, dim: int, curve: Closes
         edges = np.concatenate([edges, part_edges])
         cells.append(after)
         sides.append(side)
-    after = padded(cells)
+    after = stack_cells(cells)
     used = np.unique(after[after >= count]) - count
     number = np.zeros(count + len(edges), dtype=np.int64)
     number[:count] = np.arange(count)
     number[count + used] = count + np.arange(len(used))
     on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
-    with_crossings = _append_crossings(pieces, edges[used], distance, renumbered(after, number))
+    with_crossings = _append_crossings(pieces, edges[used], distance, renumber_cells(after, number))
     return _part(with_crossings, boundary, on_boundary, np.concatenate(sides))
 
 
@@ -133,7 +135,7 @@ def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats
     kept = cells[~(two | across)]
 
     # The lone corner a comes first: it faces the one edge that is not crossed.
-    (a, b, c), (p, _, q) = rotated(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
+    (a, b, c), (p, _, q) = rotate_triangles(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
     parts = [(kept, _side(kept, sign))]
     parts += [
         (np.stack(corners, axis=1), s)
@@ -141,15 +143,9 @@ def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats
     ]
 
     # The corner a on the curve comes first: it faces the one edge that is crossed.
-    (a, b, c), (_, p, _) = rotated(cells[across], crossings[across], crossing[across].argmax(axis=1) + 2)
+    (a, b, c), (_, p, _) = rotate_triangles(cells[across], crossings[across], crossing[across].argmax(axis=1) + 2)
     parts += [(np.stack(corners, axis=1), s) for corners, s in [((a, b, p), sign[b]), ((a, p, c), sign[c])]]
     return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
-
-
-def rotated(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
-    order = (first[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
 
 def _side(cells: Ints, sign: Floats) -> Floats:
@@ -159,24 +155,24 @@ def _side(cells: Ints, sign: Floats) -> Floats:
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
 
 
-def _append_crossings(pieces: Pieces, edges: Ints, distance: Floats, cells: Ints) -> Pieces:
+def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
     """Append the zero of the distance on each of ``edges`` as a vertex."""
     a, b = edges.T
     attributes = np.concatenate([pieces.attributes, _zero(pieces.attributes, edges, distance)])
     # An edge that runs along an earlier boundary hands its side on.
     sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
-    return Pieces(attributes, np.concatenate([pieces.sides, sides]), cells)
+    return CutCells(attributes, np.concatenate([pieces.sides, sides]), cells)
 
 
-def _part(pieces: Pieces, boundary: int, on_boundary: Bools, side: Floats) -> Pieces:
+def _part(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
     """Give the right side copies of the vertices ``on_boundary``; the vertices themselves become the left's."""
     copied = np.flatnonzero(on_boundary)
     copy = np.arange(len(on_boundary))
     copy[copied] = len(on_boundary) + np.arange(len(copied))
     left, right = pieces.sides.copy(), pieces.sides[copied].copy()
     left[copied, boundary], right[:, boundary] = 1, -1
-    return Pieces(
+    return CutCells(
         np.concatenate([pieces.attributes, pieces.attributes[copied]]),
         np.concatenate([left, right]),
-        np.where((side < 0)[:, None], renumbered(pieces.cells, copy), pieces.cells),
+        np.where((side < 0)[:, None], renumber_cells(pieces.cells, copy), pieces.cells),
     )

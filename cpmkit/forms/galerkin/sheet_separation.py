@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import Bend, SampleMesh
+from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.protocols import Floats, HasGivenMesh, Ints
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ LONGER_SPACINGS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class OwnSheets:
+class SheetSeparation:
     """The cells of the manifold, which tell sheets apart.
 
     Flat cells are the manifold, so that a point lies on the cell at no distance. Curved ones come near it only: there
@@ -44,25 +44,25 @@ class OwnSheets:
         h, of the lattice.
     """
 
-    mesh: SampleMesh
-    bend: Bend
+    mesh: Mesh
+    geometry: CellGeometry
     source: LocalSource
     spacing: float
 
     @property
     def known(self) -> bool:
         """Whether sheets can be told apart."""
-        return self.bend == "flat" or isinstance(self.source.source, HasGivenMesh)
+        return self.geometry == "flat" or isinstance(self.source.source, HasGivenMesh)
 
     def scores(self, points: Floats, element: Ints | None, cells: Ints, group: Ints) -> tuple[Floats, float]:
         """Return how far (k, q) the groups of ``cells`` (k, q) are from ``points`` (k, d), and which excess counts.
 
         ``element`` (k,) as of :class:`ClosestPoints`; ``group`` (k, q) is -1 for cells that are left out.
         """
-        from cpmkit.forms.galerkin.own_sheet_kernels import distances_to_cells, ways_to_corners
+        from cpmkit.forms.galerkin.locator_kernels import distances_to_cells, ways_to_corners
 
         corners = self.mesh.cells[cells]
-        if self.bend == "flat":
+        if self.geometry == "flat":
             apart = distances_to_cells(points, self.mesh.vertices, corners)
             return np.where(group >= 0, apart, np.inf), ON_CELL_SPACINGS * self.spacing
         if element is None:

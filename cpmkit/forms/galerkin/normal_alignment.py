@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.fixed_samples import SAMPLES_AT_ONCE
+from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.mesh import SampleMesh
-from cpmkit.mesh.winding import winding_of
+from cpmkit.mesh.adjacency import winding_of
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Floats
 
 #: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.
@@ -20,7 +20,7 @@ FACED_LENGTH, BENT_LENGTH = 0.6, 0.85
 
 
 @dataclass(frozen=True, eq=False)
-class Turned:
+class NormalSpread:
     """The splines under which the manifold turns: around limbs, creases, at folds and thin edges.
 
     Attributes
@@ -38,7 +38,7 @@ class Turned:
     bent: float
 
 
-def facing(space: SplineSpace, mesh: SampleMesh, winding: Any = None) -> Floats:
+def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Floats:
     """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
 
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
@@ -50,7 +50,7 @@ def facing(space: SplineSpace, mesh: SampleMesh, winding: Any = None) -> Floats:
     signs = np.where(winding == 0, np.nan, winding)
     found = np.zeros((dof_map.size, 1 + mesh.dim))
     if mesh.manifold_dim == 2:
-        from cpmkit.forms.galerkin.facing_kernels import add_facing
+        from cpmkit.forms.galerkin.normal_alignment_kernels import add_facing
         from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
         own = samples.places, samples.directions, samples.weights
@@ -65,13 +65,13 @@ def facing(space: SplineSpace, mesh: SampleMesh, winding: Any = None) -> Floats:
     return found
 
 
-def turned(space: SplineSpace, facing: Floats) -> Turned:
+def normal_spread(space: SplineSpace, facing: Floats) -> NormalSpread:
     """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, both sums in ``facing``."""
     area, length = facing[:, 0], norms(facing[:, 1:])
     is_turned = length < FACED_LENGTH * area  # never where nothing is said
     bent = float(area[length < BENT_LENGTH * area].sum() / area.sum())
     if not is_turned.any():
-        return Turned(0.0, np.full(space.dof_map.dim, np.nan), bent)
+        return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bent)
     heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
-    return Turned(float(area[is_turned].sum() / area.sum()), space.dof_map.places[worst], bent)
+    return NormalSpread(float(area[is_turned].sum() / area.sum()), space.dof_map.places[worst], bent)

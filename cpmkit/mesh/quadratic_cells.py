@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vectors import unit
-from cpmkit.mesh.cells import edges_of
+from cpmkit.mesh.mixed_cells import number_edges
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 
 #: The rule of degree 4 with 6 points (Dunavant 1985): ``a`` of its barycentric points (a, a, 1 - 2 a), and weights.
@@ -20,7 +20,7 @@ MOVED_MIDDLE_SHARE = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class CurvedCells:
+class QuadraticCells:
     """Cells of one dimension, each with its corners first and the middles of its edges after them.
 
     Attributes
@@ -76,7 +76,7 @@ RULES_BY_NODES: dict[int, Callable[[], tuple[Floats, Floats, Floats]]] = {
 
 
 @dataclass(frozen=True, eq=False)
-class Edges:
+class OutwardEdges:
     """The edges of cells of one dimension.
 
     Attributes
@@ -94,16 +94,16 @@ class Edges:
     outward: Floats
 
 
-def find_edges(points: Floats, cells: Ints) -> Edges:
+def outward_edges(points: Floats, cells: Ints) -> OutwardEdges:
     """Return the edges of triangles (m, 3) or segments (m, 2); those of points (m, 1) are none."""
-    ends, of_cells = edges_of(cells, len(points))
+    ends, of_cells = number_edges(cells, len(points))
     outward = np.zeros((len(ends), points.shape[1]))
     if cells.shape[1] == 3:
         uses = np.bincount(of_cells.ravel(), minlength=len(ends))
         cell, corner = np.nonzero(uses[of_cells] == 1)
         a, b, c = (points[cells[cell, (corner + k) % 3]] for k in range(3))
         outward[of_cells[cell, corner]] = _unit_away(a, b, c)
-    return Edges(ends, of_cells, outward)
+    return OutwardEdges(ends, of_cells, outward)
 
 
 def _unit_away(a: Floats, b: Floats, c: Floats) -> Floats:
@@ -115,7 +115,7 @@ def _unit_away(a: Floats, b: Floats, c: Floats) -> Floats:
     return unit(across)
 
 
-def middles_on(surface: ClosestPointSource, points: Floats, edges: Edges) -> Floats:
+def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: OutwardEdges) -> Floats:
     """Return the middles (e, d) of ``edges``, moved onto ``surface``, those of its rim onto the rim."""
     a, b = points[edges.ends[:, 0]], points[edges.ends[:, 1]]
     straight, length = 0.5 * (a + b), np.linalg.norm(b - a, axis=1)
@@ -125,10 +125,10 @@ def middles_on(surface: ClosestPointSource, points: Floats, edges: Edges) -> Flo
     rim = surface.closest_point(np.ascontiguousarray(beyond))
     moved = moved.copy()
     moved[single[rim.edge >= 0]] = rim.points[rim.edge >= 0]
-    return moved_if_near(straight, moved, length)
+    return limit_midpoint_shift(straight, moved, length)
 
 
-def moved_if_near(straight: Floats, moved: Floats, length: Floats) -> Floats:
+def limit_midpoint_shift(straight: Floats, moved: Floats, length: Floats) -> Floats:
     """Return ``moved``, or ``straight`` where the way is long beside the edge: there it led to another place."""
     far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
     return np.where(far[:, None], straight, moved)

@@ -1,0 +1,212 @@
+"""Cells of mixed dimension in one array: triangles, segments and points, where shorter rows end in -1."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import NamedTuple
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.protocols import ClosestPointSource, Floats, HasMembers, HasMesh, Ints
+
+
+def with_corners(cells: Ints, corners: int) -> Ints:
+    """Return those of ``cells`` (m, k) that have so many corners, as (n, corners).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> cells = np.array([[0, 1, 2], [3, 4, -1], [5, -1, -1]])
+    >>> with_corners(cells, 2).tolist(), with_corners(cells, 3).tolist()
+    ([[3, 4]], [[0, 1, 2]])
+    """
+    if corners > cells.shape[1]:
+        return np.zeros((0, corners), dtype=np.int64)
+    return cells[(cells >= 0).sum(axis=1) == corners, :corners]
+
+
+def stack_cells(parts: Iterable[Ints]) -> Ints:
+    """Return cells of several numbers of corners as one array; it is as wide as the widest part that has cells."""
+    kept = [part for part in parts if len(part)]
+    width = max((part.shape[1] for part in kept), default=1)
+    rows = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in kept]
+    return np.concatenate(rows) if rows else np.zeros((0, width), dtype=np.int64)
+
+
+def renumber_cells(cells: Ints, number: Ints) -> Ints:
+    """Return ``cells`` with ``number[v]`` in place of each vertex v."""
+    return np.where(cells >= 0, number[cells], -1)
+
+
+def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
+    """Return the (e, 2) edges of triangles or of segments among ``count`` vertices, and the edges' numbers by cell.
+
+    Edge k of a cell joins its corners k and k + 1; a segment has one, a point none.
+    """
+    corners = cells.shape[1]
+    ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)[:, : corners if corners > 2 else corners - 1]
+    low, high = ends.min(axis=-1), ends.max(axis=-1)
+    keys, cell_edges = np.unique(low * count + high, return_inverse=True)
+    return np.stack([keys // count, keys % count], axis=1), cell_edges.reshape(low.shape)
+
+
+def member_dimensions(surface: ClosestPointSource) -> list[int]:
+    """Return the dimensions of a surface's members, the lowest first; that of a solid is the space's."""
+    members = surface.members if isinstance(surface, HasMembers) else [surface]
+    return sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
+
+
+def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
+    """Return those of a surface's ``cells`` that have one dimension.
+
+    Raises
+    ------
+    InputError
+        If the mesh shows a part of this dimension by cells of another: a cloud by points, a solid by its skin.
+    """
+    members = surface.members if isinstance(surface, HasMembers) else [surface]
+    shown = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
+    whole = {member.manifold_dim for member in members}
+    if dim not in shown or not shown <= whole:
+        names = {0: "points", 1: "segments", 2: "triangles"}
+        raise InputError(
+            f"The mesh of {type(surface).__name__} has {' and '.join(names[dimension] for dimension in sorted(shown))} "
+            f"where a manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a "
+            "mesh that fills them are accepted."
+        )
+    return with_corners(cells, dim + 1)
+
+
+def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
+    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
+    order = (first[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
+
+
+class Polyline(NamedTuple):
+    """Points (n, d) in the order of travel; a closed one goes on from the last to the first."""
+
+    points: Floats
+    closed: bool
+
+
+def chain_segments(vertices: Floats, segments: Ints) -> list[Polyline]:
+    """Return the polylines that directed segments (m, 2) between vertices (v, d) make up.
+
+    They end where a vertex does not end one segment and start one.
+    """
+    return [Polyline(vertices[order], closed) for order, closed in _chains(segments)]
+
+
+def _chains(segments: Ints) -> list[tuple[Ints, bool]]:
+    """Return the vertices along each chain of segments, and whether it is closed."""
+    starts, ends = segments.T
+    count = int(segments.max(initial=-1)) + 1
+    through = (np.bincount(starts, minlength=count) == 1) & (np.bincount(ends, minlength=count) == 1)
+    following = np.full(count, -1)
+    following[starts] = ends
+    found, seen = [], np.zeros(count, dtype=bool)
+    rest = [[start, end] for start, end in segments.tolist() if not through[start]]
+    for chain in rest:
+        while through[chain[-1]]:
+            seen[chain[-1]] = True
+            chain.append(int(following[chain[-1]]))
+        closed = chain[0] == chain[-1]
+        found.append((np.array(chain[:-1] if closed else chain), closed))
+    for first in np.flatnonzero(through).tolist():
+        if not seen[first]:
+            chain = [first]
+            while not seen[chain[-1]]:
+                seen[chain[-1]] = True
+                chain.append(int(following[chain[-1]]))
+            found.append((np.array(chain[:-1]), True))
+    return found
+
+
+#: The corners of the pieces of a triangle (a, b, c) by the number of its long edges, among a, b, c (0 to 2)
+#: and the middles of ab, bc, ca (3 to 5). Of one long edge it is ab, of two they are ab and bc.
+PIECES_BY_LONG_EDGES = {
+    0: [(0, 1, 2)],
+    1: [(0, 3, 2), (3, 1, 2)],
+    2: [(3, 1, 4), (0, 3, 4), (0, 4, 2)],
+    3: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+}
+
+
+def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
+    """Return the mesh with every edge halved until none is longer than ``longest``.
+
+    Parameters
+    ----------
+    attributes : (v, w) float64
+        The first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
+    cells : (m, k) int64
+        Triangles, segments and points; shorter rows end in -1.
+    dim : int
+        2 or 3.
+    longest : float
+        In the unit of the positions.
+
+    Returns
+    -------
+    attributes, cells
+        The given vertices come first; neighbours share the middles of their edges.
+    """
+    parts = []
+    for corners, halve in ((3, _halved_triangles), (2, _halved_segments)):
+        attributes, part = _refined(attributes, with_corners(cells, corners), halve, dim, longest)
+        parts.append(part)
+    return attributes, stack_cells([*parts, with_corners(cells, 1)])
+
+
+def _refined(
+    attributes: Floats, cells: Ints, halve: Callable[[Ints, Ints], Ints], dim: int, longest: float
+) -> tuple[Floats, Ints]:
+    """Refine cells that all have the same number of corners."""
+    while True:
+        edges, cell_edges = number_edges(cells, len(attributes))
+        a, b = edges.T
+        long = np.linalg.norm(attributes[b, :dim] - attributes[a, :dim], axis=1) > longest
+        if not long.any():
+            return attributes, cells
+        middle = np.where(long, len(attributes) + np.cumsum(long) - 1, -1)
+        cells = halve(cells, middle[cell_edges])
+        attributes = np.concatenate([attributes, (attributes[a[long]] + attributes[b[long]]) / 2])
+
+
+def _halved_segments(cells: Ints, middles: Ints) -> Ints:
+    long = middles[:, 0] >= 0
+    (a, b), p = cells[long].T, middles[long, 0]
+    return np.concatenate([cells[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
+
+
+def _halved_triangles(cells: Ints, middles: Ints) -> Ints:
+    """``middles`` (m, 3) holds the vertex in the middle of each edge, -1 where the edge stays."""
+    long = middles >= 0
+    # Turn each triangle so that its long edges come first and the others last.
+    first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)
+    corners, halves = rotate_triangles(cells, middles, first)
+    vertices = np.concatenate([corners, halves]).T
+    parts = [
+        vertices[long.sum(axis=1) == count][:, piece]
+        for count, pieces in PIECES_BY_LONG_EDGES.items()
+        for piece in pieces
+    ]
+    return np.concatenate(parts)
+
+
+def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
+    """Return the method of ``surface`` that meshes it for a spacing.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(surface, HasMesh):
+        return surface.mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
+        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
+    )
