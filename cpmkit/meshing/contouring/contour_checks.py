@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.meshing.contouring.contour_edges import component_areas, edges_of, halve_edges, open_edges
+from cpmkit.meshing.contouring.contour_edges import component_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
 from cpmkit.meshing.contouring.nonmanifold_edges import crowded_edges
@@ -91,7 +91,7 @@ def find_defects(
     spacing : float
         Of the form's lattice.
     """
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     border = open_edges(vertices, cells, edges)
     off_rim = np.setdiff1d(np.arange(len(border.edge)), edges_on_rim(border, on_rim))
     off_rim = off_rim[~rims.of_edges(vertices, border.take(off_rim))]
@@ -149,7 +149,7 @@ def restore_creases(
     """
     for _ in range(3):  # each round looks at what the one before has left
         distance, slot, share = _nearest_edges(creases.points, vertices, cells)
-        edges = edges_of(cells)
+        edges = edge_table(cells)
         rows = np.flatnonzero((distance > 0.1 * spacing) & (share > 0.15) & (share < 0.85))
         edge = edges.of_cells.ravel()[slot[rows]]
         wanted = (edges.count[edge] > 1) | creases.on_rim[rows]

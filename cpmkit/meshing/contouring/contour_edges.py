@@ -43,7 +43,7 @@ class EdgeTable:
         return np.asarray(order[start[edges][:, None] + np.arange(count)])
 
 
-def edges_of(cells: Ints) -> EdgeTable:
+def edge_table(cells: Ints) -> EdgeTable:
     """Return the edges of triangles or quadrilaterals ``cells`` (m, k); the first leads from corner 1 to corner 2."""
     k = cells.shape[1]
     places = (np.arange(k)[:, None] + [1, 2]) % k
@@ -150,7 +150,7 @@ def remove_isolated_components(vertices: Floats, cells: Ints, spacing: float) ->
 
 def remove_components_at_vertices(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     """Return the triangles (m, 3) without components of hardly any area that touch others in vertices alone."""
-    return _remove_small(vertices, cells, edges_of(cells).of_cells, spacing)[0]
+    return _remove_small(vertices, cells, edge_table(cells).of_cells, spacing)[0]
 
 
 def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:

@@ -10,7 +10,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     EdgeTable,
     collapse_edges,
     double_areas,
-    edges_of,
+    edge_table,
     open_edges,
     shortest_at_both_ends,
 )
@@ -28,7 +28,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
     without area beside edges of three or more. The vertex that is left goes to the closest point of the middle.
     """
     for _ in range(MAX_ROUNDS):
-        edges = edges_of(cells)
+        edges = edge_table(cells)
         length = norms(vertices[edges.ends[:, 1]] - vertices[edges.ends[:, 0]])
         is_short = (edges.count > 2) & (length < 0.35 * spacing)
         is_short[_shortest_of_degenerate(vertices, cells, edges, length)] = True
@@ -54,7 +54,7 @@ def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     """Return the triangles without flaps: those with an open edge off rims that hang on a crease or on one edge."""
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     on_rim = np.zeros(len(edges.count), dtype=bool)
     known = np.zeros(len(edges.count), dtype=bool)
     alive = np.ones(len(cells), dtype=bool)
@@ -76,7 +76,7 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]
     """
     from cpmkit.meshing.contouring.contouring_kernels import least_area_triangles
 
-    border = open_edges(vertices, cells, edges_of(cells))
+    border = open_edges(vertices, cells, edge_table(cells))
     on_rim = rims.of_edges(vertices, border)
     loops = _hole_loops(border.ends, on_rim, len(vertices))
     fillings = [loop[least_area_triangles(np.ascontiguousarray(vertices[loop]))] for loop in loops]

@@ -13,7 +13,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     OpenEdges,
     collapse_edges,
     double_areas,
-    edges_of,
+    edge_table,
     open_edges,
     shortest_at_both_ends,
 )
@@ -91,7 +91,7 @@ class RimTest:
 
 def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
     """Return the vertices (v, 3) with those beside rims moved onto them, and which (v,) lie on a rim now."""
-    edges, moved, on_rim = edges_of(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
+    edges, moved, on_rim = edge_table(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
     for reach in (1.2, 1.2, 2.0):  # spacings
         border = open_edges(moved, cells, edges)  # anew: vertices on the rim improve the conormals of their neighbours
         outward, normals = np.zeros_like(vertices), np.zeros_like(vertices)
@@ -122,7 +122,7 @@ def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) 
         centres = corners.mean(axis=1)
         removed = norms(rims.source.closest_point(centres).points - centres) > 0.1 * rims.spacing
         longest = norms(corners - np.roll(corners, 1, axis=1)).max(axis=1)
-        edges = edges_of(cells)
+        edges = edge_table(cells)
         is_open = (edges.count[edges.of_cells[rows]] == 1).any(axis=1)
         removed |= is_open & (double_areas(vertices, cells[rows]) < 1e-3 * longest**2)
         if not removed.any():
@@ -153,7 +153,7 @@ def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -
 
 def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, Ints]:
     """Return the pairs of triangles that share an edge and lie on each other, with a corner on a rim."""
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     edge = np.flatnonzero(edges.count == 2)
     pair = edges.slots_of(edge, 2)
     at_rim = np.flatnonzero(np.isin(pair // 3, np.flatnonzero(on_rim[cells].any(axis=1))).any(axis=1))
@@ -171,7 +171,7 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
     corners = cells[chosen]
     ends = corners[:, [[1, 2], [2, 0], [0, 1]]]
     length = norms(vertices[ends[..., 1]] - vertices[ends[..., 0]])
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     at_border = np.zeros(len(vertices), dtype=bool)
     at_border[edges.ends[edges.count == 1]] = True
     pinches = at_border[ends].all(axis=2) & (edges.count[edges.of_cells[chosen]] > 1)
@@ -187,7 +187,7 @@ def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     """
     from scipy.spatial import cKDTree
 
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     ends = edges.ends[edges.count == 1]
     border = np.unique(ends)
     pairs = border[cKDTree(vertices[border]).query_pairs(2e-3 * spacing, output_type="ndarray")]
@@ -203,7 +203,7 @@ def edge_midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) 
 
     Edges across a crease stay straight.
     """
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     a, b = vertices[edges.ends[:, 0]], vertices[edges.ends[:, 1]]
     middles, length = 0.5 * (a + b), norms(b - a)
     border = open_edges(vertices, cells, edges)

@@ -19,7 +19,7 @@ from cpmkit.meshing.contouring.contour_checks import (
 )
 from cpmkit.meshing.contouring.contour_edges import (
     component_areas,
-    edges_of,
+    edge_table,
     remove_components_at_vertices,
     remove_isolated_components,
 )
@@ -146,7 +146,7 @@ def _contour_on(
             f"Closest points make no surface at the spacing {spacing:g}: they lie apart, or are connected nowhere. "
             "Give the surface by a mesh, by points with a fitted surface or by a formula, or use form='collocation'."
         )
-    edges = edges_of(cells)
+    edges = edge_table(cells)
     nonmanifold_share = float((edges.count > 2).mean()) if len(edges.count) else 0.0
     rims = RimTest(source, fine, bool(nodes.on_rim.any()))
     vertices, cells = collapse_short_edges(source, dual.points, cells, fine)

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.meshing.contouring.connectedness import FLAT_COSINE, FLAT_SINE, connected_on_surface
-from cpmkit.meshing.contouring.contour_edges import edges_of
+from cpmkit.meshing.contouring.contour_edges import edge_table
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.edge_crossings import Crossings
 from cpmkit.protocols import Floats, Ints
@@ -158,7 +158,7 @@ def _without_doubles(quads: Ints) -> Ints:
     ordered = np.sort(quads, axis=1)
     _, first, same, count = np.unique(ordered, axis=0, return_index=True, return_inverse=True, return_counts=True)
     several, single = quads[first[count > 1]], quads[count[same.ravel()] == 1]
-    single_edges = edges_of(single)
+    single_edges = edge_table(single)
     ends = np.sort(np.stack([several, np.roll(several, -1, axis=1)], axis=-1), axis=-1)
     odd = single_edges.ends[single_edges.count % 2 == 1]
     size = int(quads.max(initial=0)) + 1

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.meshing.contouring.contour_edges import EdgeTable, edge_ends, edges_of, halve_edges
+from cpmkit.meshing.contouring.contour_edges import EdgeTable, edge_ends, edge_table, halve_edges
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: Sheets that cross at an edge make angles above this with each other, in degrees.
@@ -20,7 +20,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
     Where both pairs stay connected another way around, the edge of one pair is halved.
     """
     for _ in range(6):  # each round looks at the edges that the one before has left or made
-        edges = edges_of(cells)
+        edges = edge_table(cells)
         edge, order, gaps, crossing = _edges_of_four(source, vertices, cells, edges)
         shifted = gaps[:, 0] + gaps[:, 2] > gaps[:, 1] + gaps[:, 3]
         order = np.where(shifted[:, None], np.roll(order, -1, axis=1), order)

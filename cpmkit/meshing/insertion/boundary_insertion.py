@@ -1,4 +1,4 @@
-"""Boundaries into sample meshes."""
+"""Boundaries made facets of a mesh: curves edges and points vertices of a surface, points vertices of a curve."""
 
 from __future__ import annotations
 
@@ -9,20 +9,27 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline
-from cpmkit.meshing.insertion.alongside import Chain, side_by_side
-from cpmkit.meshing.insertion.coincidence import on_earlier, runs_close
-from cpmkit.meshing.insertion.curves import Course, chain_of, course, insert_curve
-from cpmkit.meshing.insertion.feet import Triangles
-from cpmkit.meshing.insertion.lined_mesh import AT_MOVABLE_SHARE, AT_SHARE, LinedMesh
-from cpmkit.meshing.insertion.points import cut_at_points, positions
-from cpmkit.meshing.insertion.polylines import drawn, in_space
-from cpmkit.meshing.insertion.tips import extend, mend
-from cpmkit.meshing.insertion.tracing import traced
-from cpmkit.meshing.insertion.triangulation import Triangulation
-from cpmkit.meshing.insertion.walk import Walker
-from cpmkit.protocols import Floats, Ints
+from cpmkit.meshing.insertion.constrained_triangulation import (
+    MOVABLE_SNAP_SHARE,
+    SNAP_SHARE,
+    ConstrainedTriangulation,
+)
+from cpmkit.meshing.insertion.curve_polylines import in_three_dimensions, polylines_of_source, trace_polylines
+from cpmkit.meshing.insertion.curve_tips import extend_tips, join_stray_tips
+from cpmkit.meshing.insertion.inserted_curves import InsertionPolyline, insert_curve, refine_curve, simplify_curve
+from cpmkit.meshing.insertion.parallel_curves import (
+    SimplifiedCurve,
+    align_close_curves,
+    coincident_boundary,
+    is_close_to_others,
+)
+from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation
+from cpmkit.meshing.insertion.surface_matching import TriangleSearch
+from cpmkit.meshing.insertion.surface_paths import PathFinder
+from cpmkit.protocols import Floats, HasMesh, Ints
 
 #: Curves are extended past their tips by so many spacings.
 EXTENSION_SPACINGS = 3.0
@@ -30,7 +37,7 @@ EXTENSION_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """A mesh with boundaries in it, and what is to be told of how they came there.
+    """A mesh with boundaries in it, and what warnings about them are made of.
 
     Attributes
     ----------
@@ -41,12 +48,12 @@ class Insertion:
     empty : tuple of int
         Boundaries that left neither edge nor vertex.
     coincident : frozenset of (int, int)
-        A boundary and an earlier one that it lies on in places; the edges there are the earlier one's.
-    max_distances : dict of float
-        How far each boundary lies off the mesh at most, but for what passes its rim.
+        A boundary and an earlier one that it lies on in places; the edges there belong to the earlier one.
     counts : dict
-        ``erased`` short loops, ``disconnected`` curves whose feet do not hang together, ``pruned`` tails, ``joined``
-        tips, ``tips`` that are left and extended.
+        ``erased`` short loops, ``disconnected`` points of curves between which there is no path, ``pruned`` tails,
+        ``joined`` tips, and ``tips`` that are left and extended.
+    max_distances : dict of float
+        The largest distance of each boundary from the mesh, but for parts past a rim.
     """
 
     mesh: Mesh
@@ -60,105 +67,163 @@ class Insertion:
 def insert_boundaries(
     mesh: Mesh, boundaries: Sequence[LocalSource], spacing: float, movable: bool = False
 ) -> Insertion:
-    """Return the mesh with its boundaries made facets: curves edges of triangles, points vertices.
+    """Return the mesh with boundaries as facets: curves as edges of triangles, points as vertices.
 
     Vertices that are added lie on the flat cells given.
 
     Parameters
     ----------
     mesh : SampleMesh
-        Sound, flat, not cut. Its facets may have any number of cells.
+        Valid, flat, not cut. Its facets may have any number of cells.
     boundaries : sequence of LocalSource
-        Relative to the same origin; curves and points on a surface, points on a curve.
+        Relative to the same origin: curves and points on a surface, points on a curve.
     spacing : float
         h, of the lattice.
     movable : bool
-        Whether vertices are moved later, those of curves onto these: lines may then go through vertices beside them.
+        Whether vertices are moved later, those of curves onto these: curves may then pass vertices near by.
     """
     if not boundaries:
         return Insertion(mesh)
     if mesh.manifold_dim == 1:
-        cut, empty, gaps = cut_at_points(mesh, boundaries)
-        return Insertion(cut, empty=empty, max_distances=gaps)
-    walker, told = _walker(mesh, spacing, movable), Counter[str]()
-    courses = _courses(walker, boundaries, spacing)
-    walker.lined.close = frozenset(n for n, lines in enumerate(courses) if _runs_close(lines, boundaries, n, spacing))
-    points, gaps = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
+        return _cut_curve_at_points(mesh, boundaries)
+    finder, counts = _path_finder(mesh, spacing, movable), Counter[str]()
+    constrained = finder.constrained
+    polylines = _polylines(finder.search, boundaries, spacing)
+    constrained.close = frozenset(
+        number for number, lines in enumerate(polylines) if _is_close(lines, boundaries, number, spacing)
+    )
+    points, farthest = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
     for number, boundary in enumerate(boundaries):
-        walker.lined.owner = number
-        at = [positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
-        if at:
-            points[number], gaps[number] = _vertices(walker, np.concatenate(at))
-        for one in courses[number]:
-            gaps[number] = max(gaps[number], insert_curve(walker, one, told))
-    mend(walker, told)
-    extend(walker, EXTENSION_SPACINGS * spacing, told)
-    cut = _with_lines(walker, mesh.dim)
-    empty = tuple(n for n in range(len(boundaries)) if n not in points and n not in cut.owner)
-    return Insertion(cut, points, empty, _shared(courses), dict(told), gaps)
+        constrained.owner = number
+        places = [point_positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
+        if places:
+            points[number], farthest[number] = _insert_points(finder, np.concatenate(places))
+        for line in polylines[number]:
+            farthest[number] = max(farthest[number], insert_curve(finder, line, counts))
+    join_stray_tips(finder, counts)
+    extend_tips(finder, EXTENSION_SPACINGS * spacing, counts)
+    edges = list(constrained.edges.values())
+    cut = replace(
+        finder.triangulation.mesh(mesh.dim),
+        cut=np.array([(edge.tail, edge.head) for edge in edges], dtype=np.int64).reshape(-1, 2),
+        owner=np.array([edge.owner for edge in edges], dtype=np.int64),
+        beyond_tip=np.array([edge.beyond_tip for edge in edges], dtype=bool),
+    )
+    empty = tuple(number for number in range(len(boundaries)) if number not in points and number not in cut.owner)
+    return Insertion(cut, points, empty, _coincident_pairs(polylines), dict(counts), farthest)
 
 
-def _walker(mesh: Mesh, spacing: float, movable: bool) -> Walker:
-    net = Triangulation(in_space(mesh.vertices), mesh.cells, spacing)
-    lined = LinedMesh(net, AT_MOVABLE_SHARE if movable else AT_SHARE)
-    return Walker(lined, Triangles(net.vertices, net.cells, net.sizes))
+def _path_finder(mesh: Mesh, spacing: float, movable: bool) -> PathFinder:
+    net = SplitTriangulation(in_three_dimensions(mesh.vertices), mesh.cells, spacing)
+    constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
+    return PathFinder(constrained, TriangleSearch(net.vertices, net.cells, net.sizes))
 
 
-def _courses(walker: Walker, boundaries: Sequence[LocalSource], spacing: float) -> list[list[Course]]:
-    """Return the curves of each boundary."""
+def _polylines(
+    search: TriangleSearch, boundaries: Sequence[LocalSource], spacing: float
+) -> list[list[InsertionPolyline]]:
+    """Return the polylines of each boundary's curves."""
 
-    def on(chain: Chain) -> Ints:
-        points = chain.loop[:, : chain.curve.dim]
-        return on_earlier(points, chain.curve, boundaries[: chain.owner], spacing)
+    def earlier_boundary(curve: SimplifiedCurve) -> Ints:
+        points = curve.loop[:, : curve.source.dim]
+        return coincident_boundary(points, curve.source, boundaries[: curve.owner], spacing)
 
-    chains = [chain for number in range(len(boundaries)) for chain in _chains(walker, boundaries, number, spacing)]
-    places = [on(chain) for chain in chains]
-    shared = {(k, other) for k, place in enumerate(places) for other in np.unique(place[place >= 0]).tolist()}
-    courses: list[Course] = []
-    found: list[list[Course]] = [[] for _ in boundaries]
-    for before, chain, place in zip(chains, side_by_side(chains, spacing, shared), places, strict=True):
-        courses.append(course(walker.triangles, chain, place if chain is before else on(chain), courses))
-        found[chain.owner].append(courses[-1])
-    return found
+    numbers = range(len(boundaries))
+    curves = [curve for number in numbers for curve in _simplified_curves(search, boundaries[number], number, spacing)]
+    places = [earlier_boundary(curve) for curve in curves]
+    coincident = {(k, other) for k, place in enumerate(places) for other in np.unique(place[place >= 0]).tolist()}
+    polylines: list[InsertionPolyline] = []
+    of_boundary: list[list[InsertionPolyline]] = [[] for _ in boundaries]
+    for before, curve, place in zip(curves, align_close_curves(curves, spacing, coincident), places, strict=True):
+        on = place if curve is before else earlier_boundary(curve)
+        polylines.append(refine_curve(search, curve, on, polylines))
+        of_boundary[curve.owner].append(polylines[-1])
+    return of_boundary
 
 
-def _chains(walker: Walker, boundaries: Sequence[LocalSource], number: int, spacing: float) -> Iterator[Chain]:
-    for curve in boundaries[number].members:
+def _simplified_curves(
+    search: TriangleSearch, boundary: LocalSource, number: int, spacing: float
+) -> Iterator[SimplifiedCurve]:
+    for curve in boundary.members:
         if curve.manifold_dim == 1:
-            lines = drawn(curve, 0.5 * spacing)
-            for line in traced(curve, walker.triangles, spacing) if lines is None else lines:
-                yield chain_of(walker.triangles, Polyline(in_space(line.points), line.closed), curve, number)
+            lines = polylines_of_source(curve, 0.5 * spacing)
+            for line in trace_polylines(curve, search, spacing) if lines is None else lines:
+                yield simplify_curve(search, Polyline(in_three_dimensions(line.points), line.closed), curve, number)
 
 
-def _runs_close(lines: Sequence[Course], boundaries: Sequence[LocalSource], own: int, spacing: float) -> bool:
-    others = [*boundaries[:own], *boundaries[own + 1 :]]
-    return any(runs_close(line.points[:, : boundaries[own].dim], others, spacing) for line in lines)
+def _is_close(
+    lines: Sequence[InsertionPolyline], boundaries: Sequence[LocalSource], number: int, spacing: float
+) -> bool:
+    """Return whether the polylines of a boundary, a ``number``, nearly coincide with another boundary."""
+    others = [*boundaries[:number], *boundaries[number + 1 :]]
+    return any(is_close_to_others(line.points[:, : boundaries[number].dim], others, spacing) for line in lines)
 
 
-def _shared(courses: Sequence[Sequence[Course]]) -> frozenset[tuple[int, int]]:
-    """Return the pairs of a boundary and an earlier one on which some neighbouring points of it lie."""
-    found = set()
-    for number, lines in enumerate(courses):
+def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
+    """Return the pairs of a boundary and an earlier one on which consecutive points of it lie."""
+    pairs = set()
+    for number, lines in enumerate(polylines):
         for line in lines:
             stretches = line.on[1:][(line.on[1:] == line.on[:-1]) & (line.on[1:] >= 0)]
-            found |= {(number, other) for other in stretches.tolist()}
-    return frozenset(found)
+            pairs |= {(number, other) for other in stretches.tolist()}
+    return frozenset(pairs)
 
 
-def _vertices(walker: Walker, points: Floats) -> tuple[Ints, float]:
-    """Return the vertices (k,) at the feet of ``points`` (k, d), and how far off these lie at most."""
-    feet = walker.triangles.nearest(in_space(points))
-    places = np.einsum("nk,nkd->nd", feet.shares, walker.net.vertices[walker.net.cells[feet.cell]])
-    pairs = zip(feet.cell.tolist(), places.tolist(), strict=True)
-    found = np.array([walker.lined.inserted(cell, (x, y, z)) for cell, (x, y, z) in pairs], dtype=np.int64)
-    return found, float(feet.distance.max())
+def _insert_points(finder: PathFinder, points: Floats) -> tuple[Ints, float]:
+    """Return the vertices (k,) at the projections of ``points`` (k, d), and the largest distance of these."""
+    nearest = finder.search.nearest(in_three_dimensions(points))
+    pairs = zip(nearest.cell.tolist(), nearest.places(finder.triangulation).tolist(), strict=True)
+    vertices = [finder.constrained.insert_point(cell, (x, y, z)) for cell, (x, y, z) in pairs]
+    return np.array(vertices, dtype=np.int64), float(nearest.distance.max())
 
 
-def _with_lines(walker: Walker, dim: int) -> Mesh:
-    lines = list(walker.lined.cut.values())
-    return replace(
-        walker.net.mesh(dim),
-        cut=np.array([(line.tail, line.head) for line in lines], dtype=np.int64).reshape(-1, 2),
-        owner=np.array([line.owner for line in lines], dtype=np.int64),
-        beyond_tip=np.array([line.beyond_tip for line in lines], dtype=bool),
-    )
+def point_positions(source: LocalSource, vertices: Floats) -> Floats:
+    """Return the points (k, d) of a source of points.
+
+    A source that does not draw itself is asked for the closest points of up to about 1000 of ``vertices`` (v, d).
+    """
+    if isinstance(source.source, HasMesh):
+        drawing, cells = source.source.mesh(1.0)
+        return np.asarray(drawing, dtype=np.float64)[cells[:, 0]] - source.shift
+    queries = vertices[:: max(1, len(vertices) // 1000)]
+    return np.unique(source.closest_point(queries).points, axis=0)
+
+
+def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Insertion:
+    """Return the segments of a curve split at the closest points of boundaries, which are points."""
+    members = [
+        (number, member)
+        for number, boundary in enumerate(boundaries)
+        for member in boundary.members
+        if member.manifold_dim == 0
+    ]
+    vertices, cells, cut, farthest = mesh.vertices, mesh.cells, dict[int, int](), dict[int, float]()
+    for number, member in members:
+        for point in point_positions(member, mesh.vertices):
+            vertices, cells, vertex = _insert_into_segments(vertices, cells, point)
+            cut.setdefault(vertex, number)
+            gap = float(norms((vertices[vertex] - point)[None])[0])
+            farthest[number] = max(farthest.get(number, 0.0), gap)
+    owner = np.array(list(cut.values()), dtype=np.int64)
+    facets = np.array(list(cut), dtype=np.int64).reshape(-1, 1)
+    empty = tuple(number for number in range(len(boundaries)) if number not in owner)
+    split = Mesh(vertices, cells, None, facets, owner, np.zeros(len(owner), dtype=bool))
+    return Insertion(split, empty=empty, max_distances=farthest)
+
+
+def _insert_into_segments(vertices: Floats, cells: Ints, point: Floats) -> tuple[Floats, Ints, int]:
+    """Return the vertices and segments with a vertex at the closest point of ``point`` (d,), and that vertex.
+
+    It is an old one if the closest point is within ``SNAP_SHARE`` lengths of its segment.
+    """
+    start, way = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
+    share = np.clip(dots(point - start, way) / dots(way, way), 0.0, 1.0)
+    row = int(np.argmin(norms(start + share[:, None] * way - point)))
+    t = share[row]
+    if min(t, 1 - t) < SNAP_SHARE:
+        return vertices, cells, int(cells[row, int(t > 0.5)])
+    new, first = len(vertices), cells.copy()
+    first[row, 1] = new
+    second = np.array([[new, cells[row, 1]]], dtype=np.int64)
+    place = start[row] + t * way[row]
+    return np.concatenate([vertices, place[None]]), np.concatenate([first, second]), new

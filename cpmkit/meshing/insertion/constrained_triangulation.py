@@ -1,0 +1,181 @@
+"""A triangulation some edges of which lie on boundaries, into which points of boundaries are inserted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+from cpmkit.meshing.insertion.split_triangulation import (
+    Edge,
+    SplitTriangulation,
+    Vector,
+    cross,
+    distance,
+    dot,
+    edge_key,
+    interpolate,
+    nearest_share,
+    norm,
+    subtract,
+)
+
+#: A point nearer than this, in L, to a vertex or an edge is put there.
+SNAP_SHARE = 1e-3
+#: The same where vertices are moved along the surface later, those of curves onto these; ends of curves are not.
+MOVABLE_SNAP_SHARE = 0.02
+#: The same for vertices and edges of other boundaries.
+OTHER_SNAP_SHARE = 1e-7
+#: The same for edges on a rim.
+RIM_SNAP_SHARE = 0.02
+#: A boundary that coincides with an earlier one is put on edges of that within this share of L.
+COINCIDENT_SHARE = 0.1
+
+
+class BoundaryEdge(NamedTuple):
+    """An edge on a boundary, in the direction of the boundary; ``extends`` where it lies past a tip."""
+
+    tail: int
+    head: int
+    owner: int
+    beyond_tip: bool = False
+
+
+@dataclass(eq=False)
+class ConstrainedTriangulation:
+    """A triangulation that knows which edges lie on boundaries.
+
+    Attributes
+    ----------
+    triangulation : SplitTriangulation
+    snap_share : float
+        A point nearer than this, in L, to a vertex or an edge is put there.
+    owner : int
+        The number of the boundary that is being inserted.
+    at_end : bool
+        Whether the point being inserted is the end of a curve, which stays where it is.
+    close : frozenset of int
+        Boundaries so close to others that points of them are not snapped.
+    edges : dict
+        The edges on boundaries.
+    owners_at : dict
+        The boundaries at each vertex.
+    """
+
+    triangulation: SplitTriangulation
+    snap_share: float = SNAP_SHARE
+    owner: int = 0
+    at_end: bool = False
+    close: frozenset[int] = frozenset()
+    edges: dict[Edge, BoundaryEdge] = field(default_factory=dict)
+    owners_at: dict[int, set[int]] = field(default_factory=dict)
+
+    def insert_point(self, root: int, place: Vector) -> int:
+        """Return the vertex at a point of a root, a new one unless there is one."""
+        net = self.triangulation
+        cell = self._part_with(root, place)
+        size = float(net.sizes[root])
+        farthest = max(SNAP_SHARE, MOVABLE_SNAP_SHARE, RIM_SNAP_SHARE) * size
+        for a, b in self._candidate_edges(root, cell):
+            share = nearest_share(place, net.at(a), net.at(b))
+            gap = distance(place, interpolate(net.at(a), net.at(b), share))
+            if gap < farthest and gap < self._edge_snap_share(a, b) * size:
+                return self.insert_on_edge(a, b, share, size)
+        return net.split_cell(cell, place)
+
+    def _part_with(self, root: int, place: Vector) -> int:
+        """Return the part of a root that holds a point."""
+        parts = self.triangulation.parts(root)
+        return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth(part, place))
+
+    def _depth(self, cell: int, place: Vector) -> float:
+        """Return how far inside a triangle a point of its plane lies: its least distance from an edge, < 0 outside."""
+        net = self.triangulation
+        normal, depths = net.normal(cell), []
+        for a, b in _edges(net.corners(cell)):
+            way = subtract(net.at(b), net.at(a))
+            depths.append(dot(normal, cross(way, subtract(place, net.at(a)))) / (norm(way) or 1.0))
+        return min(depths)
+
+    def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
+        """Return the vertex on a boundary near a point of a root, a new one unless there is one; None if none is near.
+
+        The boundary has the number ``owner``.
+        """
+        net, size = self.triangulation, self.triangulation.sizes[root]
+        gaps = {}
+        for a, b in self.edges_within([self._part_with(root, place)], place, COINCIDENT_SHARE * size):
+            edge = self.edges.get(edge_key(a, b))
+            if edge is not None and edge.owner == owner:
+                share = nearest_share(place, net.at(a), net.at(b))
+                gaps[distance(place, interpolate(net.at(a), net.at(b), share))] = (a, b, share)
+        return self.insert_on_edge(*gaps[min(gaps)], size) if gaps else None
+
+    def _candidate_edges(self, root: int, cell: int) -> list[Edge]:
+        """Return the edges at which a point in ``cell`` may lie: boundaries and rims of its root, then its own."""
+        net, at_rim = self.triangulation, root in self.triangulation.roots_on_rim
+        edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
+        fixed = [edge for edge in edges if edge_key(*edge) in self.edges or (at_rim and net.is_rim_edge(*edge))]
+        return fixed + _edges(net.corners(cell))
+
+    def _edge_snap_share(self, a: int, b: int) -> float:
+        """Return how near, in L, a point is at an edge."""
+        edge = self.edges.get(edge_key(a, b))
+        if edge is not None and edge.owner != self.owner:
+            return OTHER_SNAP_SHARE
+        return RIM_SNAP_SHARE if self.triangulation.is_rim_edge(a, b) else self._free_snap_share
+
+    def _vertex_snap_share(self, vertex: int) -> float:
+        """Return how near, in L, a point is at a vertex; boundaries stay apart as far as they can."""
+        owners = self.owners_at.get(vertex)
+        return OTHER_SNAP_SHARE if owners and self.owner not in owners else self._free_snap_share
+
+    @property
+    def _free_snap_share(self) -> float:
+        """How near, in L, a point is at a vertex or an edge that lies on no boundary."""
+        if self.owner in self.close:
+            return OTHER_SNAP_SHARE
+        return SNAP_SHARE if self.at_end else self.snap_share
+
+    def insert_on_edge(self, a: int, b: int, share: float, size: float) -> int:
+        """Return the vertex at ``share`` of the way from a to b: one of these, or a new one; ``size`` is L there."""
+        net = self.triangulation
+        length = distance(net.at(a), net.at(b))
+        to_a, to_b = share * length, (1 - share) * length
+        snap_a, snap_b = (self._vertex_snap_share(vertex) * size for vertex in (a, b))
+        if to_a <= to_b and to_a < snap_a:
+            return a
+        if to_b < snap_b:
+            return b
+        if to_a < snap_a:
+            return a
+        new, edge = net.split_edge(a, b, share), self.edges.pop(edge_key(a, b), None)
+        if edge is not None:
+            self.constrain([edge.tail, new, edge.head], edge.owner, edge.beyond_tip)
+        return new
+
+    def constrain(self, path: list[int], owner: int, extends: bool = False) -> None:
+        """Put the edges of a path on a boundary; those that lie on one already stay there."""
+        for a, b in pairwise(path):
+            self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, extends))
+            for vertex in (a, b):
+                self.owners_at.setdefault(vertex, set()).add(owner)
+
+    def edges_within(self, cells: list[int], place: Vector, reach: float) -> set[Edge]:
+        """Return the edges within ``reach`` of a point, of triangles connected with ``cells`` over such edges."""
+        net = self.triangulation
+        waiting, seen, edges = list(cells), set(cells), set[Edge]()
+        while waiting:
+            for p, q in _edges(net.corners(waiting.pop())):
+                near = interpolate(net.at(p), net.at(q), nearest_share(place, net.at(p), net.at(q)))
+                if distance(place, near) < reach and edge_key(p, q) not in edges:
+                    edges.add(edge_key(p, q))
+                    fresh = set(net.cells_of_edge(p, q)) - seen
+                    seen |= fresh
+                    waiting += fresh
+        return edges
+
+
+def _edges(corners: tuple[int, int, int]) -> list[Edge]:
+    a, b, c = corners
+    return [(a, b), (b, c), (c, a)]

@@ -1,0 +1,155 @@
+"""Tips: the ends of curves inside a surface. Stray ones are joined or pruned, true ones extended."""
+
+from __future__ import annotations
+
+from collections import Counter
+from itertools import pairwise
+
+from cpmkit.meshing.insertion.constrained_triangulation import BoundaryEdge
+from cpmkit.meshing.insertion.split_triangulation import (
+    Vector,
+    add_scaled,
+    distance,
+    edge_key,
+    interpolate,
+    nearest_share,
+    norm,
+    normalize,
+    subtract,
+)
+from cpmkit.meshing.insertion.surface_paths import PathFinder
+
+#: Tips nearer than this share of L to a curve or a rim are joined to it; shorter tails are pruned.
+STRAY_SHARE = 0.1
+
+Links = dict[int, set[int]]
+
+
+def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
+    """Prune short tails and join tips that lie at a curve or a rim; counted as ``pruned`` and ``joined``."""
+    links = _boundary_links(finder)
+    for tip in _tips(finder, links):
+        end, path = _tail(finder, links, tip, STRAY_SHARE * finder.triangulation.size(tip))
+        if end is not None and len(links[end]) > 1:  # else it is all of a short curve
+            counts["pruned"] += 1
+            for a, b in pairwise(path):
+                del finder.constrained.edges[edge_key(a, b)]
+            links = _boundary_links(finder)
+    for tip in _tips(finder, links):
+        counts["joined"] += _join_tip(finder, links, tip)
+
+
+def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
+    """Extend the curve straight past each tip, over ``reach`` or up to a rim or a curve; counted as ``tips``."""
+    links = _boundary_links(finder)
+    for tip in _tips(finder, links):
+        counts["tips"] += 1
+        edge = _last_edge(finder, tip)
+        if edge is not None:
+            finder.constrained.owner = edge.owner
+            path = _straight_path(finder, tip, _tip_direction(finder, links, tip), reach)
+            finder.constrained.constrain(path if edge.head == tip else path[::-1], edge.owner, extends=True)
+
+
+def _boundary_links(finder: PathFinder) -> Links:
+    """Return the neighbours along boundaries of each vertex."""
+    links: Links = {}
+    for a, b in finder.constrained.edges:
+        links.setdefault(a, set()).add(b)
+        links.setdefault(b, set()).add(a)
+    return links
+
+
+def _last_edge(finder: PathFinder, tip: int) -> BoundaryEdge | None:
+    """Return the boundary edge that ends at a tip; None where others have met it since."""
+    edges = (edge_key(tip, other) for other in finder.triangulation.neighbours(tip))
+    lines = [finder.constrained.edges[edge] for edge in edges if edge in finder.constrained.edges]
+    return lines[0] if len(lines) == 1 else None
+
+
+def _tips(finder: PathFinder, links: Links) -> list[int]:
+    return [v for v, others in links.items() if len(others) == 1 and not finder.triangulation.is_on_rim(v)]
+
+
+def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int | None, list[int]]:
+    """Return the vertex at which the curve that ends at ``tip`` meets others or ends, and the path there.
+
+    The vertex is None where that is farther than ``limit`` away.
+    """
+    path, left = [tip], limit
+    while True:
+        ahead = [other for other in links[path[-1]] if len(path) < 2 or other != path[-2]]
+        if len(path) > 1 and len(ahead) != 1:
+            return path[-1], path
+        left -= distance(finder.triangulation.at(path[-1]), finder.triangulation.at(ahead[0]))
+        path.append(ahead[0])
+        if left < 0:
+            return None, path
+
+
+def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
+    """Join a tip to the nearest curve or rim within reach, and return whether there was one."""
+    net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.at(tip)
+    reach = STRAY_SHARE * net.size(tip)
+    own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it
+    best, nearest = None, reach
+    for a, b in constrained.edges_within(net.fan(tip), here, reach):
+        if not own_end & {a, b} and (edge_key(a, b) in constrained.edges or net.is_rim_edge(a, b)):
+            share = nearest_share(here, net.at(a), net.at(b))
+            gap = distance(here, interpolate(net.at(a), net.at(b), share))
+            if gap < nearest:
+                best, nearest = (a, b, share), gap
+    edge = _last_edge(finder, tip)
+    if best is None or edge is None:
+        return False
+    constrained.owner = edge.owner
+    path = finder.path(tip, constrained.insert_on_edge(*best, net.size(tip)))
+    if path is None:
+        return False
+    constrained.constrain(path if edge.head == tip else path[::-1], edge.owner)
+    return True
+
+
+def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
+    """Return the direction of a curve at its tip: of the parabola through three points of its last L."""
+    net, reach = finder.triangulation, finder.triangulation.size(tip)
+    _, path = _tail(finder, links, tip, reach)
+    lengths = [0.0]
+    for a, b in pairwise(path):
+        lengths.append(lengths[-1] + distance(net.at(a), net.at(b)))
+    reach = min(reach, lengths[-1])
+    middle, end = (_point_along(finder, path, lengths, share * reach) for share in (0.5, 1.0))
+    secant, first = subtract(net.at(tip), end), subtract(net.at(tip), middle)
+    return normalize(subtract(add_scaled(first, 3.0, first), secant))
+
+
+def _point_along(finder: PathFinder, path: list[int], lengths: list[float], length: float) -> Vector:
+    """Return the point of a path at a length from its start; ``lengths`` are those of its vertices."""
+    row = next(k for k in range(1, len(lengths)) if lengths[k] >= length or k == len(lengths) - 1)
+    share = min(1.0, (length - lengths[row - 1]) / (lengths[row] - lengths[row - 1]))
+    return interpolate(finder.triangulation.at(path[row - 1]), finder.triangulation.at(path[row]), share)
+
+
+def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) -> list[int]:
+    """Return the path from a tip straight on over the surface, over ``reach`` or up to a rim or a curve."""
+    net, constrained, path, left = finder.triangulation, finder.constrained, [tip], reach
+    while True:
+        here = path[-1]
+        fan_exit = finder.leave_fan(here, heading, net.vertex_normal(here))
+        if fan_exit is None:
+            return path
+        _, a, b, share = fan_exit
+        goal = interpolate(net.at(a), net.at(b), share)
+        heading = subtract(goal, net.at(here))
+        step = norm(heading)
+        if step > left:
+            root = net.root(next(cell for cell in net.cells_of_edge(a, b) if here in net.corners(cell)))
+            last = constrained.insert_point(root, interpolate(net.at(here), goal, left / step))
+            return path + (finder.path(here, last) or [here])[1:]
+        following = constrained.insert_on_edge(a, b, share, net.size(here))
+        if following in path:
+            return path
+        path.append(following)
+        left -= step
+        if following in constrained.owners_at or net.is_on_rim(following):
+            return path

@@ -1,0 +1,328 @@
+"""A curve on a surface made edges of its triangles: a polyline, its parts on the surface, paths through these."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms
+from cpmkit.mesh.mixed_cells import Polyline
+from cpmkit.meshing.insertion.curve_polylines import simplify_polyline
+from cpmkit.meshing.insertion.parallel_curves import SimplifiedCurve
+from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, add_scaled, subtract
+from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearch, match_to_surface
+from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: A curve is simplified as far as it stays within this share of L.
+SIMPLIFY_SHARE = 0.01
+#: Its pieces are at most this long, in L.
+LONGEST_PIECE = 2.0
+#: A point is past a rim if its offset along the surface from it is above this share of L.
+PAST_RIM_SHARE = 0.02
+#: Between two points on the rim a curve runs along it as long as it is no farther from it than this share of L.
+ALONG_RIM_SHARE = 0.15
+
+
+def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
+    """Return a polyline in space, on the curve ``source`` of the boundary ``owner``, with as few points as it needs."""
+    points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
+    rows = simplify_polyline(points, SIMPLIFY_SHARE * search.local_size(points))
+    return SimplifiedCurve.of(points[rows[:-1] if line.closed else rows], line.closed, source, owner)
+
+
+class InsertionPolyline(NamedTuple):
+    """The polyline of a curve as it is inserted.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        In the direction of the curve.
+    closed : bool
+    on : (n,) int64
+        The earlier boundary on which each point lies, -1 where there is none.
+    partners : (n, 2) int64
+        The number of an earlier polyline that nearly coincides, and its point there, -1 where there is none.
+    number : int
+        Of this polyline.
+    rows : (k,) int64
+        The points of the simplified curve; all others lie between these.
+    """
+
+    points: Floats
+    closed: bool
+    on: Ints
+    partners: Ints
+    number: int
+    rows: Ints
+
+
+def refine_curve(
+    search: TriangleSearch, curve: SimplifiedCurve, on: Ints, earlier: Sequence[InsertionPolyline]
+) -> InsertionPolyline:
+    """Return the polyline of a curve with points no farther apart than 2 L.
+
+    It has points beside those of an earlier polyline where the two nearly coincide.
+
+    Parameters
+    ----------
+    search : TriangleSearch
+    curve : SimplifiedCurve
+    on : (n,) int64
+        The earlier boundary on which each point of ``curve.loop`` lies, -1 for none. A new point lies on a boundary if
+        both neighbours do.
+    earlier : sequence of InsertionPolyline
+    """
+    points, given = curve.loop, np.arange(len(curve.loop)) % len(curve.points)
+    partners = curve.partners[given]
+    for row in np.flatnonzero(partners[:, 0] >= 0).tolist():
+        partners[row, 1] = earlier[partners[row, 0]].rows[partners[row, 1]]
+    parallel = [_parallel_points(points[k : k + 2], partners[k : k + 2], earlier) for k in range(len(points) - 1)]
+    at = np.repeat(np.arange(1, len(points)), [len(places) for places, _ in parallel])
+    points = np.insert(points, at, np.concatenate([places for places, _ in parallel]), axis=0)
+    partners = np.insert(partners, at, np.concatenate([pairs for _, pairs in parallel]), axis=0)
+    on, given = (np.insert(values, at, -1) for values in (on, given))
+    size = search.local_size(points)
+    while True:
+        chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
+        long = np.flatnonzero(chord > LONGEST_PIECE * np.minimum(size[:-1], size[1:]))
+        if not len(long):
+            whole = slice(len(points) - curve.closed)
+            rows = np.flatnonzero(given[whole] >= 0)
+            return InsertionPolyline(points[whole], curve.closed, on[whole], partners[whole], len(earlier), rows)
+        middle = 0.5 * (points[long] + points[long + 1])
+        points = np.insert(points, long + 1, middle, axis=0)
+        size = np.insert(size, long + 1, search.local_size(middle))
+        both = np.where(on[long] == on[long + 1], on[long], -1)
+        on, given = np.insert(on, long + 1, both), np.insert(given, long + 1, -1)
+        partners = np.insert(partners, long + 1, -1, axis=0)
+
+
+def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
+    """Return points (k, 3) of a segment beside those that an earlier polyline has between the partners of its ends.
+
+    Parameters
+    ----------
+    ends, partners : (2, 3) float64, (2, 2) int64
+        Of the segment.
+    earlier : sequence of InsertionPolyline
+
+    Returns
+    -------
+    points : (k, 3) float64
+    partners : (k, 2) int64
+    """
+    none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
+    number = int(partners[0, 0])
+    if number < 0 or partners[1, 0] != number:
+        return none
+    line = earlier[number]
+    start, end = (int(np.searchsorted(line.rows, row)) for row in partners[:, 1])
+    count = len(line.rows)
+    forward = end == (start + 1) % count if line.closed else end == start + 1
+    backward = start == (end + 1) % count if line.closed else start == end + 1
+    if not (forward or backward) or start == end:
+        return none
+    low, high = (partners[:, 1] if forward else partners[::-1, 1]).tolist()
+    inner = np.arange(low + 1, high if high > low else len(line.points))
+    inner = inner if forward else inner[::-1]
+    way = line.points[partners[:, 1]]
+    share = np.linalg.norm(line.points[inner] - way[0], axis=1) / np.linalg.norm(way[1] - way[0])
+    places = ends[0] + share[:, None] * (ends[1] - ends[0])
+    return places, np.stack([np.full(len(inner), number), inner], axis=1)
+
+
+class SurfaceRun(NamedTuple):
+    """A part of a curve that lies on the surface, by its projections; a closed run goes on from the last to the first.
+
+    Attributes
+    ----------
+    points : (k,) int64
+        The numbers of the curve's points, -1 where it passes a rim.
+    cells : (k,) int64
+        The roots on which the projections lie.
+    places : (k, 3) float64
+        The projections.
+    closed : bool
+    """
+
+    points: Ints
+    cells: Ints
+    places: Floats
+    closed: bool
+
+
+def runs_on_surface(
+    triangulation: SplitTriangulation, search: TriangleSearch, points: Floats, matched: Projections, closed: bool
+) -> list[SurfaceRun]:
+    """Return the parts of a curve that lie on the surface, cut off where they pass its rim.
+
+    Parameters
+    ----------
+    triangulation : SplitTriangulation
+    search : TriangleSearch
+        Over its roots.
+    points : (n, 3) float64
+        Of the curve.
+    matched : Projections
+        One of each point.
+    closed : bool
+        Whether the curve is.
+    """
+    off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
+    if not off.any():
+        return [SurfaceRun(matched.point, matched.cell, matched.places(triangulation), closed)]
+    if closed:
+        order = (np.arange(len(points) + 1) + int(off.argmax())) % len(points)
+        points, matched, off = points[order], matched.take(order), off[order]
+    runs = []
+    for first, last in _stretches(~off):
+        parts = [matched.take(np.arange(first, last))]
+        if first > 0:
+            parts.insert(0, _rim_passage(triangulation, search, points[first], points[first - 1]))
+        if last < len(off):
+            parts.append(_rim_passage(triangulation, search, points[last - 1], points[last]))
+        run = Projections.concatenate(parts)
+        runs.append(SurfaceRun(run.point, run.cell, run.places(triangulation), False))
+    return runs
+
+
+def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
+    """Return how far (n,), in L, each point lies past a rim, along the surface; 0 where it does not."""
+    corners = triangulation.vertices[triangulation.cells[projections.cell]]
+    off = points - projections.places(triangulation)
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = across / norms(across)[:, None]
+    height = dots(off, normal)
+    tangential = norms(off - height[:, None] * normal)
+    past = np.where(tangential >= np.abs(height), tangential / triangulation.sizes[projections.cell], 0.0)
+    for row in np.flatnonzero((past > 0) & (projections.shares <= 0).any(axis=1)):
+        cell, shares = projections.cell[row], projections.shares[row]
+        vertices = triangulation.cells[cell][shares > 0]
+        at_vertex = len(vertices) == 1
+        past[row] *= (
+            triangulation.is_on_rim(int(vertices[0])) if at_vertex else triangulation.rim_edges[cell, shares.argmin()]
+        )
+    past[(projections.shares > 0).all(axis=1)] = 0.0
+    return past
+
+
+def _past_rim(offsets: Floats, closed: bool) -> Bools:
+    """Return which points (n,) lie past a rim; stretches along it between two points on it, or as a whole, do not."""
+    off = offsets > PAST_RIM_SHARE
+    start = int((~off).argmax()) if closed else 0
+    off, offsets = np.roll(off, -start), np.roll(offsets, -start)
+    for first, last in _stretches(off):
+        ends = (first == 0) + (last == len(off))
+        if offsets[first:last].max() < ALONG_RIM_SHARE and (closed or ends != 1):
+            off[first:last] = False
+    return np.roll(off, start)
+
+
+def _stretches(mask: Bools) -> list[tuple[int, int]]:
+    """Return where each stretch of True starts and ends."""
+    change = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
+
+
+def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: Floats, off: Floats) -> Projections:
+    """Return the projection of the point where the way from a point on the surface to one past its rim leaves it."""
+    for _ in range(10):  # bisection, to a thousandth of the way
+        middle = 0.5 * (on + off)
+        past = _rim_offsets(triangulation, middle[None], search.nearest(middle[None]))[0] > PAST_RIM_SHARE
+        on, off = (on, middle) if past else (middle, off)
+    return replace(search.nearest(off[None]), point=np.array([-1]))
+
+
+def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[str]) -> float:
+    """Make a curve edges of the triangulation, and return its largest distance from it, but for parts past a rim.
+
+    ``counts`` counts ``erased`` loops and ``disconnected`` points, between which there is no path.
+    """
+    net, farthest = finder.triangulation, 0.0
+    matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
+    for run in runs_on_surface(net, finder.search, line.points, matched, line.closed):
+        waypoints = _insert_waypoints(finder, run, line)
+        backward = _backward_vertices(line.points, run, waypoints)
+        farthest = max(farthest, float(matched.distance[run.points[run.points >= 0]].max(initial=0.0)))
+        for path in _paths_through(finder, waypoints, run.closed, counts):
+            simple = erase_short_loops(net, net.refine_path(path), backward, counts)
+            finder.constrained.constrain(simple, finder.constrained.owner)
+    return farthest
+
+
+class Waypoint(NamedTuple):
+    """A vertex that a curve passes, the earlier boundary on which it lies, and the vertex beside which it was placed.
+
+    -1 where there is none.
+    """
+
+    vertex: int
+    on: int
+    partner: int
+
+
+def _insert_waypoints(finder: PathFinder, run: SurfaceRun, line: InsertionPolyline) -> list[Waypoint]:
+    """Return the vertices at the projections of a run, and record them for curves that nearly coincide with it."""
+    last = len(run.points) - 1
+    waypoints = []
+    for k, (point, cell, (x, y, z)) in enumerate(zip(run.points, run.cells.tolist(), run.places.tolist(), strict=True)):
+        is_end = not run.closed and k in (0, last)
+        if point < 0:
+            waypoints.append(Waypoint(_insert_point(finder, cell, (x, y, z), -1, is_end), -1, -1))
+            continue
+        owner, place = int(line.on[point]), tuple(line.points[point].tolist())
+        partner = finder.inserted.get(tuple(line.partners[point].tolist()))
+        if partner is None:
+            vertex = _insert_point(finder, cell, (x, y, z), owner, is_end)
+        else:
+            offset = subtract(place, partner.place)
+            vertex = finder.insert_projection(add_scaled(finder.triangulation.at(partner.vertex), 1.0, offset))
+        finder.inserted[line.number, int(point)] = InsertedPoint(vertex, place)
+        waypoints.append(Waypoint(vertex, owner, -1 if partner is None else partner.vertex))
+    return waypoints
+
+
+def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_end: bool) -> int:
+    """Return the vertex at a point of a root: on the earlier boundary ``owner`` if that is near, -1 for none."""
+    constrained = finder.constrained
+    vertex = constrained.insert_on_boundary(cell, place, owner) if owner >= 0 else None
+    if vertex is None:
+        constrained.at_end = is_end
+        vertex = constrained.insert_point(cell, place)
+        constrained.at_end = False
+    return vertex
+
+
+def _backward_vertices(points: Floats, run: SurfaceRun, waypoints: list[Waypoint]) -> set[int]:
+    """Return the vertices between which projections go back while the curve goes on: it lies off the surface there."""
+    known = (run.points[1:] >= 0) & (run.points[:-1] >= 0)
+    ahead = np.einsum("nd,nd->n", np.diff(points[run.points], axis=0), np.diff(run.places, axis=0))
+    return {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
+
+
+def _paths_through(
+    finder: PathFinder, waypoints: list[Waypoint], closed: bool, counts: Counter[str]
+) -> Iterable[list[int]]:
+    """Yield the paths through the waypoints of a run: one, unless some waypoints are not connected."""
+    path = [waypoints[0].vertex]
+    for start, goal in pairwise(waypoints + waypoints[:1] if closed else waypoints):
+        part = None
+        if start.on == goal.on >= 0:
+            part = finder.path_along_boundaries(start.vertex, goal.vertex, {goal.on})
+        if part is None and start.partner >= 0 and goal.partner >= 0:
+            part = finder.path_beside_boundary((start.vertex, start.partner), (goal.vertex, goal.partner))
+        part = part or finder.path(start.vertex, goal.vertex)
+        if part is None:
+            counts["disconnected"] += 1
+            yield path
+            path = [goal.vertex]
+        else:
+            path += part[1:]
+    yield path

@@ -1,0 +1,300 @@
+"""Curves that coincide or nearly do: which points lie on another boundary, and points placed beside each other.
+
+Each curve is a polyline with vertices of its own. Where two curves are nearer to each other than a chord is to its arc,
+their polylines would cross, and the zone between them would be cut to pieces. Chords between points that lie beside
+each other are parallel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.meshing.insertion.curve_polylines import in_three_dimensions
+from cpmkit.protocols import Bools, Floats, Ints
+
+#: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
+SAME_SHARE = 1e-8
+#: Boundaries nearer to each other than this share of the spacing, but not on each other, are placed with care.
+CLOSE_SHARE = 0.05
+#: Points on each segment of a polyline at which its distance from other boundaries is measured.
+SEGMENT_POINTS = 4
+#: A point nearer than this share of the spacing to one of the curve's own replaces it.
+LEAST_STEP_SHARE = 1e-3
+
+
+def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource], spacing: float) -> Ints:
+    """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 where there is none.
+
+    Two curves coincide at a point where their distance vanishes, and along a stretch on which they stay near and change
+    sides three times or more: the same curve drawn with other vertices. Parallel curves never do.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+        Consecutive points of the curve.
+    curve : LocalSource
+    earlier : sequence of LocalSource
+    spacing : float
+    """
+    numbers = np.full(len(points), -1)
+    share = np.arange(SEGMENT_POINTS)[:, None] / SEGMENT_POINTS
+    between = (points[:-1, None] + share * np.diff(points, axis=0)[:, None]).reshape(-1, points.shape[1])
+    places: Floats | None = None  # on the curve itself: a chord may cross what lies beside its arc
+    for number in _with_boxes_near(points, earlier, spacing):
+        if places is None:
+            places = curve.closest_point(np.concatenate([between, points[-1:]])).points
+        off = places - earlier[number].closest_point(places).points
+        same = norms(off[::SEGMENT_POINTS]) <= SAME_SHARE * spacing
+        entwined = _are_entwined(off, np.diff(points, axis=0), 0.02 * spacing)
+        numbers[entwined[::SEGMENT_POINTS] | (same & (same.sum() > 1))] = number
+    return numbers
+
+
+def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
+    """Return which places of a polyline lie on stretches that wind around another curve, (n,).
+
+    Parameters
+    ----------
+    off : (n, d) float64
+        The offsets of the places from the other curve.
+    chords : (m, d) float64
+        Of the polyline: offsets turn with these around a corner.
+    reach : float
+        The distance within which the curves are near.
+    """
+    near = norms(off) < reach
+    stretch = np.cumsum(np.diff(near, prepend=near[:1]))
+    ways = np.append(np.repeat(chords, SEGMENT_POINTS, axis=0), chords[-1:], axis=0)
+    ways, off = unit(in_three_dimensions(ways)), in_three_dimensions(off)
+    crosses = (dots(off[1:], _rotate(off[:-1], ways[:-1], ways[1:])) < 0) & near[1:] & near[:-1]
+    crossings = np.bincount(stretch[1:], crosses, minlength=stretch[-1] + 1)
+    return np.asarray(near & (crossings[stretch] >= 3))
+
+
+def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
+    """Return ``vectors`` (n, 3) rotated as the unit vectors ``start`` (n, 3) are rotated to ``end`` (n, 3)."""
+    axis, cosine = np.cross(start, end), dots(start, end)
+    once = np.cross(axis, vectors)
+    return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])
+
+
+def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
+    """Return whether some points (n, d) of a curve lie very near to another boundary, but not on it."""
+    for number in _with_boxes_near(points, others, spacing):
+        off = points - others[number].closest_point(points).points
+        if _are_close(off, spacing).sum() > 1:
+            return True
+    return False
+
+
+def _are_close(off: Floats, spacing: float) -> Bools:
+    """Return which offsets (n, d) from another curve are those of curves that nearly coincide."""
+    distance = norms(off)
+    return np.asarray((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing))
+
+
+def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:
+    """Yield the number of each boundary to which some points may be near."""
+    low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
+    for number, other in enumerate(others):
+        if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
+            yield number
+
+
+@dataclass(frozen=True, eq=False)
+class SimplifiedCurve:
+    """A curve as a polyline with as few points as represent it.
+
+    Attributes
+    ----------
+    points : (n, 3) float64
+        In the direction of the curve; a closed one goes on from the last to the first.
+    closed : bool
+    source : LocalSource
+        The curve that they lie on.
+    owner : int
+        The number of its boundary.
+    partners : (n, 2) int64
+        The number of an earlier curve, and the point of it beside which each point was placed; -1 where there is none.
+        A point with several partners occurs as often.
+    fixed : (n,) bool
+        Points that must stay: ends and corners.
+    """
+
+    points: Floats
+    closed: bool
+    source: LocalSource
+    owner: int
+    partners: Ints
+    fixed: Bools
+
+    @classmethod
+    def of(cls, points: Floats, closed: bool, source: LocalSource, owner: int) -> SimplifiedCurve:
+        """Return a curve without partners. It has a corner where it turns by more than 20 degrees."""
+        around = np.concatenate([points[-1:], points, points[:1]])
+        way = unit(np.diff(around, axis=0))
+        fixed = np.asarray(dots(way[1:], way[:-1]) < np.cos(np.radians(20.0)))
+        if not closed:
+            fixed[[0, -1]] = True
+        return cls(points, closed, source, owner, np.full((len(points), 2), -1), fixed)
+
+    @property
+    def loop(self) -> Floats:
+        """Its points; those of a closed curve end with the first one."""
+        return np.concatenate([self.points, self.points[:1]]) if self.closed else self.points
+
+    def project(self, points: Floats) -> Floats:
+        """Return the points (k, 3) of the curve nearest to ``points`` (k, 3)."""
+        coordinates = np.ascontiguousarray(points[:, : self.source.dim])
+        return in_three_dimensions(self.source.closest_point(coordinates).points)
+
+    def places(self, points: Floats) -> Floats:
+        """Return where along the polyline points near it lie, (k,), in segments from its start."""
+        loop = self.loop
+        start, way = loop[:-1], np.diff(loop, axis=0)
+        square = np.maximum(dots(way, way), np.finfo(float).tiny)
+        places = np.empty(len(points))
+        for row, point in enumerate(points):
+            share = np.clip(dots(point - start, way) / square, 0.0, 1.0)
+            segment = int(np.argmin(norms(start + share[:, None] * way - point)))
+            places[row] = segment + share[segment]
+        return places
+
+    def with_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
+        """Return the curve without the points ``dropped`` and with ``points`` at their places.
+
+        Parameters
+        ----------
+        points : (k, 3) float64
+            Of the curve, in its direction. Those nearer than ``least`` to a point that stays are replaced by that.
+        dropped : (n,) bool
+        partners : (k, 2) int64
+            Of the new points.
+        least : float
+        """
+        from scipy.spatial import cKDTree
+
+        staying = np.flatnonzero(~dropped)
+        places, fixed = self.places(points), np.zeros(len(points), dtype=bool)
+        if len(staying):
+            gap, nearest = cKDTree(self.points[staying]).query(points)
+            rows = gap <= least
+            same = staying[nearest[rows]]
+            points, places = points.copy(), places.copy()
+            points[rows], places[rows], fixed[rows] = self.points[same], same, self.fixed[same]
+            if (partners[:, 0] < 0).all():
+                points, places, fixed, partners = (values[~rows] for values in (points, places, fixed, partners))
+            else:
+                staying = np.setdiff1d(staying, same)
+        order = np.argsort(np.concatenate([staying.astype(np.float64), places]), kind="stable")
+        return replace(
+            self,
+            points=np.concatenate([self.points[staying], points])[order],
+            partners=np.concatenate([self.partners[staying], partners])[order],
+            fixed=np.concatenate([self.fixed[staying], fixed])[order],
+        )
+
+
+def align_close_curves(
+    curves: Sequence[SimplifiedCurve], spacing: float, coincident: Container[tuple[int, int]]
+) -> list[SimplifiedCurve]:
+    """Return the curves with points beside each other where they nearly coincide.
+
+    An earlier curve gets a point beside each end and corner of later ones. A later curve takes the closest points of
+    the points of earlier ones in place of its own. Where two cross and separate, both keep their points.
+
+    Parameters
+    ----------
+    curves : sequence of SimplifiedCurve
+    spacing : float
+    coincident : container of (int, int)
+        The numbers of curves and of boundaries on which they lie in places.
+    """
+    aligned = list(curves)
+    pairs = [
+        (late, early)
+        for late in range(len(aligned))
+        for early in range(late)
+        if (late, aligned[early].owner) not in coincident
+        and _boxes_meet(aligned[late].points, aligned[early].points, spacing)
+    ]
+    for late, early in pairs:
+        aligned[early] = _add_fixed_points(aligned[early], aligned[late], spacing)
+    for late, early in pairs:
+        aligned[late] = _follow(aligned[late], aligned[early], early, spacing)
+    return aligned
+
+
+def _boxes_meet(a: Floats, b: Floats, spacing: float) -> bool:
+    return bool(((a.min(axis=0) <= b.max(axis=0) + spacing) & (b.min(axis=0) <= a.max(axis=0) + spacing)).all())
+
+
+def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: float) -> SimplifiedCurve:
+    """Return the earlier curve with the closest points of the later one's ends and corners."""
+    fixed = late.points[late.fixed]
+    projected = early.project(fixed)
+    projected = projected[_are_close(projected - fixed, spacing)]
+    if not len(projected):
+        return early
+    no_partners = np.full((len(projected), 2), -1)
+    return early.with_points(
+        projected, np.zeros(len(early.points), dtype=bool), no_partners, LEAST_STEP_SHARE * spacing
+    )
+
+
+def _follow(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing: float) -> SimplifiedCurve:
+    """Return the later curve with the closest points of the earlier one's, a ``number``, in place of its own there."""
+    projected = late.project(early.points)
+    off = projected - early.points
+    close = _are_close(off, spacing)
+    if not close.any():
+        return late
+    places = np.zeros(len(projected))
+    places[close] = late.places(projected[close])
+    dropped, taken = np.zeros(len(late.points), dtype=bool), np.zeros(len(projected), dtype=bool)
+    for rows in _stretches(close, early.closed):
+        changes_sides = bool((dots(off[rows[1:]], off[rows[:-1]]) < 0).any())
+        if changes_sides and not close.all():  # it crosses the earlier curve and goes away
+            continue
+        taken[rows] = True
+        lengths = norms(np.diff(early.points[rows], axis=0))
+        for a, b, length in zip(places[rows[:-1]], places[rows[1:]], lengths, strict=True):
+            dropped |= _points_between(late, a, b, length)
+    if not taken.any():
+        return late
+    rows = np.flatnonzero(taken)
+    if np.sign(np.diff(places[rows])).sum() < 0:  # it has the opposite direction
+        rows = rows[::-1]
+    partners = np.stack([np.full(len(rows), number), rows], axis=1)
+    return late.with_points(projected[rows], dropped & ~late.fixed, partners, LEAST_STEP_SHARE * spacing)
+
+
+def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:
+    """Yield the numbers of consecutive points that are ``close`` (n,); a closed curve goes on at its start."""
+    count = len(close)
+    if close.all():
+        yield np.arange(count + closed) % count
+        return
+    start = int((~close).argmax()) if closed else 0
+    order = (np.arange(count) + start) % count
+    for run in np.split(order, np.flatnonzero(np.diff(close[order])) + 1):
+        if close[run[0]]:
+            yield run
+
+
+def _points_between(curve: SimplifiedCurve, start: float, end: float, length: float) -> Bools:
+    """Return which points (n,) of a curve lie between two places, the shorter way around.
+
+    None does if that way is longer than twice the ``length`` of the other curve there: the curves are not parallel.
+    """
+    number, low, high = np.arange(len(curve.points)), min(start, end), max(start, end)
+    inside = (number > low) & (number < high)
+    if curve.closed and high - low > 0.5 * len(number):
+        inside = (number < low) | (number > high)
+    way = float(norms(np.diff(curve.points[inside], axis=0)).sum())
+    return inside & (way < 2.0 * length)

@@ -1,0 +1,328 @@
+"""A triangulation that can be split at points and edges; rows far from every split are never touched.
+
+Positions are tuples of three numbers: paths handle one vertex at a time, where arrays are slow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from heapq import heapify, heappop, heappush
+from math import sqrt
+
+import numpy as np
+
+from cpmkit.manifold.vectors import norms
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.protocols import Bools, Floats, Ints
+
+Vector = tuple[float, float, float]
+Edge = tuple[int, int]
+
+
+def subtract(a: Vector, b: Vector) -> Vector:
+    """Return a - b."""
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def add_scaled(a: Vector, t: float, b: Vector) -> Vector:
+    """Return a + t b."""
+    return a[0] + t * b[0], a[1] + t * b[1], a[2] + t * b[2]
+
+
+def interpolate(a: Vector, b: Vector, t: float) -> Vector:
+    """Return the point at the share ``t`` of the way from a to b."""
+    return a[0] + t * (b[0] - a[0]), a[1] + t * (b[1] - a[1]), a[2] + t * (b[2] - a[2])
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """Return the inner product."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """Return the vector product."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def norm(a: Vector) -> float:
+    """Return the Euclidean norm."""
+    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
+
+
+def distance(a: Vector, b: Vector) -> float:
+    """Return the distance of two points."""
+    return norm(subtract(a, b))
+
+
+def normalize(a: Vector) -> Vector:
+    """Return ``a`` over its norm; zero stays zero."""
+    size = norm(a)
+    return (a[0] / size, a[1] / size, a[2] / size) if size > 0 else a
+
+
+def nearest_share(p: Vector, a: Vector, b: Vector) -> float:
+    """Return the share, from 0 to 1, of the way from a to b at which it is nearest to p."""
+    way = subtract(b, a)
+    square = dot(way, way)
+    return min(1.0, max(0.0, dot(subtract(p, a), way) / square)) if square > 0 else 0.0
+
+
+def edge_key(a: int, b: int) -> Edge:
+    """Return the edge between two vertices without its direction: the lower number first."""
+    return (a, b) if a < b else (b, a)
+
+
+@dataclass(eq=False)
+class SplitTriangulation:
+    """A triangulation that is being split. The triangles given are the *roots* of the parts they are split into.
+
+    Attributes
+    ----------
+    vertices : (v, 3) float64
+        The vertices given.
+    cells : (m, 3) int64
+        The triangles given.
+    longest : float
+        An upper bound of :meth:`size`.
+    midvertices : dict
+        The vertex at which each edge was split that is no edge any more.
+    """
+
+    vertices: Floats
+    cells: Ints
+    longest: float
+    midvertices: dict[Edge, int] = field(default_factory=dict)
+    _points: dict[int, Vector] = field(default_factory=dict)
+    _corners: dict[int, tuple[int, int, int]] = field(default_factory=dict)
+    _fans: dict[int, list[int]] = field(default_factory=dict)
+    _root: dict[int, int] = field(default_factory=dict)
+    _parts: dict[int, list[int]] = field(default_factory=dict)
+    _normals: dict[int, Vector] = field(default_factory=dict)
+    _vertex_normals: dict[int, Vector] = field(default_factory=dict)
+    _vertex_count: int = 0
+    _cell_count: int = 0
+
+    def __post_init__(self) -> None:
+        self._vertex_count, self._cell_count = len(self.vertices), len(self.cells)
+
+    @cached_property
+    def sizes(self) -> Floats:
+        """(m,) the mean edge of each root, at most ``longest``."""
+        a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
+        return np.asarray(np.minimum((norms(b - a) + norms(c - b) + norms(a - c)) / 3, self.longest))
+
+    @cached_property
+    def _roots_of_vertices(self) -> tuple[Ints, Ints]:
+        """Where the roots of each vertex start in the list of them, and the list."""
+        from cpmkit.runtime.inverse_index import inverse_index
+
+        starts, places = inverse_index(self.cells.ravel(), len(self.vertices))
+        return starts, places // 3
+
+    def at(self, vertex: int) -> Vector:
+        """Return the position of a vertex."""
+        place = self._points.get(vertex)
+        if place is None:
+            x, y, z = self.vertices[vertex].tolist()
+            place = self._points[vertex] = (x, y, z)
+        return place
+
+    def corners(self, cell: int) -> tuple[int, int, int]:
+        """Return the vertices of a triangle."""
+        corners = self._corners.get(cell)
+        if corners is None:
+            a, b, c = self.cells[cell].tolist()
+            corners = self._corners[cell] = (a, b, c)
+        return corners
+
+    def fan(self, vertex: int) -> list[int]:
+        """Return the triangles at a vertex."""
+        fan = self._fans.get(vertex)
+        if fan is None:
+            start, roots = self._roots_of_vertices
+            fan = self._fans[vertex] = roots[start[vertex] : start[vertex + 1]].tolist()
+        return fan
+
+    def cells_of_edge(self, a: int, b: int) -> list[int]:
+        """Return the triangles at an edge: two inside, one on a rim, none where there is no edge."""
+        return [cell for cell in self.fan(a) if b in self.corners(cell)]
+
+    def neighbours(self, vertex: int) -> set[int]:
+        """Return the other ends of the edges at a vertex."""
+        return {other for cell in self.fan(vertex) for other in self.corners(cell)} - {vertex}
+
+    def root(self, cell: int) -> int:
+        """Return the root that a triangle is part of."""
+        return self._root.get(cell, cell)
+
+    def parts(self, root: int) -> list[int]:
+        """Return the triangles into which a root is split."""
+        return self._parts.get(root, [root])
+
+    def size(self, vertex: int) -> float:
+        """Return L, the mean edge of a root at the vertex."""
+        return float(self.sizes[self.root(self.fan(vertex)[0])])
+
+    def normal(self, cell: int) -> Vector:
+        """Return the unit normal of a triangle, that of its root."""
+        root = self.root(cell)
+        normal = self._normals.get(root)
+        if normal is None:
+            a, b, c = (self.at(corner) for corner in self.cells[root].tolist())
+            normal = self._normals[root] = normalize(cross(subtract(b, a), subtract(c, a)))
+        return normal
+
+    def vertex_normal(self, vertex: int) -> Vector:
+        """Return the mean of the roots' normals at a vertex, oriented as the first; splits do not change it."""
+        normal = self._vertex_normals.get(vertex)
+        if normal is None:
+            total: Vector = (0.0, 0.0, 0.0)
+            for root in sorted({self.root(cell) for cell in self.fan(vertex)}):
+                n = self.normal(root)
+                total = add_scaled(total, 1.0 if dot(total, n) >= 0 else -1.0, n)
+            normal = self._vertex_normals[vertex] = normalize(total)
+        return normal
+
+    def is_on_rim(self, vertex: int) -> bool:
+        """Return whether an edge at the vertex has only one triangle."""
+        times: dict[int, int] = {}
+        for cell in self.fan(vertex):
+            for other in self.corners(cell):
+                times[other] = times.get(other, 0) + 1
+        return 1 in times.values()
+
+    def is_rim_edge(self, a: int, b: int) -> bool:
+        """Return whether an edge has only one triangle."""
+        return len(self.cells_of_edge(a, b)) == 1
+
+    @cached_property
+    def rim_edges(self) -> Bools:
+        """(m, 3) whether the edge opposite to each corner of a root belongs to no other root."""
+        from cpmkit.mesh.mesh_kernels import number_edges
+
+        of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
+        return np.asarray(np.bincount(of_cells.ravel())[of_cells] == 1)
+
+    @cached_property
+    def roots_on_rim(self) -> frozenset[int]:
+        """The roots that have such an edge."""
+        return frozenset(np.flatnonzero(self.rim_edges.any(axis=1)).tolist())
+
+    def split_edge(self, a: int, b: int, share: float) -> int:
+        """Split an edge and all its triangles at ``share`` of the way from a to b, and return the new vertex."""
+        new = self._new_vertex(interpolate(self.at(a), self.at(b), share))
+        self.midvertices[edge_key(a, b)] = new
+        for cell in self.cells_of_edge(a, b):
+            corners = self.corners(cell)
+            far = self._new_cell(cell, _replace(corners, a, new))
+            self._corners[cell] = _replace(corners, b, new)
+            fan = self.fan(b)
+            fan[fan.index(cell)] = far
+            self.fan(sum(corners) - a - b).append(far)
+            self.fan(new).extend((cell, far))
+        return new
+
+    def split_cell(self, cell: int, place: Vector) -> int:
+        """Split a triangle in three at a point inside it, and return the new vertex."""
+        new = self._new_vertex(place)
+        a, b, c = self.corners(cell)
+        second, third = self._new_cell(cell, (b, c, new)), self._new_cell(cell, (c, a, new))
+        self._corners[cell] = (a, b, new)
+        self.fan(a).append(third)
+        self.fan(b).append(second)
+        fan = self.fan(c)
+        fan[fan.index(cell)] = second
+        fan.append(third)
+        self.fan(new).extend((cell, second, third))
+        return new
+
+    def refine_path(self, path: list[int]) -> list[int]:
+        """Return a path over edges with the vertices at which these were split since."""
+        refined = path[:1]
+        for goal in path[1:]:
+            waiting = [goal]
+            while waiting:
+                middle = self.midvertices.get(edge_key(refined[-1], waiting[-1]))
+                if middle is None:
+                    refined.append(waiting.pop())
+                else:
+                    waiting.append(middle)
+        return refined
+
+    def mesh(self, dim: int) -> Mesh:
+        """Return the triangles as they are now, in ``dim`` coordinates, without boundaries."""
+        new = [self._points[vertex] for vertex in range(len(self.vertices), self._vertex_count)]
+        vertices = np.concatenate([self.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
+        cells = np.concatenate([self.cells, np.empty((self._cell_count - len(self.cells), 3), dtype=np.int64)])
+        known = list(self._corners)
+        cells[known] = np.array([self._corners[cell] for cell in known], dtype=np.int64).reshape(-1, 3)
+        return Mesh.of(np.ascontiguousarray(vertices), cells)
+
+    def _new_vertex(self, place: Vector) -> int:
+        new = self._vertex_count
+        self._vertex_count += 1
+        self._points[new], self._fans[new] = place, []
+        return new
+
+    def _new_cell(self, part_of: int, corners: tuple[int, int, int]) -> int:
+        new, root = self._cell_count, self.root(part_of)
+        self._cell_count += 1
+        self._corners[new], self._root[new] = corners, root
+        self._parts.setdefault(root, [root]).append(new)
+        return new
+
+    def shortest_paths(
+        self,
+        start: dict[int, float],
+        limit: float,
+        goal: int | None = None,
+        neighbours: Callable[[int], Iterable[int]] | None = None,
+    ) -> dict[int, tuple[float, int]]:
+        """Return the length of the shortest path over edges to each vertex, and the vertex before it (Dijkstra).
+
+        Parameters
+        ----------
+        start : dict
+            The vertices where paths may start, and their lengths up to there.
+        limit : float
+            Paths longer than that are not followed.
+        goal : int, optional
+            A vertex at which the search may stop.
+        neighbours : callable, optional
+            Returns the vertices to which paths lead from a vertex; by default over all edges.
+        """
+        neighbours = neighbours or self.neighbours
+        done: dict[int, tuple[float, int]] = {}
+        heap = [(length, vertex, vertex) for vertex, length in start.items()]
+        heapify(heap)
+        while heap:
+            length, vertex, before = heappop(heap)
+            if vertex in done:
+                continue
+            done[vertex] = length, before
+            if vertex == goal:
+                break
+            here = self.at(vertex)
+            for other in neighbours(vertex):
+                if other not in done and (reached := length + distance(here, self.at(other))) <= limit:
+                    heappush(heap, (reached, other, vertex))
+        return done
+
+    def shortest_path(
+        self, start: int, goal: int, limit: float, neighbours: Callable[[int], Iterable[int]] | None = None
+    ) -> list[int] | None:
+        """Return the vertices of the shortest path over edges, no longer than ``limit``; None if there is none."""
+        paths = self.shortest_paths({start: 0.0}, limit, goal, neighbours)
+        if goal not in paths:
+            return None
+        path = [goal]
+        while (before := paths[path[-1]][1]) != path[-1]:
+            path.append(before)
+        return path[::-1]
+
+
+def _replace(corners: tuple[int, int, int], old: int, new: int) -> tuple[int, int, int]:
+    a, b, c = corners
+    return new if a == old else a, new if b == old else b, new if c == old else c

@@ -1,0 +1,254 @@
+"""Paths over a triangulation from one vertex to another, made of edges by splitting, and short loops erased."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Set
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from cpmkit.meshing.insertion.constrained_triangulation import ConstrainedTriangulation
+from cpmkit.meshing.insertion.split_triangulation import (
+    SplitTriangulation,
+    Vector,
+    add_scaled,
+    cross,
+    distance,
+    dot,
+    edge_key,
+    interpolate,
+    norm,
+    normalize,
+    subtract,
+)
+from cpmkit.meshing.insertion.surface_matching import TriangleSearch, position_on
+
+
+class FanExit(NamedTuple):
+    """Where a plane through a vertex leaves its fan: at ``share`` of the way from vertex ``a`` to ``b``.
+
+    ``ahead`` is the cosine of the direction there with the heading.
+    """
+
+    ahead: float
+    a: int
+    b: int
+    share: float
+
+
+class InsertedPoint(NamedTuple):
+    """A point of a curve, and the vertex at its projection."""
+
+    vertex: int
+    place: Vector
+
+
+@dataclass(eq=False)
+class PathFinder:
+    """Finds paths over a triangulation, and splits what they cross.
+
+    Attributes
+    ----------
+    constrained : ConstrainedTriangulation
+    search : TriangleSearch
+        Over the roots.
+    inserted : dict
+        The points of curves inserted so far, by the numbers of the curve and the point.
+    """
+
+    constrained: ConstrainedTriangulation
+    search: TriangleSearch
+    inserted: dict[tuple[int, ...], InsertedPoint] = field(default_factory=dict)
+
+    @property
+    def triangulation(self) -> SplitTriangulation:
+        """The triangulation."""
+        return self.constrained.triangulation
+
+    def path(self, v: int, w: int) -> list[int] | None:
+        """Return the vertices of a path over edges from v to w, both included; None if they are not connected.
+
+        The path is as straight as can be: in a plane of the normals at its ends, else by way of the projection of its
+        middle, else the shortest one over edges that are there.
+        """
+        path = self._bisected_path(v, w, 4)
+        if path is None:
+            net = self.triangulation
+            path = self._planar_path(v, w, net.vertex_normal(v)) or self._planar_path(v, w, net.vertex_normal(w))
+        return path or self._path_over_edges(v, w)
+
+    def _bisected_path(self, v: int, w: int, bisections: int) -> list[int] | None:
+        """Return the path in the plane of the mean normal; where that fails two paths by way of the middle."""
+        if v == w:
+            return [v]
+        net = self.triangulation
+        n, other = net.vertex_normal(v), net.vertex_normal(w)
+        path = self._planar_path(v, w, normalize(add_scaled(n, 1.0 if dot(n, other) >= 0 else -1.0, other)))
+        if path is not None or not bisections:
+            return path
+        middle = self.insert_projection(interpolate(net.at(v), net.at(w), 0.5))
+        if middle in (v, w):
+            return None
+        first = self._bisected_path(v, middle, bisections - 1)
+        second = first and self._bisected_path(middle, w, bisections - 1)
+        return first + second[1:] if first and second else None
+
+    def insert_projection(self, place: Vector) -> int:
+        """Return the vertex at the projection of a point, a new one unless there is one."""
+        nearest = self.search.nearest(np.array([place]))
+        root = int(nearest.cell[0])
+        return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
+
+    def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None if it leads elsewhere."""
+        net, goal = self.triangulation, self.triangulation.at(w)
+        left = self._longest(v, w)
+        path = [v]
+        while path[-1] != w:
+            here = path[-1]
+            if net.cells_of_edge(here, w):
+                path.append(w)
+                break
+            fan_exit = self.leave_fan(here, subtract(goal, net.at(here)), normal)
+            if fan_exit is None:
+                return None
+            following = self._vertex_at(here, fan_exit, w)
+            left -= distance(net.at(here), net.at(following))
+            if left < 0 or following in path:
+                return None
+            path.append(following)
+        return path
+
+    def _longest(self, v: int, w: int) -> float:
+        """Return the length above which a path from v to w has gone astray."""
+        net = self.triangulation
+        return 1.6 * distance(net.at(v), net.at(w)) + 0.5 * net.size(v)
+
+    def _vertex_at(self, here: int, fan_exit: FanExit, goal: int) -> int:
+        """Return the vertex where a path from ``here`` to ``goal`` leaves a fan.
+
+        The path is snapped to vertices as any other point, unless it would then run along a rim to or from the inside:
+        the end inside is that of a curve, and is kept apart from the rim.
+        """
+        net, constrained = self.triangulation, self.constrained
+        place = fan_exit.a, fan_exit.b, fan_exit.share, net.size(here)
+        vertex = constrained.insert_on_edge(*place)
+        if vertex not in (fan_exit.a, fan_exit.b):
+            return vertex
+        ends_on_rim = net.is_rim_edge(vertex, goal) and not net.is_on_rim(here)
+        starts_on_rim = net.is_rim_edge(here, vertex) and not net.is_on_rim(goal)
+        if ends_on_rim or starts_on_rim:
+            constrained.at_end = True
+            vertex = constrained.insert_on_edge(*place)
+            constrained.at_end = False
+        return vertex
+
+    def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
+        """Return where the plane of ``heading`` and ``normal`` at a vertex leaves its fan, as far ahead as can be."""
+        net, here, across = self.triangulation, self.triangulation.at(vertex), cross(normal, heading)
+        best: FanExit | None = None
+        for cell in net.fan(vertex):
+            a, b = (corner for corner in net.corners(cell) if corner != vertex)
+            side_a, side_b = dot(across, subtract(net.at(a), here)), dot(across, subtract(net.at(b), here))
+            if side_a * side_b > 0 or side_a == side_b:
+                continue
+            share = side_a / (side_a - side_b)
+            way = subtract(interpolate(net.at(a), net.at(b), share), here)
+            ahead = dot(way, heading) / (norm(way) or 1.0)
+            if ahead > 0 and (best is None or ahead > best.ahead):
+                best = FanExit(ahead, a, b, share)
+        return best
+
+    def _path_over_edges(self, v: int, w: int) -> list[int] | None:
+        """Return the shortest path over edges that are there, if it makes no long detour."""
+        net = self.triangulation
+        return net.shortest_path(v, w, 6.0 * distance(net.at(v), net.at(w)) + 12.0 * net.size(v))
+
+    def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
+        """Return the path from v to w along edges of the boundaries ``owners``, if there is a short one."""
+
+        def neighbours(vertex: int) -> list[int]:
+            edges = self.constrained.edges
+            lines = ((other, edges.get(edge_key(vertex, other))) for other in self.triangulation.neighbours(vertex))
+            return [other for other, line in lines if line is not None and line.owner in owners]
+
+        return self.triangulation.shortest_path(v, w, self._longest(v, w), neighbours)
+
+    def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
+        """Return a path between two vertices that runs parallel to a boundary.
+
+        Parameters
+        ----------
+        start, goal : (int, int)
+            A vertex of the path, and the vertex of the boundary beside it.
+        """
+        net, owners = self.triangulation, self.constrained.owners_at
+        (v, at), (w, to) = start, goal
+        line = self.path_along_boundaries(at, to, owners.get(at, set()) & owners.get(to, set()))
+        if line is None:
+            return None
+        lengths = np.cumsum([0.0] + [distance(net.at(a), net.at(b)) for a, b in pairwise(line)])
+        first, last = subtract(net.at(v), net.at(at)), subtract(net.at(w), net.at(to))
+        path = [v]
+        for vertex, share in zip(line[1:-1], (lengths[1:-1] / (lengths[-1] or 1.0)).tolist(), strict=True):
+            place = add_scaled(net.at(vertex), 1.0, interpolate(first, last, share))
+            part = self.path(path[-1], self.insert_projection(place))
+            if part is None:
+                return None
+            path += part[1:]
+        part = self.path(path[-1], w)
+        return part and path + part[1:]
+
+
+def erase_short_loops(
+    triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
+) -> list[int]:
+    """Return a path without the short loops that nobody drew; they are counted as ``erased``.
+
+    Such loops come from projections that jump, from cusps of offset curves and from the jitter of a drawing.
+
+    Parameters
+    ----------
+    triangulation : SplitTriangulation
+    path : list of int
+        Vertices; a closed path ends where it starts.
+    backward : set of int
+        The vertices between which projections go back while the curve goes on: it lies off the surface there.
+    counts : Counter
+    """
+    path = _without_loops(triangulation, path, backward, counts)
+    if len(path) > 2 and path[0] == path[-1]:
+        half = len(path) // 2  # loops through the start of a closed path lie inside it when it starts elsewhere
+        path = _without_loops(triangulation, path[half:] + path[1 : half + 1], backward, counts)
+    return path
+
+
+def _without_loops(
+    triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
+) -> list[int]:
+    simple, lengths = path[:1], [0.0]
+    place = {path[0]: 0}
+    for vertex in path[1:]:
+        if vertex == simple[-1]:
+            continue
+        length = lengths[-1] + distance(triangulation.at(simple[-1]), triangulation.at(vertex))
+        before = place.get(vertex)
+        if before is not None and length - lengths[before] < _shortest_loop(triangulation, simple[before:], backward):
+            counts["erased"] += 1
+            for erased in simple[before + 1 :]:
+                if place[erased] > before:
+                    del place[erased]
+            del simple[before + 1 :], lengths[before + 1 :]
+        else:
+            place[vertex] = len(simple)
+            simple.append(vertex)
+            lengths.append(length)
+    return simple
+
+
+def _shortest_loop(triangulation: SplitTriangulation, loop: list[int], backward: set[int]) -> float:
+    """Return the length from which on a loop belongs to the curve: 2 L, or 4 L where it goes back."""
+    return (2.0 if backward.isdisjoint(loop) else 4.0) * triangulation.size(loop[0])
