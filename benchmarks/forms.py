@@ -35,7 +35,7 @@ PROBLEMS = {
     "panel-e-dziuk-neumann-open": 0.1,
     "compare-closed-curve": 0.1,
     "compare-open-curve": 0.1,
-    "balanced-dziuk": 0.1,
+    "closed-dziuk": 0.1,
     "interior-fluxes-sphere": 0.1,
     "forms-torus": 0.1,
     "sheets-fish": 0.0156,

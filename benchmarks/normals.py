@@ -11,12 +11,13 @@ that take turns.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from time import process_time
+from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from unfolding import mesh, positions, solution_off
 
 import cpmkit as ck
 
@@ -28,6 +29,28 @@ SCREENED = {
 }
 AXES = np.array([1.0, 0.7, 0.45])
 ROUNDS = 7
+
+
+def mesh(name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices, in a box of side 1 with its lower corner at the origin, and faces."""
+    vertices, faces = ck.read_mesh({"nefertiti": "nefertiti-lowres.obj"}.get(name, f"{name}.obj"))
+    return (vertices - vertices.min(axis=0)) / np.ptp(vertices, axis=0).max(), faces
+
+
+def positions(spacing: float, count: int) -> list[np.ndarray | None]:
+    """Return origins of the lattice: its own, and random ones."""
+    random = np.random.default_rng(5)
+    return [None, *(spacing * random.uniform(size=3) for _ in range(count - 1))]
+
+
+def solution_off(name: str) -> tuple[ck.Scene, dict[str, Any], Callable[[Any], float]]:
+    """Return a scene, options, and how far its solution is from finite elements: rms, less the mean, in percent."""
+    vertices, faces = mesh(name)
+    problem = ck.ScreenedPoisson(lambda x: np.cos(6 * x[:, 0]) + np.sin(5 * x[:, 1] + 2 * x[:, 2]) + x[:, 2], c=1.0)
+    scene = ck.Scene(ck.source("mesh.triangles", vertices=vertices, faces=faces), problem)
+    u = ck.solve(scene, backend="fem", solver_tolerance=1e-9).evaluate(vertices)
+    options = {"form": "collocation", "solver_tolerance": 1e-8, "max_iterations": 6000}
+    return scene, options, lambda s: float(200 * np.std(s.evaluate(vertices) - u) / np.ptp(u))
 
 
 def averaged() -> AbstractContextManager[object]:

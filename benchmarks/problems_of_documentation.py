@@ -142,7 +142,7 @@ def _from_values(at: Any, values: Any) -> Callable[[Any], Any]:
 
 
 def meshes() -> Iterator[Problem]:
-    """Yield the meshes of the tables on sheets, balance, normals and unfolding, against a quarter of their spacing."""
+    """Yield the meshes of the tables on sheets and normals, against a quarter of their spacing."""
     for study, at in _of_meshes():
         first, second = _descending(study)[:2]
         off = from_finer(study.scene, first / FINER["mesh"], at)

@@ -25,13 +25,13 @@ class Known:
     values: Any
     spacings: tuple[float, ...] = SPACINGS
 
-    def errors(self, balance, count=1, **options):
+    def errors(self, count=1, **options):
         """Rms errors at the spacings, also over ``count`` positions of the lattice; means apart where they are free."""
         found = []
         for h in self.spacings:
             off = []
             for shift in origins(self.points.shape[1])[:count]:
-                off.append(ck.solve(self.scene, h, balance=balance, origin=h * shift, **options).evaluate(self.points))
+                off.append(ck.solve(self.scene, h, origin=h * shift, **options).evaluate(self.points))
             off = np.array(off).reshape(count, len(self.points), -1) - self.values.reshape(len(self.points), -1)
             if self.scene.problem.kind == "poisson":
                 off -= off.mean(axis=1, keepdims=True)

@@ -24,8 +24,7 @@ class DiscretizingKeywords(TypedDict, total=False):
     origin: Any
     degree: int
     order: int
-    sheets: bool | Literal["unfolded"]
-    balance: int
+    sheets: bool
     strength: str
     samples: str
     tips: str

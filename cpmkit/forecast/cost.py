@@ -15,9 +15,7 @@ import numpy as np
 from cpmkit.forecast.growth import growth_through
 from cpmkit.forms.collocation.diagnosis.meetings import meeting_sentences
 from cpmkit.forms.collocation.diagnosis.refusals import check_layout
-from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
-from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster, find_twin_clusters
-from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
+from cpmkit.forms.collocation.diagnosis.sharp_bends import surface_sentences
 from cpmkit.forms.collocation.layout import Layout, lay_out
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
@@ -53,12 +51,8 @@ class Counts:
         What names the left of each boundary, where its sources do not; else empty.
     noise : float
         How far feet move when they are asked again, at most.
-    doubled : tuple of Cluster
-        Where twins are; at a coarser spacing than asked for unless ``exact``.
-    remains : tuple of Remainder
-        What parting sheets leaves, as far as the layout shows it.
     told : tuple of str
-        Sentences on rims, ends and branches, as far as the layout shows them.
+        Sentences on sharp bends, rims, ends and branches, as far as the layout shows them.
     """
 
     values: Mapping[str, float]
@@ -66,8 +60,6 @@ class Counts:
     gaps: tuple[float, ...]
     lefts: tuple[str, ...]
     noise: float
-    doubled: tuple[TwinCluster, ...] = ()
-    remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> int:
@@ -88,9 +80,7 @@ def predict(scene: Scene, options: Options[CollocationOptions], progress: Progre
         tuple(one.gap for one in layout.boundaries.on_lattice),
         tuple(one.oriented.left_in_words for one in layout.boundaries.on_lattice),
         _query_noise(layout),
-        find_twin_clusters(layout),
-        find_unresolved(layout, spacing if finest != spacing else None),
-        tuple(meeting_sentences(layout, spacing)),
+        (*surface_sentences(layout, spacing), *meeting_sentences(layout, spacing)),
     )
     progress("rehearsal", 0.7 if finest != spacing else 1.0)
     if finest == spacing:
@@ -140,7 +130,6 @@ def _counts_of(layout: Layout) -> dict[str, float]:
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
-        "unfolded": int(layout.band.is_unfolded.sum()),
         "nodes": len(layout.band.nodes),
         "rows": layout.numbering.rows,
         "unknowns": layout.numbering.unknowns,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from math import comb
-
 import numpy as np
 
 from cpmkit.forecast.cost import Counts, predict
@@ -28,7 +26,7 @@ NOISE_FACTOR = 6.0
 
 def explained(scene: Scene, target: Options[CollocationOptions], solver: str, progress: Progress) -> Explanation:
     """Say what the closest point method will build, from a layout, or from rehearsals on three coarse lattices."""
-    spacing, degree, order, balance = target.spacing, target.own.degree, target.own.order, target.own.balance
+    spacing, degree, order = target.spacing, target.own.degree, target.own.order
     with explain_memory_error(scene, target, solver):
         counts = predict(scene, target, progress)
     chosen = choose_solver(solver, counts["unknowns"], largest_dim(scene.surface), scene.problem.factorise_up_to)
@@ -41,9 +39,6 @@ def explained(scene: Scene, target: Options[CollocationOptions], solver: str, pr
         *_boundary_parts(scene, counts, order, spacing),
     ]
     parts.append(solver_part(scene, chosen, solver))
-    if balance:
-        why = "u is put right, so that fluxes balance against them; closest points of a mesh's nodes come on top"
-        parts.append(Part("balance", f"{comb(balance + scene.surface.dim, balance)} polynomials", why))
     left_out = _left_out(scene, counts, order)
     return Explanation(
         tuple(parts),
@@ -54,8 +49,6 @@ def explained(scene: Scene, target: Options[CollocationOptions], solver: str, pr
         _floor(scene, counts, spacing),
         chosen,
         counts.exact,
-        counts.doubled,
-        counts.remains,
         counts.told,
     )
 
@@ -79,8 +72,6 @@ def _surface_parts(counts: Counts, degree: int) -> list[Part]:
     ]
     if twins:
         why = "further unknowns at nodes that several sheets of the surface share, one a sheet"
-        if counts["unfolded"]:
-            why += f"; {counts['unfolded']:,} of them where the surface is unfolded around sharp bends"
         parts.insert(1, Part("twins", f"{twins:,}", why))
     return parts
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cpmkit.forms.collocation.diagnosis.twin_clusters import TwinCluster
-from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 
-#: Number of clusters of twins that are listed.
-NAMED_CLUSTERS = 3
 #: What a guess says of itself.
 _ROUGH = (
     "An estimate from the size of the surface and its boundaries: the unknowns are right within a factor of {:g}. With "
@@ -53,19 +49,15 @@ class Explanation:
         The solver that will be taken.
     exact : bool
         True where the counts come from a layout at the spacing itself.
-    doubled : tuple of Cluster
-        Where nodes are doubled because several sheets share them, the largest cluster first.
-    remains : tuple of Remainder
-        What parting the sheets leaves: creases, bends, sheets that are too near; the solution warns of the same.
     told : tuple of str
-        Sentences on members of unlike dimension that meet, rims that face each other, boundaries beside rims, open ends
-        and branches of curves.
+        Sentences on sharp bends, on members of unlike dimension that meet, rims that face each other, boundaries beside
+        rims, open ends and branches of curves.
     seconds : float or None
         That a solve will take on this machine, to a factor of two; None where it was not asked for, or the scene cannot
         be solved on coarser lattices.
     off_by : float or None
         The factor within which the unknowns are right where nothing was rehearsed, and the bytes if the solver is;
-        ``doubled`` and ``remains`` are empty then, of ``told`` the members of unlike dimension are there alone, and
+        of ``told`` the members of unlike dimension are there alone, and
         ``exact`` is False.
     """
 
@@ -77,8 +69,6 @@ class Explanation:
     floor: float
     solver: str
     exact: bool
-    doubled: tuple[TwinCluster, ...] = ()
-    remains: tuple[UnresolvedFeature, ...] = ()
     told: tuple[str, ...] = ()
     seconds: float | None = None
     off_by: float | None = None
@@ -100,7 +90,7 @@ class Explanation:
         rows += [("unknowns", f"{about}{self.unknowns:,}"), ("memory", f"about {self.bytes / 2**20:,.1f} MiB")]
         if self.seconds is not None:
             rows.append(("seconds on this machine", f"about {self.seconds:.2g}"))
-        rows += [("remark", sentence) for sentence in (*(one.sentence for one in self.remains), *self.told)]
+        rows += [("remark", sentence) for sentence in self.told]
         return html_table("Explanation", rows)
 
     def __str__(self) -> str:
@@ -115,12 +105,8 @@ class Explanation:
         if self.seconds is not None:
             lines.append(f"seconds on this machine about {self.seconds:.2g}")
         lines.append(f"error of the source    about {self.floor:.0e} of the solution's range, at any spacing")
-        if self.doubled:
-            rest = sum(cluster.twins for cluster in self.doubled[NAMED_CLUSTERS:])
-            named = [*map(str, self.doubled[:NAMED_CLUSTERS]), *([f"{rest:,} elsewhere"] if rest else [])]
-            lines += ["", f"twins{'' if self.exact else ' at a coarser spacing'}: " + "; ".join(named)]
-        if self.remains or self.told:
-            lines += ["", *(feature.sentence for feature in self.remains), *self.told]
+        if self.told:
+            lines += ["", *self.told]
         if self.left_out:
             lines += ["", "not built: " + "; ".join(self.left_out)]
         if self.off_by is not None:

@@ -7,7 +7,7 @@ from importlib import import_module
 from typing import Any
 
 from cpmkit.errors import InputError, shown
-from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
 from cpmkit.grid.fitting import needed_spacing
@@ -88,6 +88,7 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}{near}.")
+    refuse_removed(names)
     chosen = None if form == AUTO else form
     for name in sorted(names, key=lambda name: len(_having(name))):  # what one form has says more than a value
         having, fitting = _having(name), _fitting(name, names)

@@ -19,7 +19,7 @@ from cpmkit.grid.fitting import check_fits
 from cpmkit.grid.lattice import Codes, find
 from cpmkit.grid.stencils import base_offset, stencil_range
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Progress, no_progress
+from cpmkit.protocols import ClosestPoints, Floats, Ints, Progress, no_progress
 from cpmkit.runtime.arrays import check_size, length
 
 if TYPE_CHECKING:
@@ -81,13 +81,6 @@ class Band:
     def first_twin(self) -> int:
         """How many of the inner nodes are no twins; those from there up to ``inner`` are."""
         return self.inner if self.sheets is None else self.own_inner
-
-    @property
-    def is_unfolded(self) -> Bools:
-        """(inner,) which inner nodes are twins found by unfolding the surface."""
-        if self.sheets is None:
-            return np.zeros(self.inner, dtype=bool)
-        return np.asarray(self.sheets.anchor != np.arange(len(self.nodes)))[: self.inner]
 
     def neighbours(self) -> tuple[Ints, Ints]:
         """Return the pairs (n,), (n,) of inner nodes that are neighbours along an axis; no twins."""
@@ -211,13 +204,11 @@ def stencil_codes(cells: Ints, codes: Codes, degree: int) -> Ints:
     return nodes
 
 
-def build_band(
-    source: LocalSource, spacing: float, degree: int, progress: Progress = no_progress, differences: int = 1
-) -> Band:
+def build_band(source: LocalSource, spacing: float, degree: int, progress: Progress = no_progress) -> Band:
     """Find the nodes of the band of ``source`` and their closest points.
 
     Every surface point's stencil is in the band, not only those of the nodes' own closest points,
-    so that a solution can be read anywhere. Outer nodes reach ``differences`` nodes farther along each axis.
+    so that a solution can be read anywhere. Outer nodes reach one node farther along each axis.
 
     Raises
     ------
@@ -230,9 +221,9 @@ def build_band(
         raise ResolutionError(
             "The source has no point inside its own bounds: its closest points and bounds contradict each other."
         )
-    codes = Codes.around(cells, degree + 1 + differences)
+    codes = Codes.around(cells, degree + 2)
     inner = stencil_codes(cells, codes, degree)
-    reach = range(-differences, differences + 1)
+    reach = range(-1, 2)
     around = [codes.dilate(inner, axis, reach) for axis in range(source.dim)]
     outer = np.setdiff1d(np.unique(np.concatenate(around)), inner, assume_unique=True)
     nodes = codes.decode(np.concatenate([inner, outer]))

@@ -111,26 +111,13 @@ def tensor_offsets(degree: int, dim: int) -> Ints:
     return np.stack(np.meshgrid(*[lines] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
 
 
-def difference_reach(order: int) -> int:
-    """Return how many nodes along an axis the Laplacian reads on each side: two at order 4, else one."""
-    return 2 if order == 4 else 1
+def cross_offsets(dim: int) -> Ints:
+    """Return the offsets (2 d, d) of the difference neighbours, all positive before negative.
 
-
-def cross_offsets(dim: int, reach: int = 1) -> Ints:
-    """Return the offsets (2 d reach, d) of the difference neighbours: near ones first, all positive before negative."""
-    unit = np.eye(dim, dtype=np.int64)
-    return np.concatenate([step * part for step in range(1, reach + 1) for part in (unit, -unit)])
-
-
-def cross_weights(dim: int, reach: int = 1) -> tuple[Floats, float]:
-    """Return the weights (2 d reach,) of the difference neighbours in ``spacing^2`` Lap, and that of the node itself.
-
-    ``1, -2, 1`` along each axis, or, of fourth order, ``-1/12, 4/3, -5/2, 4/3, -1/12``.
-    King et al. (2024), eq. 2, knows the second order alone.
+    They have the weight 1 in ``spacing^2`` Lap, and the node itself -2 d: King et al. (2024), eq. 2.
     """
-    if reach == 1:
-        return np.ones(2 * dim), -2.0 * dim
-    return np.concatenate([np.full(2 * dim, 4 / 3), np.full(2 * dim, -1 / 12)]), -2.5 * dim
+    unit = np.eye(dim, dtype=np.int64)
+    return np.concatenate([unit, -unit])
 
 
 def reading_radius(dim: int, degree: int) -> float:

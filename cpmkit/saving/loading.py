@@ -124,6 +124,8 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     if not _is_near(lattice, scene):
         raise of_another_scene(path, "its nodes are elsewhere")
     given = {name: array.item() if array.ndim == 0 else array for name, array in lattice.items()}
+    if given.get("balance") == 0:  # of a release that had this option
+        del given["balance"]
     try:
         options, _ = options_of(scene, given["spacing"], given)
     except InputError as error:

@@ -23,6 +23,19 @@ if TYPE_CHECKING:
     from cpmkit.scene.equations import Equation
 
 
+def check_order(order: Any, what: str) -> int:
+    """Return the order of accuracy of a condition, which ``what`` names in errors.
+
+    Raises
+    ------
+    InputError
+        If it is neither 1 nor 2; the Galerkin form has conditions of third order.
+    """
+    if order in (3, 4):
+        raise InputError(f'{what} must be 1 or 2, got {order}; use form="galerkin", with conditions of third order.')
+    return whole(order, what, 1, 2)
+
+
 class Condition(ABC):
     """What holds on a side of a boundary, on an edge, or across a boundary.
 
@@ -33,7 +46,7 @@ class Condition(ABC):
     ----------
     kind : str
         Its name in reports, and in scene files.
-    order : 1 to 4, or None
+    order : 1 or 2, or None
         Overrides the discretisation's order for this condition.
     """
 
@@ -43,7 +56,7 @@ class Condition(ABC):
     def __post_init__(self) -> None:
         read_formulas(self, self.kind)
         if self.order is not None:
-            whole(self.order, f"order of {type(self).__name__}", 1, 4)
+            check_order(self.order, f"order of {type(self).__name__}")
 
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Keep the law that a kind answers: by that one object the data that it gives are known again."""
@@ -89,7 +102,7 @@ class Dirichlet(Condition):
     value : number, text, sequence, or callable
         A number; a formula such as ``"sin(x)"``; one of them (or a callable) a channel; or a function of points
         (n, d) that returns (n,) or (n, channels).
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
 
     Examples
@@ -139,7 +152,7 @@ class Neumann(Condition):
     ----------
     flux : number, sequence, or callable
         As for :class:`Dirichlet`. Zero makes the boundary a wall that nothing crosses.
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
     """
 
@@ -168,7 +181,7 @@ class Robin(Condition):
         Not zero; a callable of points (n, d) returns (n,).
     gamma : number, sequence, or callable
         As for :class:`Dirichlet`.
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
 
     Raises

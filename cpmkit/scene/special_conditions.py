@@ -71,7 +71,7 @@ class Steklov(Condition):
 
     Parameters
     ----------
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
 
     Examples
@@ -101,7 +101,7 @@ class SimplySupported(Condition):
     ----------
     value, laplacian : number, sequence, or callable
         As for :class:`Dirichlet`.
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
 
     Examples
@@ -136,7 +136,7 @@ class NonlinearFlux(Condition):
         Its derivative, of the same arguments; by differences unless given.
     guess : float
         Value of u on the boundary at which Newton's method starts.
-    order : 1 to 4, optional
+    order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
 
     Raises

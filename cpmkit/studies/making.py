@@ -10,7 +10,6 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
@@ -79,7 +78,7 @@ def _measured(solution: Solution, truth: Truth, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.trade
-    twins = len(twin_feet(form.tables.layout)) if isinstance(form, Collocation) else None  # none without a grid
+    twins = len(form.doubled) if isinstance(form, Collocation) else None  # none without a grid
     return {
         "spacing": solution.spacing if run.spacing is None else run.spacing,
         "max_error": float(np.abs(error).max()),

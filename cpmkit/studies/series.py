@@ -21,8 +21,6 @@ METHOD_WORDS = {
     "collocation": "collocation form",
     "galerkin": "Galerkin form",
     "plain": "without sheets",
-    "unfolded": "unfolded",
-    "balanced": "balanced",
     "nearest": "nearest point",
     "ball": "ball",
     "fem": "finite elements",
@@ -165,7 +163,7 @@ def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]
     differ = [name for name, _ in options if len({other[name] for other in own}) > 1]
-    name = "with sheets" if method == "cpm" and methods & {"plain", "unfolded"} else METHOD_WORDS.get(method, method)
+    name = "with sheets" if method == "cpm" and "plain" in methods else METHOD_WORDS.get(method, method)
     parts = [name] if len(methods) > 1 else []
     parts += [f"{name} {value}" for name, value in options if name in differ]
     parts = parts or [f"{name} {value}" for name, value in options if name == "order"]

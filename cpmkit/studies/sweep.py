@@ -21,6 +21,8 @@ from cpmkit.runtime.options import check_types, declared
 
 #: Methods that fix nodes, and the options that they have: no order of their own.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
+#: Methods that former releases had.
+REMOVED_METHODS = ("balanced", "unfolded")
 #: The method that is the back end ``fem`` on a refined mesh.
 REFINED = "fem-refined"
 #: The form that ``cpm`` is, and whose options a study lists: the paper's.
@@ -117,6 +119,9 @@ class Sweep:
         wrong_methods = [method for method in self.methods if not isinstance(method, str)]
         if wrong_methods:
             raise SceneError(f"methods of [sweep] must be names such as 'cpm', got {shown(wrong_methods[0])}.")
+        removed = [method for method in self.methods if method in REMOVED_METHODS]
+        if removed:
+            raise SceneError(f"there is no method {removed[0]!r} of [sweep] any more; use 'galerkin'.")
         self._check_fineness()
         most = max(sum(len(values) for _, values in self._fineness()), len(self.cheap or []))
         count = most * prod(len(one) for one in (*self.lists.values(), self.methods)) * self.origins

@@ -38,13 +38,6 @@ def test_row_24_circle(form, order, most):
     assert order_of(spacings, errors) >= order
 
 
-def test_fourth_order():
-    spacings = (0.1, 0.05, 0.025)
-    errors = [max_error(*on_circle_problem(), h, order=4, degree=5) for h in spacings]
-    assert errors[-1] <= 3e-6
-    assert order_of(spacings, errors) >= 3.7
-
-
 @pytest.mark.parametrize("c", [1e-3, 1.0, 1e4, 1e8])
 @pytest.mark.parametrize(("form", "other"), [("collocation", "reference"), ("galerkin", "multigrid")])
 def test_both_solvers_agree(c, form, other):

@@ -223,11 +223,6 @@ def test_advection_that_outweighs_diffusion_is_refused_with_a_spacing_that_is_no
     assert ck.solve(scene(39.0), 0.05, form="collocation").evaluate([[1, 0]]) == pytest.approx(1.0)
 
 
-def test_order_4_takes_constant_coefficients_alone():
-    with pytest.raises(ck.InputError, match="order=4 takes constant diffusivity"):
-        ck.solve(ck.Scene(CIRCLE, ck.Elliptic(1.0, diffusivity=lambda x: 2 + x[:, 0], c=1.0)), 0.05, order=4, degree=5)
-
-
 @pytest.mark.parametrize("wavenumber", [1.5, 3.3, 7.4])
 def test_standing_waves_on_a_circle(wavenumber):
     def angle(x):

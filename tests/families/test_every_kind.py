@@ -182,37 +182,6 @@ def test_both_problems_on_surfaces(kind, problem):
     assert observed_order(kind, problem, 3) > 1.6
 
 
-#: Kinds whose balanced solutions are looked at in every run of the tests.
-QUICK = ("analytic.box", "solid", "analytic.arc", "analytic.cylinder")
-#: What polynomials cannot tell is the most of the error where the grid does not resolve a surface.
-UNRESOLVED = pytest.mark.xfail(
-    strict=True,
-    reason="at 0.16 its bends of radius 0.2 are told as not resolved, and balancing gains 2.2; 2.9 at 0.08",
-)
-
-
-@pytest.mark.parametrize(
-    "kind",
-    [
-        pytest.param(kind, marks=[pytest.mark.slow] * (kind not in QUICK) + [UNRESOLVED] * (kind == "levelset.goursat"))
-        for kind in KINDS
-        if kind != "pointcloud.points"  # no mesh fills a cloud
-    ],
-)
-def test_balanced_fluxes_leave_a_fraction_of_the_error(kind):
-    """Beside a balanced solution on half the spacing; at walls and on pieces without a rim, whatever the kind."""
-    maker, h = KINDS[kind]
-    surface = maker()
-    scene, bounds = ck.Scene(surface, SCREENED), np.asarray(surface.bounds)
-    inside = np.random.default_rng(2).uniform(bounds[0], bounds[1], (1500, surface.dim))
-    points = surface.closest_point(inside).points
-    fine, balanced, plain = (
-        ck.solve(scene, spacing, balance=degree).evaluate(points) for spacing, degree in ((h / 2, 5), (h, 5), (h, 0))
-    )
-    gain = np.std(plain - fine) / np.std(balanced - fine)
-    assert gain > (1.5 if kind == "solid" else 3)
-
-
 def test_every_installed_manifold_is_listed():
     sources = {
         one.kind

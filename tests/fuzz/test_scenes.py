@@ -32,7 +32,7 @@ SCENE: dict[str, Any] = {
         {"name": "cut", "kind": "analytic.point", "at": [0.6, 0.8], "left": {"dirichlet": 1}, "right": {"neumann": 0}},
     ],
     "problem": {"kind": "elliptic", "f": "x*y", "c": 1, "diffusivity": "2 + y", "velocity": ["-y", "x"]},
-    "discretization": {"spacing": 0.2, "degree": 3, "order": 2, "origin": [0, 0], "sheets": True, "balance": 0},
+    "discretization": {"spacing": 0.2, "degree": 3, "order": 2, "origin": [0, 0], "sheets": True},
     "solver": {"kind": "direct", "tolerance": 1e-10},
     "output": {"folder": "out", "files": ["summary.json", "solution.npz"], "picture": {"file": "a.png", "width": 300}},
 }

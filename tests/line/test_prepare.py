@@ -213,15 +213,6 @@ def test_one_condition_for_several_loops_takes_one():
     np.testing.assert_allclose(again.evaluate([[0.5, 0]]), 1.5)
 
 
-@pytest.mark.parametrize(
-    "problem", [ck.Heat(1.0, until=0.1, step=0.1), ck.Elliptic(1.0, c=1.0, velocity=lambda x: np.cross([0, 0, 1], x))]
-)
-def test_what_is_not_balanced_is_refused_of_another_equation_too(problem):
-    prepared = ck.prepare(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.3, balance=3)
-    with pytest.raises(ck.InputError, match="balance was asked for a problem"):
-        prepared.solve(problem=problem)
-
-
 def test_another_back_end_is_prepared_too():
     prepared = ck.prepare(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.3, backend="fem")
     again = prepared.solve(problem=ck.ScreenedPoisson(product))

@@ -81,8 +81,6 @@ FEATURES = {
     "transmission": transmission,
     "several boundaries in one stencil": crowded,
     "order 1": order(1),
-    "order 3": order(3),
-    "order 4": order(4),
     "trimmed": trimmed,
     "no normals": no_normals,
     "moved": moved,
@@ -92,11 +90,7 @@ FEATURES = {
 }
 
 FLAT = "sheets lie above each other, and areas of the plane do not"
-ONE_ORDER = "a scene is solved at one order"
 CANNOT_MEET = {
     frozenset(("sheets", "two solids")): FLAT,
     frozenset(("sheets", "open tips")): FLAT,
-    frozenset(("order 1", "order 3")): ONE_ORDER,
-    frozenset(("order 1", "order 4")): ONE_ORDER,
-    frozenset(("order 3", "order 4")): ONE_ORDER,
 }

@@ -86,13 +86,28 @@ def test_a_degree_that_is_not_offered(degree):
 def test_an_order_that_is_not_offered(order):
     with pytest.raises(ck.InputError) as error:
         ck.solve(sphere_scene(), 0.2, order=order)
-    one_sentence(error, "order must be a whole number from 1 to 4")
+    one_sentence(error, "order must be a whole number from 1 to 2")
 
 
-def test_fourth_order_with_too_low_a_degree():
-    with pytest.raises(ck.InputError) as error:
-        ck.solve(sphere_scene(), 0.1, order=4)
-    one_sentence(error, "order=4 needs degree 4 or 5, got degree=3")
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [
+        ({"order": 3}, "order must be 1 or 2, got 3; use form=.galerkin."),
+        ({"order": 4, "degree": 5}, "order must be 1 or 2, got 4; use form=.galerkin."),
+        ({"sheets": "unfolded"}, "sheets must be true or false, got 'unfolded'; use form=.galerkin."),
+        ({"balance": 5}, "no option `balance` any more: use form=.galerkin."),
+    ],
+)
+def test_options_that_left_name_what_to_use_instead(option, told):
+    for ask in (ck.solve, ck.explain, ck.prepare, ck.discretize, ck.estimate_error):
+        with pytest.raises(ck.InputError, match=told):
+            ask(sphere_scene(), 0.2, **option)
+
+
+def test_orders_of_conditions_that_left_name_what_to_use_instead():
+    for kind in (ck.Dirichlet, ck.Neumann, ck.Steklov):
+        with pytest.raises(ck.InputError, match=f"order of {kind.__name__} must be 1 or 2, got 3; use form=.galerkin."):
+            kind(order=3) if kind is ck.Steklov else kind(0.0, order=3)
 
 
 @pytest.mark.parametrize(

@@ -133,24 +133,6 @@ def test_coarse_spacings_show_first_and_second_order(name, tmp_path):
         assert all(printed[one.label][h] == pytest.approx(known[h], rel=0.03) for h in shared)
 
 
-@pytest.mark.slow
-def test_balanced_fluxes_leave_a_fraction_of_the_error_and_the_table_is_printed_again(tmp_path):
-    _, series = orders("balanced-dziuk", tmp_path)
-    printed = in_documentation("balanced-dziuk")
-    for one in series.values():
-        assert [printed[one.label][f"{h:g}"] for h in one.spacings] == pytest.approx(one.errors, rel=0.03)
-    assert all(3 * np.array(series["balanced", 3, 2].errors) < series["cpm", 3, 2].errors)
-
-
-@pytest.mark.slow
-def test_balanced_fluxes_leave_a_fraction_of_the_error_at_one_position(tmp_path):
-    study = load_study(STUDIES / "balanced-dziuk.toml")
-    few = replace(study, sweep=replace(study.sweep, origins=1, spacings=[0.28]))
-    plain, balanced = gather(read_records(run_study(few, tmp_path).file))
-    assert [plain.label, balanced.label] == ["closest point method", "balanced"]
-    assert all(2 * np.array([one.rms_error for one in balanced.entries]) < [one.rms_error for one in plain.entries])
-
-
 def in_documentation(name):
     """Return the table of a study in the documentation: errors by label and spacing."""
     lines = (DOCS / "tables" / f"study-{name}.md").read_text(encoding="utf-8").splitlines()

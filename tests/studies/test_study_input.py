@@ -137,7 +137,12 @@ kind = "laplace"
         ),
         ("[0.2, 0.1]", "[0.2, 0.1]\norigins = true", "origins of .sweep. must be a whole number"),
         ("[0.2, 0.1]", "[0.2, 0.1]\norigins = 10000\ndegrees = [2, 3, 4]\norders = [1, 2]", "makes 120000 runs"),
-        ("[0.2, 0.1]", "[0.2, 0.1]\norders = [4]", "order=4 needs degree 4 or 5, got degree=3"),
+        ("[0.2, 0.1]", "[0.2, 0.1]\norders = [4]", "orders of .sweep. must be 1 or 2, got 4; use form=.galerkin."),
+        (
+            "[0.2, 0.1]",
+            "[0.2, 0.1]\nmethods = ['balanced']",
+            "no method 'balanced' of .sweep. any more; use 'galerkin'",
+        ),
         ("[0.2, 0.1]", "[0.2, 0.1]\ndegrees = [true]", "degrees of .sweep. must be one of 2, 3, 4, 5, got True"),
         ("[0.2, 0.1]", "[0.2, 0.1]\nstep_per_spacing = true", "step_per_spacing of .sweep. must be a number, got True"),
         ("[0.2, 0.1]", '["0.1"]', "each spacing of .sweep. must be a finite number above zero, got '0.1'"),

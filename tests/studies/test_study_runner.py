@@ -187,7 +187,7 @@ def test_a_wrong_scene_ends_the_study_at_once(file, tmp_path):
         ("points = 300", "points = 0", "points of .exact. must be a whole number"),
         ('u = "exact"', "u = 3", "u of .exact. must be text, got 3"),
         ("orders = [1, 2]", "order = [1, 2]", r"\[sweep\] has the unknown key 'order' \(did you mean 'orders'\?\)"),
-        ("orders = [1, 2]", "orders = [5]", "orders of .sweep. must be a whole number from 1 to 4, got 5"),
+        ("orders = [1, 2]", "orders = [5]", "orders of .sweep. must be a whole number from 1 to 2, got 5"),
         ("orders = [1, 2]", "orders = []", "orders of .sweep. must be a list with at least one entry"),
         ("orders = [1, 2]", "origins = 0", "origins of .sweep. must be a whole number"),
         ("orders = [1, 2]", "methods = [3]", "methods of .sweep. must be names"),

@@ -92,7 +92,7 @@ class GrowthBound:
             raise ResolutionError(
                 f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
                 "the data allow; it grows from what the spacing does not resolve, such as limbs that are two spacings "
-                'thick; use a smaller spacing, or sheets="unfolded".'
+                'thick; use a smaller spacing, or form="galerkin".'
             )
 
 

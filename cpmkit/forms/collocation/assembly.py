@@ -9,9 +9,9 @@ import numpy as np
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.forms.collocation.boundary.row_formula import RowFormula
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
 from cpmkit.forms.collocation.operator import ExtensionOperator
-from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
+from cpmkit.grid.stencils import cross_offsets
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
@@ -28,25 +28,21 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     Raises
     ------
     InputError
-        If a coefficient is not a number or a callable of points, a diffusivity is not above zero, or a coefficient
-        varies at order 4.
+        If a coefficient is not a number or a callable of points, or a diffusivity is not above zero.
     ResolutionError
         If the spacing is too coarse for the velocity.
     """
     layout = tables.layout
     spacing, dim = layout.lattice.spacing, layout.lattice.dim
     scale = 1.0 / spacing**2
-    reach = difference_reach(layout.order)
     c = _coefficient(tables, terms.c, "the factor c")
     if not callable(terms.diffusivity) and terms.velocity is None:
         a = float(_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
-        diagonal = c - a * scale * cross_weights(dim, reach)[1]
+        diagonal = c + 2 * dim * a * scale
         constant = not callable(terms.c)
         return ExtensionOperator(
             tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale
         )
-    if reach > 1:
-        raise InputError("order=4 takes constant diffusivity and no velocity; use order 3 or less for the others.")
     at_rows = _diffusivity(tables, terms.diffusivity)
     # The weights (n, 2 d) of the neighbours in spacing^2 div(a grad u): a at the midpoints.
     weights = 0.5 * (at_rows[tables.numbering.row_of_unknown][:, None] + at_rows[tables.neighbours])

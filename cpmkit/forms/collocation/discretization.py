@@ -19,7 +19,7 @@ from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
-from cpmkit.grid.stencils import cross_offsets, cross_weights, difference_reach
+from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import matrix_of_rows, placing
 from cpmkit.protocols import SIDES, Floats, Ints, Progress, no_progress
 from cpmkit.scene.conditions import same_condition
@@ -55,10 +55,8 @@ class Discretization:
 
     @cached_property
     def differences(self) -> csr_array:
-        """N (unknowns, rows): ones at second order, so that L = (N - 2 d I) / spacing^2. Read-only."""
-        reach = difference_reach(self.layout.order)
-        weights = cross_weights(self.layout.lattice.dim, reach)[0]
-        return self.weighted_differences(np.tile(weights, len(self.neighbours)))
+        """N (unknowns, rows): ones, so that L = (N - 2 d I) / spacing^2. Read-only."""
+        return self.weighted_differences(np.ones(self.neighbours.size))
 
     def weighted_differences(self, weights: Floats) -> csr_array:
         """Return the matrix (unknowns, rows) with ``weights`` (unknowns, k) at the difference neighbours, read-only."""
@@ -151,7 +149,7 @@ def build_tables(
 def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
     """Build E and N for a layout; no closest point is asked for."""
     extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
-    neighbours = _neighbours(layout.unknowns, centres, difference_reach(layout.order))
+    neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
     progress("tables", 1.0)
     return Discretization(layout, read_only(extension), data, neighbours)
@@ -174,7 +172,7 @@ def _renumbered(term: ExtraPoint, rows: Ints) -> ExtraPoint:
     return replace(kept, rows=rows[kept.rows])
 
 
-def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
+def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     """Return which rows of E (unknowns, k) the difference stencil of each unknown reads.
 
     A neighbour across a boundary is read through its ghost. A ghost's neighbour on the ghost's own side is
@@ -182,10 +180,10 @@ def _neighbours(unknowns: Unknowns, centres: Centres, reach: int) -> Ints:
     """
     band, numbering = unknowns.band, unknowns.numbering
     nodes = np.concatenate([np.arange(band.inner), *(one.nodes[: one.unknowns] for one in unknowns.ghosts)])
-    beside = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim, reach))
-    anchors = Centres.of_nodes(band, nodes if band.sheets is None else band.sheets.anchor[nodes])
+    beside = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim))
+    own = Centres.of_nodes(band, nodes)
     centre_view = centres.take(numbering.row_of_unknown)
-    columns = unknowns.select_rows(replace(anchors, side_views=centre_view.side_views, own=centre_view.own), beside)
+    columns = unknowns.select_rows(replace(own, side_views=centre_view.side_views, own=centre_view.own), beside)
     return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
 
 

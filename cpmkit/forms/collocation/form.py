@@ -9,22 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError, place
+from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.forms.collocation.assembly import build_operator, check_terms
 from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
+from cpmkit.forms.collocation.conservation.balance import correct_means
 from cpmkit.forms.collocation.conservation.components import components_without_flux
-from cpmkit.forms.collocation.conservation.flux_balance import Balancing, check_balance, prepare_balance
-from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over
-from cpmkit.forms.collocation.conservation.settling import settled, with_balanced_fluxes
-from cpmkit.forms.collocation.diagnosis.definiteness import (
-    find_wrong_sign,
-    is_suspect,
-    resolving_spacing,
-    wrong_sign_sentence,
-)
-from cpmkit.forms.collocation.diagnosis.survey import find_unresolved
-from cpmkit.forms.collocation.diagnosis.twin_clusters import twin_feet
-from cpmkit.forms.collocation.diagnosis.unresolved import UnresolvedFeature
+from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over, remove_constants
+from cpmkit.forms.collocation.diagnosis.sharp_bends import has_sharp_bends
 from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
 from cpmkit.forms.collocation.discretization import build_tables, restated
 from cpmkit.forms.collocation.linearized import FluxRows, flux_rows_of, linearized
@@ -35,10 +26,11 @@ from cpmkit.forms.collocation.stability import check_waves
 from cpmkit.forms.collocation.work import Work, measure_work
 from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.fitting import check_fits
-from cpmkit.linear.operators import Border
+from cpmkit.linear.operators import Border, Bordered
 from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
 from cpmkit.scene.data import Data
@@ -80,11 +72,6 @@ class Collocation(Reader):
     }
 
     @property
-    def balance(self) -> int:
-        """Degree of the polynomials against which fluxes balance, 0 for none; of steady problems."""
-        return self.tables.layout.options.own.balance
-
-    @property
     def size(self) -> int:
         """Number of unknowns: inner nodes and ghosts."""
         return self.tables.unknowns.count
@@ -110,22 +97,15 @@ class Collocation(Reader):
         return np.flatnonzero(band.feet.edge[: band.inner] < 0)
 
     def check(self, solver: str) -> None:
-        """Refuse waves that would grow, fluxes that cannot balance, and a factorisation that does not fit."""
+        """Refuse waves that would grow, and a factorisation that does not fit."""
         layout = self.tables.layout
         if solver == "direct":  # what others need was checked before the tables
             check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
         check_waves(self.scene, self.tables.layout)
-        if self.balance:
-            assert self._balancing
-
-    @cached_property
-    def _balancing(self) -> Balancing:
-        return prepare_balance(self.scene, self.tables)
 
     def with_scene(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone."""
         check_terms(scene.problem.terms())
-        check_balance(scene, self.balance)
         return replace(self, scene=scene, tables=restated(self.tables, self.scene, scene))
 
     # Equations
@@ -258,41 +238,30 @@ class Collocation(Reader):
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
-    def indefinite(self, stiffness: Stiffness) -> tuple[str, int]:
-        """Return a sentence where limbs side by side give A an eigenvalue of the wrong sign, and the products.
-
-        Raises
-        ------
-        ResolutionError
-            If so; of the plain method, which is there to be compared with, it is told only, in steady problems.
-        """
-        if not surely_positive(self):
-            return "", 0
-        told, products = find_wrong_sign(self.tables, self.scene, stiffness)
-        steady = self.scene.problem.family == "steady"
-        if told and not (steady and not self.tables.layout.options.own.sheets):
-            raise ResolutionError(told)
-        return told, products
-
     def check_signs(self, least: float, noticed: float) -> None:
         """Refuse eigenvalues below zero where the continuous problem has none."""
         if least < -noticed and surely_positive(self):
-            raise ResolutionError(wrong_sign_sentence(self.tables, self.scene, least))
+            raise ResolutionError(
+                f"spacing={self.spacing:g} is too coarse for this surface: parts of it about two spacings thick read "
+                f"each other, and the operator of {self.scene.problem} has an eigenvalue of the wrong sign, "
+                f'{least:.3g}; use form="galerkin", or a spacing of {2 / 3 * self.spacing:.2g}.'
+            )
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return u with means put right, and fluxes balanced where that was asked for."""
-        plain, raw = settled(self.tables, self.scene, operator, b, u)
-        if not self.balance:
-            return plain
-        return with_balanced_fluxes(self.tables, self.scene, self.evaluate, plain, raw, self._balancing, self.balance)
+        """Return u with its free constants and its means put right."""
+        defects: tuple[Imbalance, ...] = ()
+        if isinstance(operator, Bordered):
+            u, defects = remove_constants(self.tables, self.scene, operator, u)
+        u, means = correct_means(self.tables, self.scene, b, u)
+        return SteadyResult(u, (*defects, *means))
 
     # Telling
 
-    def warnings(self, missed: float = 0.0) -> tuple[str, ...]:
+    def warnings(self) -> tuple[str, ...]:
         """Return a sentence for each thing that the spacing does not resolve."""
         return (
             *self._mixed,
-            *layout_warnings(self.tables.layout, self.scene, missed),
+            *layout_warnings(self.tables.layout, self.scene),
             *unresolved_data(self, self.condition_data()),
         )
 
@@ -310,38 +279,23 @@ class Collocation(Reader):
         """Parts of unlike dimension that meet: what differences of two solutions say of their errors is not known."""
         return " ".join(self._mixed)
 
-    def cure(self) -> str:
-        """Return the spacing at which limbs side by side no longer read each other, as the end of a sentence."""
-        if not is_suspect(self.tables.layout):
-            return ""
-        return (
-            ", or, as parts of the surface that are side by side read each other, a spacing of "
-            f"{resolving_spacing(self.tables.layout):.2g}"
-        )
-
     def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the order of the conditions, 3 counting as 2, and 1 where creases or corners are told.
+        """Return the order of the conditions, and 1 where the surface bends too sharply.
 
         It is at most degree - 1, for what interpolation leaves is divided by the square of the spacing.
         """
         del ratio, coarser, apart
-        order = min(self.tables.layout.order, self.tables.layout.band.degree - 1)
-        return 1.0 if self.slow else 2.0 if order == 3 else float(max(order, 1))
+        return 1.0 if self.slow else float(min(self.tables.layout.order, self.tables.layout.band.degree - 1))
 
     @cached_property
-    def _features(self) -> tuple[UnresolvedFeature, ...]:
-        return find_unresolved(self.tables.layout)
+    def unresolved(self) -> bool:
+        """Whether parts of the manifold bend more sharply than the band is wide."""
+        return has_sharp_bends(self.tables.layout)
 
     @property
-    def unresolved(self) -> bool:
-        """Whether parts of the manifold bend too sharply for the spacing, or come too near to others."""
-        return bool(self._features)
-
-    @cached_property
     def slow(self) -> str:
-        """Creases and corners, beside which errors fall with the spacing at best."""
-        creased = [one for one in self._features if one.kind == "crease"]
-        return f"creases or corners near {place(creased[0].place)}; the error may fall slowly" if creased else ""
+        """Sharp bends and creases, beside which errors fall with the spacing at best."""
+        return "creases or sharp bends; the error may fall slowly" if self.unresolved else ""
 
     def diagnosis(
         self,
@@ -399,17 +353,19 @@ class Collocation(Reader):
     @property
     def doubled(self) -> Floats:
         """(k, d) the feet of the twins."""
-        return twin_feet(self.tables.layout)
+        band = self.tables.layout.band
+        return self.tables.layout.lattice.to_scene(band.feet.points[band.first_twin : band.inner])
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, what the form has no terms for, and fluxes that cannot balance.
+    """Refuse, before anything is built, what the form has no terms for, whatever the ``options``.
 
     Raises
     ------
     SceneError, InputError
         With what to do instead.
     """
+    del options
     if scene.has_tensor:
         raise SceneError(
             "the form 'collocation' has no diffusivity that is a tensor: its differences along the axes hold no mixed "
@@ -426,7 +382,6 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
             "form='galerkin', which curves and surfaces have."
         )
     check_terms(scene.problem.terms())
-    check_balance(scene, options.own.balance)
 
 
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:

@@ -16,23 +16,24 @@ from cpmkit.forms.collocation.encounters.boundaries import SectorJump, Strip, fi
 from cpmkit.forms.collocation.encounters.facing_rims import FacingRims, find_facing_rims
 from cpmkit.forms.collocation.encounters.junctions import Junction, find_junctions
 from cpmkit.forms.collocation.encounters.tips import Blur, find_blurs
-from cpmkit.forms.collocation.ghosts.edge import PastEdge, read_at_feet, read_past_edge
-from cpmkit.forms.collocation.ghosts.nodes import Ghosts, build_ghosts
+from cpmkit.forms.collocation.ghosts.edge import read_at_feet, read_past_edge
+from cpmkit.forms.collocation.ghosts.geometry import node_sources
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.past_rim import mirrors_cut_off
-from cpmkit.forms.collocation.ghosts.side_readings import DOUBTFUL_SIDE_SPACINGS, node_sources
 from cpmkit.forms.collocation.numbering import Numbering
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Unknowns
-from cpmkit.forms.collocation.sheets.limbs import Limbs, find_limbs
 from cpmkit.forms.collocation.sheets.twins import separate_sheets
-from cpmkit.forms.collocation.tube_width import check_one_sheet, check_reach
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
-from cpmkit.grid.stencils import difference_reach, reading_radius
+from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.protocols import Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
+
+#: Nodes with feet nearer to a boundary than so many spacings read right-hand sides well inside their side.
+DOUBTFUL_SIDE_SPACINGS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,18 +89,13 @@ class Layout:
     junctions: Sequence[Junction] = ()
 
     @cached_property
-    def limbs(self) -> Limbs:
-        """Stencils that read another limb beside their own; looked for once, for checks, warnings and balancing ask."""
-        return find_limbs(self.surface, self.band)
-
-    @cached_property
     def unknowns(self) -> Unknowns:
         """What stencils read: the band's inner nodes, and the ghosts of each boundary."""
         return Unknowns(self.band, self.ghosts)
 
     @property
     def order(self) -> int:
-        """Order of the conditions, 1 to 4; at 4 the Laplacian is of fourth order too."""
+        """Order of the conditions, 1 or 2."""
         return self.options.own.order
 
     @property
@@ -124,31 +120,21 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     InputError, SceneError, ResolutionError
         If the lattice's origin, a boundary or the spacing does not fit.
     """
-    order, sheets = options.own.order, options.own.sheets
+    order = options.own.order
     lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
     options = replace(options, origin=lattice.origin)
     surface = localize(scene.surface, lattice.origin)
-    band = build_band(surface, lattice.spacing, options.own.degree, progress, difference_reach(order))
-    if order == 4:
-        check_reach(surface, band)
-        if sheets:
-            check_one_sheet(surface, band, lattice)
-    elif sheets:
-        band = separate_sheets(surface, band, sheets == "unfolded")
+    band = build_band(surface, lattice.spacing, options.own.degree, progress)
+    if options.own.sheets:
+        band = separate_sheets(surface, band)
     past = read_past_edge(surface, band, lattice, scene.edge, order)
     sight, past = _see_boundaries(scene, surface, band, lattice, past)
     ghosts: list[Ghosts] = []
     for index in range(len(scene.boundaries)):
-        ghosts.append(build_ghosts(index, sight, band, lattice, past.mirrored, order))
+        ghosts.append(build_ghosts(index, sight, band, lattice, past, order))
         progress("boundaries", (index + 1) / len(scene.boundaries))
-    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
-    terms = [
-        replace(term, side_views=[one.side_view(term.points, radius, band.spacing) for one in sight.on_lattice])
-        for term in past.formula.terms
-    ]
-    reading = replace(past.formula, terms=terms)
-    sources = _inside_sources(past, sight, band, order)
-    layout = Layout(options, lattice, surface, band, reading, sources, sight, ghosts, scene.channels)
+    sources = _node_sources(sight, band)
+    layout = Layout(options, lattice, surface, band, past, sources, sight, ghosts, scene.channels)
     return _with_encounters(layout, scene.problem.start_time)
 
 
@@ -180,9 +166,9 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
     return _compared(replace(layout, boundaries=seen, channels=scene.channels), scene.problem.start_time)
 
 
-def _inside_sources(past: PastEdge, boundaries: BoundariesOnBand, band: Band, order: int) -> RowFormula:
+def _node_sources(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
     """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
-    sources = past.sources
+    sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
     for number, view in enumerate(boundaries.side_views):
         close = (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end
         close &= band.feet.edge[view.rows] < 0
@@ -190,7 +176,7 @@ def _inside_sources(past: PastEdge, boundaries: BoundariesOnBand, band: Band, or
             near_frame = view.take(close)
             others = [one for other, one in enumerate(boundaries.on_lattice) if other != number]
             feet = sources.points[near_frame.rows]
-            read = node_sources(feet, boundaries.on_lattice[number], others, near_frame, order)
+            read = node_sources(feet, boundaries.on_lattice[number], others, near_frame)
             sources = _with_rows(sources, near_frame.rows, read)
     return sources
 
@@ -205,8 +191,8 @@ def _with_rows(reading: RowFormula, rows: Ints, other: RowFormula) -> RowFormula
 
 
 def _see_boundaries(
-    scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, past: PastEdge
-) -> tuple[BoundariesOnBand, PastEdge]:
+    scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, past: RowFormula
+) -> tuple[BoundariesOnBand, RowFormula]:
     """Return how the nodes see the boundaries, and what they read where one keeps them from their mirror points."""
     # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
     reach = reading_radius(band.dim, band.degree) * band.spacing
@@ -214,7 +200,7 @@ def _see_boundaries(
         put_on_lattice(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries
     ]
     uncoupled = [one for one in on_lattice if not one.oriented.boundary.condition("left").couples]
-    behind = mirrors_cut_off(uncoupled, band, past.mirrored, 2 * reach)
+    behind = mirrors_cut_off(uncoupled, band, past, 2 * reach)
     past = read_at_feet(surface, band, lattice, scene.edge, past, behind)
-    side_views = [one.side_view(past.mirrored.points, 2 * reach, band.spacing) for one in on_lattice]
+    side_views = [one.side_view(past.points, 2 * reach, band.spacing) for one in on_lattice]
     return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, scene.problem.terms().diffusivity), past

@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.protocols import Ints
 
 if TYPE_CHECKING:
-    from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+    from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
     from cpmkit.grid.band import Band
 
 

@@ -2,27 +2,43 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import partial
-from typing import Any, Literal
+from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.grid.stencils import check_degree
-from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import Declared, option
-
-#: The highest degree of polynomials that fluxes balance against, 165 of them in space; higher ones see what a spacing
-#: does not resolve.
-HIGHEST_POLYNOMIAL_DEGREE = 8
+from cpmkit.scene.conditions import check_order
 
 
-def _check_sheets(sheets: Any, what: str) -> Any:
-    if not isinstance(sheets, bool) and sheets != "unfolded":
+def check_sheets(sheets: Any, what: str) -> bool:
+    """Return whether sheets are separated; a surface is no longer unfolded.
+
+    Raises
+    ------
+    InputError
+        If it is neither true nor false.
+    """
+    if isinstance(sheets, bool):
+        return sheets
+    instead = '; use form="galerkin", which needs no unfolding' if sheets == "unfolded" else ""
+    raise InputError(f"{what} must be true or false, got {shown(sheets)}{instead}.")
+
+
+def refuse_removed(names: Iterable[str]) -> None:
+    """Refuse an option that former releases had.
+
+    Raises
+    ------
+    InputError
+        With what to use in its place.
+    """
+    if "balance" in names:
         raise InputError(
-            f"{what} must be true, false or 'unfolded', got {shown(sheets)}; true parts sheets that share a band, "
-            "'unfolded' unfolds sharp bends, too."
+            'there is no option `balance` any more: use form="galerkin", in which fluxes balance by construction, and '
+            "leave it out."
         )
-    return sheets
 
 
 @dataclass(frozen=True)
@@ -32,7 +48,7 @@ class CollocationOptions(Declared):
     Raises
     ------
     InputError
-        If a value is not accepted, or not beside the others.
+        If a value is not accepted.
     """
 
     degree: int = option(
@@ -41,36 +57,11 @@ class CollocationOptions(Declared):
         "quicker and irregular.",
         check_degree,
     )
-    order: int = option(
-        2,
-        "Order of accuracy of the conditions at boundaries and edges: 1, 2, or 3, which makes second order more "
-        "regular. 4 makes the Laplacian fourth order too, needs degree 4 or 5, and an exact, smooth source whose "
-        "curvature leaves room for a wider tube.",
-        partial(whole, least=1, most=4),
-    )
-    sheets: bool | Literal["unfolded"] = option(
+    order: int = option(2, "Order of accuracy of the conditions at boundaries and edges: 1 or 2.", check_order)
+    sheets: bool = option(
         True,
-        'Whether a node that several sheets of the surface share gets an unknown for each. With ``"unfolded"`` the '
-        "surface is unfolded, too, where it bends more sharply than a stencil is wide: further unknowns, for coarse "
-        "spacings. False is the plain method, for comparisons: where sheets share a band it mixes them, and the "
-        "solution is wrong there.",
-        _check_sheets,
-        methods={"plain": False, "unfolded": "unfolded"},
+        "Whether a node that several sheets of the surface share gets an unknown for each. False is the plain method, "
+        "for comparisons: where sheets share a band it mixes them, and the solution is wrong there.",
+        check_sheets,
+        methods={"plain": False},
     )
-    balance: int = option(
-        0,
-        "Where nothing flows out, on closed surfaces and between walls, u is put right by polynomials in the "
-        "coordinates up to this degree, at most 8, so that fluxes balance against all of them: 5 leaves a twentieth "
-        "to a half of the error, for little work. 0 puts the mean alone right.",
-        partial(whole, most=HIGHEST_POLYNOMIAL_DEGREE),
-        methods={"balanced": 5},
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.order == 4 and self.degree < 4:
-            raise InputError(
-                f"order=4 needs degree 4 or 5, got degree={self.degree}; interpolation would keep it at order 2."
-            )
-        if self.order == 4 and self.sheets == "unfolded":
-            raise InputError("order=4 unfolds nothing: it needs a tube in which no surface bends sharply; use order=2.")

@@ -20,7 +20,7 @@ from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.boundary.side_view import SideView
-    from cpmkit.forms.collocation.ghosts.nodes import Ghosts
+    from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
     from cpmkit.grid.band import Band
 
 

@@ -1,9 +1,9 @@
 """When schemes for waves are stable.
 
 A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and 5, ten
-times as much for degrees 2 and 4 and for conditions of order 3 (measured on circles and arcs with all conditions). An
-undamped scheme lets such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped
-therefore, and the implicit scheme damps waves that its step does not resolve.
+times as much for degrees 2 and 4 (measured on circles and arcs with all conditions). An undamped scheme lets such waves
+grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped therefore, and the implicit scheme damps
+waves that its step does not resolve.
 """
 
 from __future__ import annotations
@@ -31,19 +31,13 @@ def check_waves(scene: Scene, layout: Layout) -> None:
     Raises
     ------
     InputError
-        If the order or the degree is one with which waves grow.
+        If the degree is one with which waves grow.
     ResolutionError
         If the step is too long for leapfrog, or too short for the implicit scheme.
     """
     if not isinstance(scene.problem, Wave):
         return
     wave = scene.problem.settled(explicit_steps=True)
-    order = max([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
-    if order > 2:
-        raise InputError(
-            f"order={order} does not go with waves: such conditions give the operator complex eigenvalues, under which "
-            "waves grow without bound; use order 1 or 2."
-        )
     if wave.scheme == "leapfrog":
         _check_leapfrog(wave, layout.band.degree, layout.lattice.spacing, layout.lattice.dim)
     elif wave.scheme == "implicit" and wave.step < IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed:

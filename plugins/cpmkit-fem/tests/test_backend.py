@@ -102,7 +102,7 @@ def test_names_of_back_ends():
     assert "fem" not in kinds_without_case()
 
 
-@pytest.mark.parametrize("option", [{"order": 1}, {"origin": [0, 0, 0]}, {"balance": 3}, {"pace": 2}])
+@pytest.mark.parametrize("option", [{"order": 1}, {"origin": [0, 0, 0]}, {"sheets": False}, {"pace": 2}])
 def test_options_of_the_lattice_are_refused(option):
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(1.0))
     with pytest.raises(

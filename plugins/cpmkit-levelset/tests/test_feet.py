@@ -189,9 +189,7 @@ def test_the_error_that_a_grid_leaves_is_predicted(count, monkeypatch):
 
     A part of it is constant and goes where the mean of u is put right, which conditions would prevent.
     """
-    monkeypatch.setattr(
-        "cpmkit.forms.collocation.conservation.settling.correct_mean", lambda tables, scene, b, u: (u, ())
-    )
+    monkeypatch.setattr("cpmkit.forms.collocation.form.correct_means", lambda tables, scene, b, u: (u, ()))
     spacing, options = (0.14, {"resolution": 32}) if count == 20 else (0.1, {})
     axes = np.linspace(-1.43, 1.37, count)
     x, y, z = np.meshgrid(axes, axes, axes, indexing="ij")

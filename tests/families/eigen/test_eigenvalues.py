@@ -100,13 +100,6 @@ def test_a_resistance_between_two_sides(form):
     assert order_of(spacings, errors) >= ORDERS[form]
 
 
-def test_fourth_order():
-    spacings = (0.1, 0.05, 0.025)
-    errors = errors_of(ck.Scene(CIRCLE, ck.Eigen(count=7)), [0, 1, 1, 4, 4, 9, 9], spacings, order=4, degree=5)
-    assert errors[-1] <= 2e-5
-    assert order_of(spacings, errors) >= 3.7
-
-
 @forms
 def test_rows_21_sphere(form):
     exact = np.array([0, 2, 2, 2, 6, 6, 6, 6, 6, 12, 12, 12])

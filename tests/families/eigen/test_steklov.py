@@ -42,11 +42,6 @@ def test_disc():
     assert order_of(spacings, errors) >= 1.8
 
 
-def test_third_order_conditions_reproduce_cubics():
-    scene = ck.Scene(DISC, ck.Eigen(count=7), edge=ck.Steklov(order=3))
-    assert np.abs(ck.solve(scene, 0.1).eigenvalues - [0, 1, 1, 2, 2, 3, 3]).max() <= 1e-11
-
-
 def test_first_order():
     spacings = (0.1, 0.05, 0.025)
     errors = errors_of(ck.Scene(DISC, ck.Eigen(count=5), edge=ck.Steklov()), [0, 1, 1, 2, 2], spacings, order=1)

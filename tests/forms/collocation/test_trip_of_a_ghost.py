@@ -15,17 +15,15 @@ import pytest
 import cpmkit as ck
 from cpmkit.forms.collocation import discretization, layout
 from cpmkit.forms.collocation.assembly import build_operator
-from cpmkit.forms.collocation.ghosts.formulas import ghost_formula
+from cpmkit.forms.collocation.ghosts.ghosts import ghost_formula
 
 CORE = Path(ck.__file__).parent
 #: The stations of the method, in the order in which a ghost passes them, for one sheet, no edge and order 2.
 STATIONS = [
-    "ghosts/nodes",  # which nodes have a ghost
+    "ghosts/ghosts",  # which nodes have a ghost, and the formula of the condition
     "boundary/side_view",  # their distances and sides
-    "ghosts/geometry",  # the way across, and the mirror point
-    "ghosts/formulas",  # the formula of the condition
+    "ghosts/geometry",  # the way across, the mirror point, where right-hand sides are read
     "boundary/row_formula",  # points, coefficients, data
-    "ghosts/side_readings",  # where right-hand sides are read
     "layout",
     "numbering",
     "extension",  # E

@@ -129,3 +129,14 @@ class RowFormula:
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def extrapolation_weights(nodes: Floats, at: Floats) -> Floats:
+    """Return the weights (n, m) with which values at ``nodes`` (n, m) give their polynomial's value ``at`` (n,)."""
+    count = nodes.shape[1]
+    weights = np.ones_like(nodes)
+    for k in range(count):
+        for j in range(count):
+            if j != k:
+                weights[:, k] *= (at - nodes[:, j]) / (nodes[:, k] - nodes[:, j])
+    return weights

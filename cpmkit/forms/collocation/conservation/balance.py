@@ -26,7 +26,7 @@ CONSTANT_RANGE_SHARE = 1e-6
 TOLD_MEAN_SHARE = 1e-2
 
 
-def correct_mean(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
+def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) shifted on each piece that nothing flows out of, and by how much its mean was off there.
 
     Nothing is done where c varies or is zero, where a velocity carries u along, and where c is so large that a leak

@@ -48,7 +48,6 @@ def _places(tables: Discretization) -> tuple[Floats, Floats]:
     past = _past_edge(tables, away)
     distance = np.sqrt(np.maximum(np.sum(away**2, axis=1) - past**2, 0.0))
     nodes = _bump(distance / reach, band.degree)
-    nodes[band.is_unfolded] = 0.0  # the tube around the surface does not hold them
     bumps, places = [nodes], [past / band.spacing]
     for view, ghosts in zip(tables.layout.boundaries.side_views, tables.layout.ghosts, strict=True):
         beyond = np.full(len(band.nodes), TAIL_SPACINGS)

@@ -7,8 +7,8 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
-from cpmkit.forms.collocation.boundary.conductivities import check_conductivities
 from cpmkit.forms.collocation.ghosts.edge import EDGE_CONDITION
+from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.mesh.mixed_cells import with_corners
 from cpmkit.mesh.quadratic_cells import outward_edges

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
-
 import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.collocation.diagnosis.meetings import meeting_sentences
-from cpmkit.forms.collocation.diagnosis.survey import can_find_unresolved, find_unresolved
+from cpmkit.forms.collocation.diagnosis.sharp_bends import surface_sentences
 from cpmkit.forms.collocation.encounters.boundaries import DISTURBED_SPACINGS
 from cpmkit.forms.collocation.layout import Layout
-from cpmkit.forms.collocation.tube_width import stretched_share
+from cpmkit.grid.band import Band
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.protocols import SIDES
 from cpmkit.scene.point_values import small_boundary_warnings
@@ -32,17 +29,12 @@ SMALL_SPACINGS = 1.0
 OFF_SURFACE_SPACINGS = 0.5
 
 
-def layout_warnings(layout: Layout, scene: Scene, missed: float = 0.0) -> tuple[str, ...]:
-    """Return one sentence for each thing found.
-
-    ``missed`` is the error of a solution's mean as a share of its range. If it exceeds the error expected of bends,
-    creases and limbs, it is reported as theirs (on 28 solutions on real meshes the larger of the two was within a
-    factor of three of the largest error in 23 cases, the expected error of the bends alone in 15).
-    """
+def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
+    """Return one sentence for each thing found."""
     advice = advice_of(layout.surface.source, layout.lattice.spacing)
     from_source = (*advice.warnings, *advice.closest_point_warnings)
     rounding = layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any())
-    checks = (_doubtful, partial(_sheets, missed=missed), _boundaries, _encounters, _gaps, meeting_sentences)
+    checks = (_doubtful, surface_sentences, _jumps, _boundaries, _encounters, _gaps, meeting_sentences)
     found = (text for check in checks for text in check(layout))
     seen = zip(layout.boundaries.given, layout.boundaries.on_lattice, strict=True)
     cutting, spacing = [one.name for one, on in seen if on.has_sides], layout.lattice.spacing
@@ -95,27 +87,25 @@ def _doubtful(layout: Layout) -> list[str]:
     ]
 
 
-def _sheets(layout: Layout, missed: float) -> list[str]:
-    """Name what parting the sheets left; where it is not looked for, places where sheets or flanks may mix."""
-    if can_find_unresolved(layout):
-        features = find_unresolved(layout)
-        sentences = [replace(one, error=max(one.error, min(missed, 1.0))).sentence for one in features]
-        unfolded = layout.options.own.sheets == "unfolded" and layout.surface.source.exact
-        if unfolded and any(one.kind == "crease" for one in features):
-            sentences.append(
-                "Unfolding goes astray at creases of exact closest points, whose nodes outside have their feet on the "
-                "crease itself; use closest points that are smooth, or sheets=True."
-            )
-        return sentences
-    corners = [feature.sentence for feature in find_unresolved(layout)]
-    share = stretched_share(layout.band, JUMP_SPACINGS)
-    if share <= JUMP_SHARE or corners:
-        return corners
+def _jumps(layout: Layout) -> list[str]:
+    """Name jumps of closest points where sheets are not separated: of other manifolds, and by the plain method."""
+    if layout.options.own.sheets and layout.surface.manifold_dim == layout.surface.dim - 1:
+        return []
+    share = _jumping_share(layout.band)
+    if share <= JUMP_SHARE:
+        return []
     return [
         f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
         "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
         "a smaller spacing narrows the band."
     ]
+
+
+def _jumping_share(band: Band) -> float:
+    """Return the share of neighbouring inner nodes whose closest points lie ``JUMP_SPACINGS`` apart or more."""
+    first, second = band.neighbours()
+    distance = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
+    return int(np.count_nonzero(distance > JUMP_SPACINGS * band.spacing)) / max(len(first), 1)
 
 
 def _boundaries(layout: Layout) -> list[str]:

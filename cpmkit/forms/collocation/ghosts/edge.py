@@ -4,29 +4,18 @@ King et al. (2024), eq. 5 (nodes past the edge), eq. 7 (their mirror points), eq
 
 A node whose foot lies on the edge reads the manifold at a mirror point inside, by the same formula as
 a ghost, with z = y the foot, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
-needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself. At order 3 and 4
-it continues a polynomial through points inside.
+needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, RowFormula
-from cpmkit.forms.collocation.ghosts.continuation import (
-    Continued,
-    beyond_edge,
-    continue_rows,
-    continued,
-    continued_sources,
-    points_inside,
-    points_inwards,
-)
-from cpmkit.forms.collocation.ghosts.formulas import coefficient_and_factor
 from cpmkit.forms.collocation.ghosts.geometry import mirror_distance
+from cpmkit.forms.collocation.ghosts.ghosts import coefficient_and_factor
 from cpmkit.forms.collocation.ghosts.past_rim import replaced
 from cpmkit.forms.collocation.ghosts.rim_corners import RimCorners, rim_corners
 from cpmkit.grid.band import Band
@@ -46,47 +35,18 @@ EDGE_CONDITION = "the edge's condition"
 Loop = tuple[Ints, OneSided, int | None]
 
 
-@dataclass(frozen=True, eq=False)
-class PastEdge:
-    """What the nodes of a band read, the edge's conditions applied, and where their right-hand sides are read.
-
-    Attributes
-    ----------
-    formula : RowFormula
-        Of each node.
-    mirrored : RowFormula
-        The same at order 2 at most, with one point a node: ghosts of nodes past the edge build on it.
-    sources : RowFormula
-        Where f is read for each node; only points, coefficients and terms count.
-    """
-
-    formula: RowFormula
-    mirrored: RowFormula
-    sources: RowFormula
-
-
-def read_past_edge(surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, order: int) -> PastEdge:
+def read_past_edge(surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, order: int) -> RowFormula:
     """Return what each node of the band reads, the edge's conditions applied to those past it."""
-    loops = _loops(band, edge)
-    mirrored = _mirrored(surface, band, lattice, edge, loops, order)
-    finer = [(rows, law, own or order) for rows, law, own in loops if (own or order) > 2]
-    parts = [_continue(surface, band, lattice, law, target, rows) for rows, law, target in finer]
-    sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
-    if not parts:
-        return PastEdge(mirrored, mirrored, sources)
-    return PastEdge(continued(mirrored, parts), mirrored, continued_sources(sources, parts))
+    return _mirrored(surface, band, lattice, edge, _loops(band, edge), order)
 
 
 def read_at_feet(
-    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, past: PastEdge, rows: Ints
-) -> PastEdge:
+    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, past: RowFormula, rows: Ints
+) -> RowFormula:
     """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
     if not len(rows):
         return past
-    at_feet = _mirrored(surface, band, lattice, edge, _loops(band, edge, rows), 1, most=1)
-    sources = RowFormula(band.feet.points, np.ones(len(band.nodes)))
-    reading, mirrored = (replaced(one, rows, at_feet) for one in (past.formula, past.mirrored))
-    return PastEdge(reading, mirrored, replaced(past.sources, rows, sources))
+    return replaced(past, rows, _mirrored(surface, band, lattice, edge, _loops(band, edge, rows), 1, most=1))
 
 
 def _loops(band: Band, edge: EdgeConditions, rows: Ints | None = None) -> list[Loop]:
@@ -192,26 +152,6 @@ def _reached(surface: LocalSource, band: Band, rows: Ints, goal: Floats) -> Clos
 def _start(band: Band, rows: Ints) -> ClosestPoints | None:
     """Return the records of the nodes' feet, to walk from along their sheets; None where the surface has one."""
     return None if band.sheets is None else band.feet.take(rows)
-
-
-def _continue(surface: LocalSource, band: Band, lattice: Lattice, law: OneSided, order: int, rows: Ints) -> Continued:
-    """Return what the nodes ``rows`` past one loop read at order 3 or 4.
-
-    Where the points inside meet another edge the node is left out.
-    """
-    foot, offset = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
-    outward = _outward(surface, band.feet.take(rows), offset, band.spacing)
-    count = points_inside(law, order)
-    inside = points_inwards(surface, foot, -outward, count, band.spacing, _start(band, rows))
-    kept = np.flatnonzero(inside.sound)
-    inside, rows = inside.take(kept), rows[kept]
-    t = beyond_edge(offset[kept], outward[kept], inside.curvature)
-    return continue_rows(law, rows, lattice.to_scene(foot[kept]), EDGE_CONDITION, inside, t, band.spacing)
-
-
-def _outward(surface: LocalSource, edge: ClosestPoints, beyond: Floats, spacing: float) -> Floats:
-    """Return the outward conormals (n, d) at the feet of nodes past the edge, ``beyond`` them."""
-    return _straight(surface, edge, outward_conormals(surface, edge, 0.5 * spacing), beyond, spacing)
 
 
 def _straight(surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float) -> Floats:

@@ -1,4 +1,4 @@
-"""New twins for missing sites: at further feet of the nodes, or where the surface is unfolded onto them."""
+"""New twins for missing sites, at further feet of the nodes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.forms.collocation.sheets.sheets import (
-    REUSED_FOOT_SPACINGS,
-    REUSED_ROW_SPACINGS,
     has_signed_normals,
     same_sheet,
 )
@@ -19,9 +17,8 @@ from cpmkit.manifold.tangent_space import normals
 from cpmkit.manifold.walking import feet_from
 from cpmkit.protocols import Bools, ClosestPoints, Ints
 
-#: Most twins that a node gets in one round: one for each sheet it lies between, and one for each place it is unfolded
-#: to.
-TWINS_PER_ROUND, UNFOLDED_TWINS_PER_ROUND = 4, 12
+#: Most twins that a node gets in one round: one for each sheet that it lies between.
+TWINS_PER_ROUND = 4
 #: Two feet of a node nearer than so many spacings are the same.
 SAME_FOOT_SPACINGS = 0.1
 
@@ -57,7 +54,7 @@ def _with_twins_at_feet(source: LocalSource, band: Band, sites: Sites, missing: 
     chosen = np.flatnonzero(on_sheet)
     chosen = chosen[np.unique(rows[chosen], return_index=True)[1]]
     nodes, unknown = nodes[rows[chosen]], missing.unknown[rows[chosen]]
-    return sites.grown(nodes, _with_distances(band, nodes, feet.take(chosen)), n[chosen], unknown, None)
+    return sites.grown(nodes, _with_distances(band, nodes, feet.take(chosen)), n[chosen], unknown)
 
 
 def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missing: MissingSites) -> Bools:
@@ -67,27 +64,6 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
     served = (sites.base[twin] == missing.nodes) & (sites.unknown[twin] | ~missing.unknown)
     wanted_site, twin_site = (sites.feet.points[by], sites.normals[by]), (sites.feet.points[twin], sites.normals[twin])
     return np.asarray(served & same_sheet(*wanted_site, *twin_site, band.spacing, has_signed_normals(source)))
-
-
-def add_unfolded_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with twins at unfolded feet; one serves all that are near it.
-
-    A way that ends at the surface's edge is none: past it the edge's own condition holds.
-    """
-    unserved = missing.take(missing.feet.edge < 0)
-    for _ in range(UNFOLDED_TWINS_PER_ROUND):
-        if not len(unserved.nodes):
-            break
-        nodes, first, place = np.unique(unserved.nodes, return_index=True, return_inverse=True)
-        new = unserved.take(first)
-        feet = _with_distances(band, nodes, new.feet)
-        sites = sites.grown(nodes, feet, normals(source, feet, 0.5 * band.spacing), new.unknown, new.by)
-        away = np.linalg.norm(unserved.feet.points - feet.points[place], axis=1)
-        served = away <= np.where(unserved.unknown, REUSED_FOOT_SPACINGS, REUSED_ROW_SPACINGS) * band.spacing
-        served &= new.unknown[place] | ~unserved.unknown
-        served[first] = True
-        unserved = unserved.take(~served)
-    return sites
 
 
 def _with_distances(band: Band, nodes: Ints, feet: ClosestPoints) -> ClosestPoints:

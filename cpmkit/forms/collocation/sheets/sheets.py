@@ -14,20 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.unfolding import unfold
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 #: Normals of one sheet have at least this cosine.
 SAME_SHEET_COSINE = -0.4
-#: The same where the surface is unfolded.
-UNFOLDED_SHEET_COSINE = 0.6
 #: Feet farther from each other than this many spacings, along their mean normal, lie on different sheets.
 SHEET_HEIGHT_SPACINGS = 0.5
-#: Tolerances (spacings) for reusing a foot in place of an unfolded one: for interpolation, where a new foot costs an
-#: unknown,
-REUSED_FOOT_SPACINGS = 0.75
-#: and for differences, where a new foot costs a row of E only.
-REUSED_ROW_SPACINGS = 0.1
 
 
 def same_sheet(
@@ -38,7 +30,6 @@ def same_sheet(
     spacing: float,
     signed: bool,
     slope: float = 0.0,
-    facing: float = SAME_SHEET_COSINE,
 ) -> Bools:
     """Tell which pairs of surface points (..., d) lie on one sheet.
 
@@ -54,7 +45,7 @@ def same_sheet(
     chord, turn = other_feet - feet, other_normals - normals
     height = 0.5 * np.abs(np.sum(chord * (normals + other_normals), axis=-1))
     bend = 0.5 * np.sqrt(np.sum(chord * chord, axis=-1) * np.sum(turn * turn, axis=-1))
-    alike = np.sum(normals * other_normals, axis=-1) >= facing
+    alike = np.sum(normals * other_normals, axis=-1) >= SAME_SHEET_COSINE
     allowed = SHEET_HEIGHT_SPACINGS * spacing + bend
     if slope:
         allowed += slope * np.linalg.norm(chord, axis=-1)
@@ -68,14 +59,10 @@ def has_signed_normals(source: LocalSource) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Unserved:
-    """Stencil entries (row, column) for which no site exists on the stencil's own sheet.
-
-    ``feet`` says where the site would have its foot if it is found by unfolding; else it is where the stencil is.
-    """
+    """Stencil entries (row, column) for which no site exists on the stencil's own sheet."""
 
     row: Ints
     column: Ints
-    feet: ClosestPoints
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,14 +81,10 @@ class Sheets:
         Of the sites.
     normals : (n, d) float64
         At the feet.
-    anchor : (n,) int64
-        The site from whose foot a twin's was found by unfolding; the site itself for all others.
     first : (n + 1,) int64
         ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
     twins : (t,) int64
         Numbers of sites.
-    unfolded : bool
-        True where the surface is unfolded.
     mixed : (m,) int64
         Sites whose stencils still read a node of another sheet, because no foot on their own was found for it.
     """
@@ -111,10 +94,8 @@ class Sheets:
     nodes: Ints
     feet: ClosestPoints
     normals: Floats
-    anchor: Ints
     first: Ints
     twins: Ints
-    unfolded: bool
     mixed: Ints
 
     @property
@@ -132,7 +113,6 @@ class Sheets:
         normals: Floats,
         columns: Ints,
         readable: Bools,
-        near: float = REUSED_FOOT_SPACINGS,
         every: bool = False,
     ) -> tuple[Ints, Unserved]:
         """Return stencils (n, s) with sites of another sheet replaced by twins on their own, and what is missed.
@@ -147,8 +127,6 @@ class Sheets:
             Sites that they read.
         readable : (sites,) bool
             Which twins can be read here.
-        near : float
-            How many spacings from an unfolded foot one may lie that serves in its place.
         every : bool
             True to look at sites without twins, too: for what is missed.
         """
@@ -159,24 +137,15 @@ class Sheets:
         row, column, site = row[foreign], column[foreign], site[foreign]
         found = np.full(len(row), -1)
         for left, twin in self._twins_of(site):
-            fit = (found[left] < 0) & readable[twin] & (self.anchor[twin] == twin)
+            fit = (found[left] < 0) & readable[twin]
             left, twin = left[fit], twin[fit]
             own = self._own(at.points[row[left]], normals[row[left]], twin)
             found[left[own]] = twin[own]
         selected[row, column] = np.where(found >= 0, found, site)
-        row, column, site = row[found < 0], column[found < 0], site[found < 0]
-        if not self.unfolded:
-            return selected, Unserved(row, column, at.take(row))
-        goal = np.asarray(self.spacing * self.nodes[site], dtype=np.float64)
-        feet = unfold(self.source, at.take(row), normals[row], goal, self.spacing, self.signed)
-        selected[row, column], distance = self._nearest(site, feet.points, readable)
-        missed = distance > near * self.spacing
-        return selected, Unserved(row[missed], column[missed], feet.take(missed))
+        return selected, Unserved(row[found < 0], column[found < 0])
 
     def _own(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
-        facing = UNFOLDED_SHEET_COSINE if self.unfolded else SAME_SHEET_COSINE
-        there = self.feet.points[site], self.normals[site]
-        return same_sheet(feet, normals, *there, self.spacing, self.signed, facing=facing)
+        return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
     def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
         """Yield, for each place in the lists of twins, which of the sites (k,) have one there, and the twins."""
@@ -184,12 +153,3 @@ class Sheets:
         for place in range(int(count.max(initial=0))):
             some = np.flatnonzero(count > place)
             yield some, self.twins[self.first[site[some]] + place]
-
-    def _nearest(self, site: Ints, points: Floats, readable: Bools) -> tuple[Ints, Floats]:
-        """Return, of each site (k,) and its twins, the one with the foot nearest to ``points`` (k, d), and how near."""
-        nearest, distance = site.copy(), np.linalg.norm(points - self.feet.points[site], axis=1)
-        for some, twin in self._twins_of(site):
-            away = np.linalg.norm(points[some] - self.feet.points[twin], axis=1)
-            nearer = readable[twin] & (away < distance[some])
-            nearest[some[nearer]], distance[some[nearer]] = twin[nearer], away[nearer]
-        return nearest, distance

@@ -8,10 +8,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.new_twins import add_twins_at_feet, add_unfolded_twins
+from cpmkit.forms.collocation.sheets.foot_directions import ON_FOOT_SPACINGS, foot_directions
+from cpmkit.forms.collocation.sheets.new_twins import add_twins_at_feet
 from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.forms.collocation.sheets.sites import Sites, find_missing, twins_by_site
-from cpmkit.forms.collocation.sheets.turning import ON_FOOT_SPACINGS, foot_directions
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import find
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
@@ -25,7 +25,7 @@ SHEET_STEP_SPACINGS = 0.3
 MOST_TWIN_ROUNDS = 8
 
 
-def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> Band:
+def separate_sheets(source: LocalSource, band: Band) -> Band:
     """Return the band with twins where several sheets share its nodes; the band itself where none do.
 
     Parameters
@@ -34,8 +34,6 @@ def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> 
         A hypersurface; of any other manifold the band is returned as it is.
     band : Band
         With the closest points of its nodes.
-    unfolded : bool
-        True to unfold the surface where it bends more sharply than stencils are wide.
     """
     if source.manifold_dim != source.dim - 1:
         return band
@@ -43,20 +41,18 @@ def separate_sheets(source: LocalSource, band: Band, unfolded: bool = False) -> 
     if not flagged.any():
         return band
     every = np.arange(len(band.nodes))
-    sites = Sites(every, band.feet, normals(source, band.feet, 0.5 * band.spacing), every < band.inner, every)
+    sites = Sites(every, band.feet, normals(source, band.feet, 0.5 * band.spacing), every < band.inner)
     queue = near = _rows_near(band, flagged)
     for _ in range(MOST_TWIN_ROUNDS):
-        grown = add_twins_at_feet(source, band, sites, find_missing(source, band, sites, queue, unfolded=False))
-        if unfolded:
-            grown = add_unfolded_twins(source, band, grown, find_missing(source, band, grown, queue, unfolded=True))
+        grown = add_twins_at_feet(source, band, sites, find_missing(source, band, sites, queue))
         if len(grown) == len(sites):
             break
         queue, sites = np.arange(len(sites), len(grown)), grown
     if len(sites) == len(band.nodes):
         return band
     readers = np.concatenate([near, np.arange(len(band.nodes), len(sites))])
-    mixed = np.unique(find_missing(source, band, sites, readers, unfolded).by)
-    return _with_twins(source, band, sites, unfolded, mixed)
+    mixed = np.unique(find_missing(source, band, sites, readers).by)
+    return _with_twins(source, band, sites, mixed)
 
 
 def nodes_between_sheets(band: Band) -> Bools:
@@ -91,7 +87,7 @@ def _rows_near(band: Band, flagged: Bools) -> Ints:
     return np.flatnonzero(near | flagged)
 
 
-def _with_twins(source: LocalSource, band: Band, sites: Sites, unfolded: bool, mixed: Ints) -> Band:
+def _with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
     """Return the band with the twins among its sites: unknown ones after the inner nodes, others after the outer."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
@@ -101,7 +97,7 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, unfolded: bool, m
     new = np.empty(len(sites), dtype=np.int64)
     new[order] = np.arange(len(sites))
     first, twins = twins_by_site(new[sites.base[order]], np.flatnonzero(order >= count))
-    nodes, feet, anchor = band.nodes[sites.base[order]], sites.feet.take(order), new[sites.anchor[order]]
+    nodes, feet = band.nodes[sites.base[order]], sites.feet.take(order)
     n, inner = sites.normals[order], band.inner + int(sites.unknown[later].sum())
-    sheets = Sheets(source, band.spacing, nodes, feet, n, anchor, first, twins, unfolded, new[mixed])
+    sheets = Sheets(source, band.spacing, nodes, feet, n, first, twins, new[mixed])
     return Band(band.spacing, band.degree, nodes, inner, feet, band.codes, band.inner, count - band.inner, sheets)

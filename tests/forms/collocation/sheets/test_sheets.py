@@ -85,7 +85,7 @@ def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
     assert plain.discretized.tables.layout.band.sheets is None
     plain.save(tmp_path / "plain.npz")
     assert (ck.load(tmp_path / "plain.npz", scene).values == plain.values).all()
-    with pytest.raises(ck.InputError, match="sheets must be true, false or "):
+    with pytest.raises(ck.InputError, match="sheets must be true or false, got "):
         ck.solve(scene, 0.025, sheets="no")
 
 

@@ -1,0 +1,292 @@
+"""Ghosts: second unknowns at the nodes near a boundary, that continue the solution of its other side.
+
+King et al. (2024), eq. 9: its BC DOFs, here within the radius of interpolation alone, eq. 4 with q = 0.
+
+A ghost stands where its node stands, on one side of the boundary, and continues the solution of the other side across
+it: its value is a coefficient times u at a point, plus a factor times data. For ``alpha du/db + beta u = gamma``,
+with t the ghost's distance from the boundary and s its distance from the mirror point (CONVENTIONS, Ghosts):
+
+order 2: ``[(alpha - beta s/2) u(mirror) + s gamma] / (alpha + beta s/2)``, and for Dirichlet, with
+the mirror at distance ``h = max(t, spacing/2)``, ``-(t/h) u(mirror) + (1 + t/h) g``;
+order 1, with u read on the boundary: ``[alpha u + t gamma] / (alpha + beta t)``, for Dirichlet g.
+
+Differs from King et al. (2024), eq. 8 and section 4.3: there h = t, and a ghost on the boundary then
+reads itself with weight -1, which no smoother damps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.errors import ResolutionError
+from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
+from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView, near
+from cpmkit.forms.collocation.ghosts.geometry import SIDE_READING_SPACINGS, GhostGeometry, ghost_sources
+from cpmkit.forms.collocation.ghosts.past_rim import straight_ahead
+from cpmkit.forms.collocation.ghosts.transmission_ghosts import CoupledGhosts, first_order_ghosts, second_order_ghosts
+from cpmkit.grid.band import Band
+from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.stencils import reading_radius
+from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.scene.laws import Interface, OneSided, Value, beta_at
+
+#: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
+UNDIRECTED_GHOST_SPACINGS = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Ghosts:
+    """The ghosts of one boundary, unknowns first; after them nodes at which only E u is needed.
+
+    Attributes
+    ----------
+    geometry : GhostGeometry
+        Where they stand, and the directions across the boundary.
+    unknowns : int
+        How many of the ghosts are unknowns.
+    numbers : (band nodes,) int64
+        For each node of the band its ghost, -1 where it has none.
+    formula : RowFormula
+        What the ghosts read.
+    sources : RowFormula
+        Where right-hand sides are read: just inside the side that each ghost continues.
+    side_views : sequence of SideView
+        How each boundary is seen from the points that ghosts read.
+    orders : (g,) int64
+        Order of each ghost.
+    behind : (g,) float64
+        How far behind the boundary those read that read at one point, over where their right-hand sides are; NaN else.
+    """
+
+    geometry: GhostGeometry
+    unknowns: int
+    numbers: Ints
+    formula: RowFormula
+    sources: RowFormula
+    side_views: Sequence[SideView]
+    orders: Ints
+    behind: Floats
+
+    @property
+    def nodes(self) -> Ints:
+        """(g,) numbers of the nodes in the band."""
+        return self.geometry.seen.rows
+
+    @property
+    def director(self) -> Floats:
+        """(g, d) D of the nodes; from the ghosts themselves the boundary is seen with -D."""
+        return self.geometry.seen.director
+
+    @property
+    def carries_left(self) -> Bools:
+        """(g,) whether the ghost continues the left side's solution."""
+        return self.geometry.seen.signed < 0
+
+    @cached_property
+    def unknown_numbers(self) -> Ints:
+        """(band nodes,) ``numbers`` of those ghosts that are unknowns, -1 elsewhere."""
+        return np.where(self.numbers < self.unknowns, self.numbers, -1)
+
+
+def build_ghosts(
+    index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula, order: int
+) -> Ghosts:
+    """Return the ghosts of boundary ``index``.
+
+    A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's
+    point nearest to its foot is no open end. ``mirrored`` is what the band's nodes read, one point each.
+    """
+    geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
+    formula, radius = ghost_formula(geometry, order), 2 * reading_radius(band.dim, band.degree) * band.spacing
+    terms = [geometry.located(term, radius) for term in formula.rows.terms]
+    terms += [geometry.located(term, radius, own_side=True) for term in formula.own_terms]
+    distance = np.linalg.norm(formula.rows.points - geometry.seen.foot, axis=1)
+    numbers = np.full(len(band.nodes), -1)
+    numbers[geometry.seen.rows] = np.arange(len(geometry))
+    return Ghosts(
+        geometry,
+        unknowns,
+        numbers,
+        _with_edge_formula(replace(formula.rows, terms=terms), mirrored, geometry),
+        _with_coupled_sources(ghost_sources(geometry), formula.coupled),
+        geometry.side_views(np.arange(len(geometry)), formula.rows.points, radius),
+        formula.orders,
+        np.where(formula.at_one_point, distance / (SIDE_READING_SPACINGS * band.spacing), np.nan),
+    )
+
+
+def _geometry(
+    index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula
+) -> tuple[GhostGeometry, int]:
+    """Return where the ghosts of a boundary stand, and how many of them are unknowns."""
+    boundary = boundaries.on_lattice[index]
+    seen, unknowns = _ghost_nodes(boundary, boundaries.side_views[index], band)
+    foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
+    coupled = boundaries.given[index].condition("left").couples  # their ghosts read where they stand, too
+    if boundary.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
+        seen, places, past_edge = straight_ahead(boundary, band, seen, boundaries.behind)
+        foot_point = np.where(past_edge[:, None], places, foot_point)
+    direction = _directions(seen, foot_point, band.spacing)
+    feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)
+    return GhostGeometry(index, boundaries, lattice, seen, foot_point, direction, past_edge, feet), unknowns
+
+
+def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -> tuple[SideView, int]:
+    """Return the view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
+    reach = reading_radius(band.dim, band.degree) * band.spacing + boundary.gap
+    positions = band.positions[side_view.rows]
+    rows, feet = near(boundary.source, positions, reach + band.spacing, band.spacing)
+    inside = ~side_view.end[rows]
+    rows, distance = rows[inside], feet.distance[inside]
+    unknown = (side_view.rows[rows] < band.inner) & (distance <= reach)
+    return side_view.take(np.concatenate([rows[unknown], rows[~unknown]])), int(unknown.sum())
+
+
+def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
+    """Return unit vectors (g, d) from the nodes' feet towards the boundary and on into the side that is continued."""
+    touching = side_view.distance < UNDIRECTED_GHOST_SPACINGS * spacing
+    length = np.where(touching, 1.0, side_view.distance)[:, None]
+    across = -np.sign(np.nan_to_num(side_view.signed))[:, None] * side_view.conormal
+    return np.where(touching[:, None], across, (side_view.foot - foot_point) / length)
+
+
+def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: GhostGeometry) -> RowFormula:
+    """Return what ghosts read where their nodes stand past an edge: the edge's formula of the ghost's.
+
+    Not of those that continue what lies behind their boundary, which separates them from the edge.
+    """
+    nodes, separated = geometry.seen.rows, geometry.past_edge
+    coefficient = np.where(separated, 1.0, mirrored.coefficient[nodes])
+    row_of_node = np.full(len(mirrored), -1)
+    row_of_node[nodes] = np.where(separated, -1, np.arange(len(nodes)))
+    data = [datum.scaled(coefficient) for datum in ghosts.data]
+    data += [datum.renumbered(row_of_node) for datum in mirrored.data]
+    terms = [replace(term, coefficient=term.coefficient * coefficient[term.rows]) for term in ghosts.terms]
+    return RowFormula(ghosts.points, ghosts.coefficient * coefficient, data, terms, ghosts.feet)
+
+
+def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -> RowFormula:
+    """Return where right-hand sides are read, extrapolated where ghosts of a transmission read several points."""
+    factor, added = np.ones(len(sources)), list[ExtraPoint]()
+    for part in parts:
+        factor[part.rows] = part.source_factor
+        added += part.source_terms
+    terms = [replace(term, coefficient=term.coefficient * factor[term.rows]) for term in sources.terms]
+    return RowFormula(sources.points, sources.coefficient * factor, (), terms + added)
+
+
+# The formula
+
+
+@dataclass(frozen=True, eq=False)
+class GhostFormula:
+    """What the ghosts of a boundary read, edges aside.
+
+    ``rows`` is read on the side that they continue, ``own_terms`` where they stand; ``coupled`` are those of a
+    transmission that read several points, ``orders`` (g,) is the order of each, lower than the condition's where there
+    is no room, and ``at_one_point`` (g,) tells which read one point, or that and their own node.
+    """
+
+    rows: RowFormula
+    own_terms: list[ExtraPoint]
+    coupled: list[CoupledGhosts]
+    orders: Ints
+    at_one_point: Bools
+
+
+def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
+    """Return what the ghosts of a boundary read at an order, or at that of their condition.
+
+    A ghost whose mirror point lies beyond another boundary is of order 1.
+    """
+    count, points, feet = len(geometry), geometry.seen.foot.copy(), geometry.start
+    coefficient, orders, at_one_point = np.zeros(count), np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)
+    coupled: list[CoupledGhosts] = []
+    data: list[BoundaryData] = []
+    own_terms: list[ExtraPoint] = []
+    for condition, side in geometry.sides():
+        law, rows = condition.law, side
+        orders[side] = condition.order or order
+        if isinstance(law, Interface):
+            part = second_order_ghosts(geometry, law, side) if (condition.order or order) == 2 else None
+            if part is not None:
+                coupled.append(part)
+                at_one_point[part.rows] = False
+            rows = side[at_one_point[side]]
+            orders[rows] = 1
+            mirrored = rows  # whatever their order
+        else:
+            if (condition.order or order) == 2:
+                orders[side[geometry.is_hidden[side]]] = 1
+            mirrored = side[orders[side] == 2]
+        if len(mirrored):
+            points[mirrored] = geometry.mirror.points[mirrored]
+            feet = None if feet is None else feet.replaced(mirrored, geometry.mirror.take(mirrored))
+        if not isinstance(law, Interface):
+            coefficient[rows], added = _one_sided(geometry, law, rows, points[rows], orders[rows] == 1)
+            data += added
+        elif len(rows):
+            coefficient[rows], added, own = first_order_ghosts(geometry, law, rows)
+            own_terms.append(own)
+            data += added
+    for part in coupled:
+        data += part.data
+        own_terms += part.own_terms
+    terms = [term for part in coupled for term in part.carried_terms]
+    return GhostFormula(RowFormula(points, coefficient, data, terms, feet), own_terms, coupled, orders, at_one_point)
+
+
+def _one_sided(
+    geometry: GhostGeometry, law: OneSided, rows: Ints, points: Floats, first_order: Bools
+) -> tuple[Floats, list[BoundaryData]]:
+    """Return the coefficients (k,) of u at the points that the ghosts ``rows`` read, and their data."""
+    where = geometry.at_boundary(rows)
+    s = np.linalg.norm(geometry.foot_point[rows] - points, axis=1)
+    beta, t = beta_at(law, where, geometry.name), geometry.seen.distance[rows]
+    coefficient, factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
+    return coefficient, [BoundaryData(rows, factor, where, law.datum, geometry.name, law)]
+
+
+def coefficient_and_factor(
+    law: OneSided, beta: Floats, t: Floats, s: Floats, first_order: Bools, spacing: float
+) -> tuple[Floats, Floats]:
+    """Return the coefficient of u(mirror) and the factor of gamma, each (n,).
+
+    Parameters
+    ----------
+    law : OneSided
+        With its alpha.
+    beta : (n,) float64
+        Its beta at the ghosts' feet.
+    t, s : (n,) float64
+        Distance of the ghost from the boundary, and from its mirror point.
+    first_order : (n,) bool
+        Ghosts of order 1.
+    spacing : float
+        Of the lattice.
+
+    Raises
+    ------
+    ResolutionError
+        If the condition feeds the solution more strongly than the spacing can follow.
+    """
+    if isinstance(law, Value):
+        ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
+        return -ratio, (1.0 + ratio) / beta
+    alpha = law.alpha
+    first = alpha + beta * t
+    second = alpha + 0.5 * beta * s
+    divisors = np.where(first_order, first, second) / alpha
+    if np.any(divisors <= 0):
+        room = spacing / (1.0 - float(divisors.min()))
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for the Robin condition alpha={alpha:g}, "
+            f"beta={float(beta[divisors.argmin()]):g}, which feeds the solution; use {room:.2g} or less."
+        )
+    coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
+    return coefficient, np.where(first_order, t / first, s / second)

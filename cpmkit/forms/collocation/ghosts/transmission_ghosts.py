@@ -1,0 +1,309 @@
+"""Ghosts of a transmission condition: the values of both sides, coupled by the jumps of value and flux.
+
+With A the side on which a ghost stands and B the side whose solution it continues, ``u_A - u_B = jump + R (mean flow)``
+and ``k_A u_A' - k_B u_B' = -flux`` at the boundary, derivatives along the arc from B to A. A ghost of order 2 reads two
+points on each side; where there is no room for them, it is of order 1 and reads its own node and its mirror point.
+King et al. (2024), section 8, leaves such conditions open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.errors import InputError, SceneError, place
+from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
+from cpmkit.forms.collocation.boundary.side_view import SideView
+from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry, beyond_another
+from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.walking import nearest_on_sheet
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.laws import Interface
+
+#: Points that a ghost of order 2 reads on each side, a spacing apart. (1.25 and 1.5 spacings have 1.2 to 5 times the
+#: error on arcs, caps and circles on the sphere, and vary more with the position of the lattice.)
+POINTS_EACH_SIDE = 2
+#: Points nearer to each other than this share of a spacing have met an edge or a fold.
+CROWDED_STEP_SHARE = 0.5
+#: An arc of a smaller angle (radians) is as long as its chord.
+STRAIGHT_ARC_RADIANS = 1e-7
+#: A diffusivity is read so many spacings beside the boundary, and twice as far: a curve that is snapped to the surface
+#: lies nearer than that to where the materials meet.
+READ_BESIDE_SPACINGS = (0.25, 0.5)
+#: Two readings whose logarithms differ by less are of one material, and are extrapolated to the boundary.
+SAME_MATERIAL_LOG_RATIO = 0.4
+#: A condition's conductivity may differ from the problem's diffusivity by this share of it, and by more at this share
+#: of the boundary's points, which may be misread where it meets other boundaries.
+DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class PointsInside(Rows):
+    """Points of the manifold on one side of a boundary, one behind the other from each of n feet on it.
+
+    Attributes
+    ----------
+    points : (n, 2, d) float64
+        The points, nearest first.
+    positions : (n, 2) float64
+        Arc lengths from the foot.
+    curvature : (n,) float64
+        Of the arc at the foot, in one over the unit of length.
+    complete : (n,) bool
+        False where a point is not where it should be: the manifold ends or folds before.
+    feet : list of ClosestPoints
+        The surface's records of the first points, and of the second.
+    """
+
+    points: Floats
+    positions: Floats
+    curvature: Floats
+    complete: Bools
+    feet: list[ClosestPoints]
+
+    def terms(self, rows: Ints, weights: Floats) -> list[ExtraPoint]:
+        """Return these points as points that ``rows`` (n,) read with ``weights`` (n, 2)."""
+        return [ExtraPoint(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(POINTS_EACH_SIDE)]
+
+
+@dataclass(frozen=True, eq=False)
+class CoupledGhosts:
+    """Ghosts of order 2 of a transmission.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Which ghosts of the boundary these are.
+    carried_terms, own_terms : list of ExtraPoint
+        Points that they read on the side that they continue, and on the side on which they stand.
+    data : list of BoundaryData
+        The jumps of value and flux.
+    source_factor : (k,) float64
+        Factor of a right-hand side read at the boundary.
+    source_terms : list of ExtraPoint
+        Where else the right-hand side is read.
+    """
+
+    rows: Ints
+    carried_terms: list[ExtraPoint]
+    own_terms: list[ExtraPoint]
+    data: list[BoundaryData]
+    source_factor: Floats
+    source_terms: list[ExtraPoint]
+
+
+def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> CoupledGhosts | None:
+    """Return those of the ghosts ``rows`` that have room for two points on each side of the boundary, if any has."""
+    inside, has_room = _points_inside(geometry, rows, geometry.direction[rows])
+    behind, has_room_behind = _points_inside(geometry, rows, -geometry.direction[rows])
+    chosen = np.flatnonzero(has_room & has_room_behind)
+    if not len(chosen):
+        return None
+    rows, inside, behind = rows[chosen], inside.take(chosen), behind.take(chosen)
+    seen = geometry.seen.take(rows)
+    materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
+    at = arc_length(seen.distance, behind.curvature)
+    own, carried, jump, flux = second_order_weights(
+        law, materials, behind.positions, inside.positions, at, seen.signed < 0, geometry.spacing
+    )
+    nodes = np.concatenate([np.zeros((len(rows), 1)), -inside.positions], axis=1)
+    source_weights = extrapolation_weights(nodes, at)
+    return CoupledGhosts(
+        rows,
+        inside.terms(rows, carried),
+        behind.terms(rows, own),
+        _data(geometry, law, rows, jump, flux),
+        source_weights[:, 0],
+        inside.terms(rows, source_weights[:, 1:]),
+    )
+
+
+def first_order_ghosts(
+    geometry: GhostGeometry, law: Interface, rows: Ints
+) -> tuple[Floats, list[BoundaryData], ExtraPoint]:
+    """Return the weights (k,) of u(mirror) in the ghosts ``rows``, their data, and how they read u where they stand."""
+    seen = geometry.seen.take(rows)
+    s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
+    materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
+    own, mirror, jump, flux = first_order_weights(law, *materials, s, seen.signed < 0)
+    feet = None if geometry.own_feet is None else geometry.own_feet.take(rows)
+    return mirror, _data(geometry, law, rows, jump, flux), ExtraPoint(rows, geometry.foot_point[rows], own, feet=feet)
+
+
+def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
+    points = geometry.at_boundary(rows)
+    return [
+        BoundaryData(rows, jump, points, law.jump, f"the jump of {geometry.name}", law),
+        BoundaryData(rows, flux, points, law.flux, f"the flux of {geometry.name}", law),
+    ]
+
+
+def first_order_weights(
+    law: Interface, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux.
+
+    Means and differences of the four values at a ghost and its mirror point, a distance ``s`` (n,) apart, two of them
+    ghosts, replace values and slopes. ``k_own`` and ``k_carried`` (n,) are the conductivities on the ghost's own side
+    and on the side that it continues. Where the second derivatives on the two sides differ, the ghosts are off by
+    ``s^2``, and the flux by one order less.
+    """
+    contact = 2 * law.resistance * k_own * k_carried
+    if law.resistance == 0:
+        divisor, own, mirror, flux = k_own + k_carried, 2 * k_own, k_carried - k_own, s
+    else:
+        divisor = s * (k_own + k_carried) + contact
+        own, mirror, flux = 2 * s * k_own, s * (k_carried - k_own) + contact, s * s
+    own = own / divisor
+    sign = np.where(carries_left, -1.0, 1.0)
+    return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * law.resistance
+
+
+def second_order_weights(
+    law: Interface,
+    materials: tuple[Floats, Floats],
+    own: Floats,
+    carried: Floats,
+    at: Floats,
+    carries_left: Bools,
+    spacing: float,
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the weights (n, k) on the ghost's own side and beyond, and the factors (n,) of the jump and the flux.
+
+    On each side a polynomial of degree k runs through the values there; the conditions couple them at the boundary.
+
+    Parameters
+    ----------
+    law : Interface
+        With its resistance.
+    materials : two (n,) float64
+        Conductivities on the ghost's own side, and on the side that it continues.
+    own, carried : (n, k) float64
+        Arc lengths from the boundary to the points on these sides.
+    at : (n,) float64
+        Arc length from the boundary to the ghost.
+    carries_left : (n,) bool
+        Which ghosts continue the left side.
+    spacing : float
+        Unit of length in which the small systems are well scaled.
+    """
+    n, k = own.shape
+    powers, size = np.arange(k + 1), k + 1
+    k_own, k_carried = materials
+    system = np.zeros((n, 2 * size, 2 * size))
+    system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
+    system[:, k : 2 * k, size:] = (-carried / spacing)[:, :, None] ** powers
+    half = 0.5 * law.resistance / spacing
+    unit = 1.0 / (1.0 + half * (k_own + k_carried))  # rows of like size, however large the resistance
+    system[:, 2 * k, 0], system[:, 2 * k, size] = unit, -unit
+    system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_carried * unit
+    largest = np.maximum(k_own, k_carried)
+    system[:, 2 * k + 1, 1], system[:, 2 * k + 1, size + 1] = k_own / largest, -k_carried / largest
+    value = np.zeros((n, 2 * size, 1))
+    value[:, size:, 0] = (at / spacing)[:, None] ** powers
+    weights = np.linalg.solve(system.transpose(0, 2, 1), value)[:, :, 0]
+    jump = np.where(carries_left, -1.0, 1.0) * unit * weights[:, 2 * k]
+    return weights[:, :k], weights[:, k : 2 * k], jump, -spacing / largest * weights[:, 2 * k + 1]
+
+
+# Points on either side
+
+
+def _points_inside(geometry: GhostGeometry, rows: Ints, direction: Floats) -> tuple[PointsInside, Bools]:
+    """Return points behind the feet of the ghosts ``rows``, and which ghosts (k,) have room for them."""
+    foot, boundary = geometry.seen.foot[rows], geometry.boundary
+    start = None if geometry.start is None else geometry.start.take(rows)
+    steps = geometry.spacing * np.arange(1, POINTS_EACH_SIDE + 1)
+    ahead = foot[:, None] + steps[:, None] * direction[:, None]
+    start = None if start is None else start.take(np.repeat(np.arange(len(foot)), POINTS_EACH_SIDE))
+    feet = nearest_on_sheet(boundary.surface, start, ahead.reshape(-1, foot.shape[1]), geometry.spacing)
+    points = feet.points.reshape(ahead.shape)
+    chords = np.linalg.norm(points - foot[:, None], axis=2)
+    complete = (np.diff(chords, axis=1, prepend=0.0) > CROWDED_STEP_SHARE * geometry.spacing).all(axis=1)
+    complete &= (feet.edge.reshape(chords.shape) < 0).all(axis=1)
+    curvature = _curvature(points - foot[:, None], np.where(complete[:, None], chords, steps))
+    positions = arc_length(chords, curvature[:, None])
+    records = [feet.take(np.arange(j, len(feet), POINTS_EACH_SIDE)) for j in range(POINTS_EACH_SIDE)]
+    inside = PointsInside(points, positions, curvature, complete, records)
+    blocked = beyond_another(geometry, rows, points[:, -1], 2 * float(chords.max(initial=0.0)))
+    return inside, complete & ~blocked & boundary.has_sides
+
+
+def _curvature(chords: Floats, lengths: Floats) -> Floats:
+    """Return the curvatures (n,) of the parabolas through a foot and two points, ``chords`` (n, 2, d) away from it."""
+    slopes = chords / lengths[:, :, None]
+    bend = 2 * (slopes[:, 1] - slopes[:, 0]) / (lengths[:, 1] - lengths[:, 0])[:, None]
+    along = slopes[:, 0] / np.linalg.norm(slopes[:, 0], axis=1, keepdims=True)
+    tangent = along - 0.5 * lengths[:, :1] * bend
+    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
+    return np.asarray(np.linalg.norm(bend - np.sum(bend * tangent, axis=1, keepdims=True) * tangent, axis=1))
+
+
+def arc_length(chords: Floats, curvature: Floats) -> Floats:
+    """Return the lengths of arcs over ``chords``: ``(2 / kappa) arcsin(kappa chord / 2)``.
+
+    A chord is shorter than its arc by ``kappa^2 s^3 / 24``, a term of third order.
+    """
+    angle = np.minimum(0.5 * curvature * chords, 1.0)
+    small = angle < STRAIGHT_ARC_RADIANS
+    return np.where(small, chords, chords * np.arcsin(angle) / np.where(small, 1.0, angle))
+
+
+# Conductivities
+
+
+def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
+    """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they continue.
+
+    They are those of the condition, or else the problem's diffusivity.
+    """
+    left, right = (
+        _continued_to_boundary(diffusivity if data is None else data, side_view, sign, lattice)
+        for data, sign in ((law.left, 1.0), (law.right, -1.0))
+    )
+    carries_left = side_view.signed < 0
+    return np.where(carries_left, right, left), np.where(carries_left, left, right)
+
+
+def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
+    """Refuse conductivities of a transmission that are not the problem's diffusivity beside the boundary.
+
+    Raises
+    ------
+    SceneError
+        Naming the side, and the place where they differ most.
+    """
+    for side, data, sign in (("left", law.left, 1.0), ("right", law.right, -1.0)):
+        if data is None or not len(side_view.rows):
+            continue
+        conductivity = _continued_to_boundary(data, side_view, sign, lattice)
+        accepted = [_data_beside(diffusivity, side_view, sign * share, lattice) for share in READ_BESIDE_SPACINGS]
+        accepted.append(_continued_to_boundary(diffusivity, side_view, sign, lattice))
+        mismatch = np.min([np.abs(conductivity / values - 1) for values in accepted], axis=0)
+        if np.mean(mismatch > DIFFUSIVITY_MISMATCH_SHARE) <= MISREAD_POINTS_SHARE:
+            continue
+        worst = int(mismatch.argmax())
+        where = place(lattice.to_scene(side_view.foot[[worst]])[0])
+        raise SceneError(
+            f"{name} gives the conductivity {conductivity[worst]:.4g} on its {side} near {where}, where the problem's "
+            f"diffusivity is {accepted[-1][worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
+        )
+
+
+def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
+    """Return data (n,) at the boundary, extrapolated from one side: to second order where they are smooth there."""
+    if not callable(data):
+        return _data_beside(data, side_view, 0.0, lattice)
+    near, far = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
+    return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
+
+
+def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
+    """Return data (n,) so many spacings to the left of the boundary."""
+    points = lattice.to_scene(side_view.foot + share * lattice.spacing * side_view.conormal)
+    values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
+    if np.any(values <= 0):
+        raise InputError(f"the diffusivity must be above zero, got {values.min():g}.")
+    return values
