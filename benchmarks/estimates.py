@@ -23,8 +23,8 @@ from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.limits import first_spacing
 from cpmkit.errors import CpmkitError
+from cpmkit.facade import Solution
 from cpmkit.protocols import Floats
-from cpmkit.solution.solution import Solution
 from cpmkit.studies.tables import table_row, table_rule
 
 #: Spacings over that of a tolerance's first solve.

@@ -17,8 +17,8 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
+from cpmkit.facade import Solution
 from cpmkit.protocols import Floats
-from cpmkit.solution.solution import Solution
 from cpmkit.studies.tables import table_row, table_rule
 
 SPHERE = ck.source("analytic.sphere")

@@ -14,7 +14,6 @@ from cpmkit.runtime.lazy_names import lazy_names
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
     from cpmkit.accuracy.by_spacing import estimate_error_by as estimate_error_by
     from cpmkit.accuracy.by_spacing import solve_by as solve_by
-    from cpmkit.accuracy.estimate import estimate_error as estimate_error
     from cpmkit.errors import ConvergenceError as ConvergenceError
     from cpmkit.errors import CpmkitError as CpmkitError
     from cpmkit.errors import CpmkitWarning as CpmkitWarning
@@ -23,16 +22,19 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.errors import ResolutionError as ResolutionError
     from cpmkit.errors import SceneError as SceneError
     from cpmkit.explaining import explain as explain
+    from cpmkit.facade import EigenSolution as EigenSolution
+    from cpmkit.facade import Solution as Solution
     from cpmkit.families.steady import assemble as assemble
     from cpmkit.forms.field import Field as Field
     from cpmkit.grid.band import build_band as build_band
+    from cpmkit.loading import load as load
+    from cpmkit.picking import pick_line as pick_line
     from cpmkit.plugins import read_mesh as read_mesh
     from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
     from cpmkit.preparing import prepare as prepare
     from cpmkit.protocols import ClosestPoints as ClosestPoints
     from cpmkit.protocols import ClosestPointSource as ClosestPointSource
-    from cpmkit.saving.loading import load as load
     from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.compound_equations import Biharmonic as Biharmonic
     from cpmkit.scene.compound_equations import Coupled as Coupled
@@ -65,11 +67,9 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.solution.boundary_points import boundary_points as boundary_points
     from cpmkit.solution.boundary_points import directions_along as directions_along
     from cpmkit.solution.boundary_points import normals_at as normals_at
-    from cpmkit.solution.modes import EigenSolution as EigenSolution
-    from cpmkit.solution.solution import Solution as Solution
     from cpmkit.solving import discretize as discretize
+    from cpmkit.solving import estimate_error as estimate_error
     from cpmkit.solving import solve as solve
-    from cpmkit.view.picking import pick_line as pick_line
 
 __version__ = "0.1.0"
 
@@ -86,7 +86,7 @@ _PUBLIC = {
     "Dirichlet": "scene.conditions",
     "Eigen": "scene.compound_equations",
     "Divergence": "scene.functionals",
-    "EigenSolution": "solution.modes",
+    "EigenSolution": "facade",
     "Elliptic": "scene.equations",
     "Equation": "scene.equations",
     "Field": "forms.field",
@@ -108,7 +108,7 @@ _PUBLIC = {
     "SceneError": "errors",
     "ScreenedPoisson": "scene.equations",
     "SimplySupported": "scene.special_conditions",
-    "Solution": "solution.solution",
+    "Solution": "facade",
     "Steklov": "scene.special_conditions",
     "TotalVariation": "scene.nonlinear_equations",
     "Transmission": "scene.special_conditions",
@@ -119,14 +119,14 @@ _PUBLIC = {
     "build_band": "grid.band",
     "directions_along": "solution.boundary_points",
     "discretize": "solving",
-    "estimate_error": "accuracy.estimate",
+    "estimate_error": "solving",
     "estimate_error_by": "accuracy.by_spacing",
     "explain": "explaining",
     "kinds": "scenefile.kinds",
-    "load": "saving.loading",
+    "load": "loading",
     "load_scene": "scenefile.scene_files",
     "normals_at": "solution.boundary_points",
-    "pick_line": "view.picking",
+    "pick_line": "picking",
     "prepare": "preparing",
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",

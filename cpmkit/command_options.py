@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 if TYPE_CHECKING:
+    from cpmkit.facade import Solution
     from cpmkit.scenefile.output_request import OutputRequest
     from cpmkit.scenefile.scene_files import SceneFile
-    from cpmkit.solution.solution import Solution
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 #: Unless it is said whether, the error of a solution is estimated that took so many seconds: it takes a third of them.

@@ -14,7 +14,7 @@ from cpmkit.plugins import installed_kinds
 from cpmkit.runtime.memory import memory_limit
 from cpmkit.runtime.messages import collected_warnings, to_install
 from cpmkit.runtime.threads import processors
-from cpmkit.saving.summary import version_of
+from cpmkit.solution.summary import version_of
 
 #: Distributions whose versions matter, the required ones first.
 DISTRIBUTIONS = (

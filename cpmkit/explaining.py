@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Unpack
 
+from cpmkit.dispatch import solve_scene
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.keywords import PreparingKeywords
 from cpmkit.forecast.explanation import explain as explain_counts
@@ -16,13 +17,12 @@ from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.local_source import largest_dim
-from cpmkit.preparing import solved
 from cpmkit.protocols import Progress
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import showing
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: Unknowns of the finer rehearsal, about, and the least ratio of its spacing to that which is asked for.
 REHEARSED_UNKNOWNS, LEAST_RATIO = 8_000, 2.0
@@ -30,7 +30,7 @@ REHEARSED_UNKNOWNS, LEAST_RATIO = 8_000, 2.0
 REHEARSALS_RATIO = 2.0
 
 #: Solves at a spacing, and returns the solution with what it cost.
-Rehearse = Callable[[float], tuple[Solution, float]]
+Rehearse = Callable[[float], tuple[SolutionRecord, float]]
 
 
 @showing(Options, *FORMS.values(), SolverOptions)
@@ -78,10 +78,10 @@ def _with_seconds(
     assert spacing is not None  # it was refused above
     rehearsed = {**options, "solver": explained.solver}
 
-    def on_a_coarse_lattice(coarse: float) -> tuple[Solution, float]:
+    def on_a_coarse_lattice(coarse: float) -> tuple[SolutionRecord, float]:
         with collected_warnings():
             started = time.perf_counter()
-            solution = solved(scene, coarse, progress=progress, **rehearsed)
+            solution = solve_scene(scene, coarse, progress=progress, **rehearsed)
             return solution, time.perf_counter() - started
 
     return replace(

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from cpmkit.errors import SceneError as SceneError
     from cpmkit.errors import place as place
     from cpmkit.errors import shown as shown
+    from cpmkit.facade import Solution as Solution
     from cpmkit.files.array_files import read_array as read_array
     from cpmkit.files.array_files import read_bytes as read_bytes
     from cpmkit.files.data_files import existing_file as existing_file
@@ -125,7 +126,6 @@ if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.display_mesh import DisplayMesh as DisplayMesh
-    from cpmkit.solution.solution import Solution as Solution
     from cpmkit.solving import solve as solve
     from cpmkit.testing import ConformanceCase as ConformanceCase
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
@@ -179,7 +179,7 @@ _NAMES = {
         "scene.equations": "Laplace",
         "scene.vertex_data": "VertexData",
         "solving": "solve",
-        "solution.solution": "Solution",
+        "facade": "Solution",
     },
     "Scenes, and the laws of their conditions": {
         "protocols": "BoundarySet SIDES",

@@ -3,48 +3,33 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from typing import Any, Generic, Literal, TypeVar, Unpack, overload
+from typing import Any, Generic, Literal, Unpack, overload
 
+from cpmkit.dispatch import resolve_options, solve_discretized
 from cpmkit.errors import InputError
+from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.context import Kept
 from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
-from cpmkit.families.nonlinear import solve_nonlinear
-from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forecast.running_out import explain_memory_error
-from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.choice import FORMS, every_option, module_of, options_of
-from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.choice import FORMS
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
-from cpmkit.forms.options import Options, solver_of
-from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
-from cpmkit.plugins import call, check_keys, factory, takes
-from cpmkit.protocols import Backend, Floats, Progress, no_progress
+from cpmkit.forms.options import Options
+from cpmkit.linear.solver_options import SolverOptions
+from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean, warn_each
 from cpmkit.runtime.options import declared, showing, take
 from cpmkit.runtime.progress import ShownProgress, shown_progress
-from cpmkit.scene.equations import Equation, Solved
-from cpmkit.scene.laws import Nonlinear
-from cpmkit.scene.nonlinear_equations import QuasilinearEquation
+from cpmkit.scene.equations import EigenFamily, Equation, Family, TimeFamily
 from cpmkit.scene.scene import Scene, restated
-from cpmkit.solution.solution import Solution
-
-Other = TypeVar("Other", bound=Solution)
-#: The module that solves each family of equations, and its function.
-FAMILIES = {
-    "steady": ("cpmkit.families.steady", "solve_steady"),
-    "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
-    "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
-    "coupled": ("cpmkit.families.coupled", "solve_coupled"),
-    "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
-}
+from cpmkit.solution.record import SolutionRecord
 
 
 @dataclass(frozen=True, eq=False)
-class Prepared(Generic[Solved]):
+class Prepared(Generic[Family]):
     """A scene on a form's unknowns, for many equations and right-hand sides; see :func:`prepare`.
 
     Attributes
@@ -77,29 +62,65 @@ class Prepared(Generic[Solved]):
 
     @overload
     def solve(
-        self,
+        self: Prepared[EigenFamily],
         *,
         problem: None = None,
         data: Mapping[str, Any] | None = None,
-        guess: Solution | None = None,
+        guess: SolutionRecord | None = None,
         **options: Unpack[CheckpointingKeywords],
-    ) -> Solved: ...
+    ) -> EigenSolution: ...
+    @overload
+    def solve(
+        self: Prepared[TimeFamily],
+        *,
+        problem: None = None,
+        data: Mapping[str, Any] | None = None,
+        guess: SolutionRecord | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> EvolvedSolution: ...
+    @overload
+    def solve(
+        self: Prepared[Any],
+        *,
+        problem: None = None,
+        data: Mapping[str, Any] | None = None,
+        guess: SolutionRecord | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> Solution: ...
     @overload
     def solve(
         self,
         *,
-        problem: Equation[Other],
+        problem: Equation[EigenFamily],
         data: Mapping[str, Any] | None = None,
-        guess: Solution | None = None,
+        guess: SolutionRecord | None = None,
         **options: Unpack[CheckpointingKeywords],
-    ) -> Other: ...
+    ) -> EigenSolution: ...
+    @overload
+    def solve(
+        self,
+        *,
+        problem: Equation[TimeFamily],
+        data: Mapping[str, Any] | None = None,
+        guess: SolutionRecord | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> EvolvedSolution: ...
+    @overload
+    def solve(
+        self,
+        *,
+        problem: Equation[Any],
+        data: Mapping[str, Any] | None = None,
+        guess: SolutionRecord | None = None,
+        **options: Unpack[CheckpointingKeywords],
+    ) -> Solution: ...
     @showing(Checkpointing)
     def solve(
         self,
         *,
         problem: Equation[Any] | None = None,
         data: Mapping[str, Any] | None = None,
-        guess: Solution | None = None,
+        guess: SolutionRecord | None = None,
         **options: Any,
     ) -> Any:
         """Solve an equation on the tables that are there.
@@ -142,11 +163,11 @@ class Prepared(Generic[Solved]):
                 f"{start.shape}."
             )
         with explain_memory_error(scene, self.options, self.solver.solver):
-            solution = self.run(scene, checkpointing, start)
+            solution = self._run(scene, checkpointing, start)
         warn_each(solution.warnings)
         return solution
 
-    def solved_by(self, solver: str, **options: Any) -> Prepared[Solved]:
+    def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
         """Return the same tables with another solver, ``direct``, ``multigrid`` or another, and its options.
 
         What that one makes of the tables, factors above all, is kept for the next time.
@@ -164,7 +185,7 @@ class Prepared(Generic[Solved]):
             self.others[key] = replace(self, solver=target, kept=Kept())
         return self.others[key]
 
-    def lending(self) -> Prepared[Solved]:
+    def lending(self) -> Prepared[Family]:
         """Return the same tables for equations that differ a little, as the rounds of an iteration do.
 
         What preconditions the first one that has a velocity preconditions the following ones too, which then take some
@@ -194,84 +215,32 @@ class Prepared(Generic[Solved]):
         """
         return field_of(self.discretized, data)
 
-    def run(
-        self,
-        scene: Scene,
-        checkpointing: Checkpointing,
-        guess: Floats | None = None,
-        started: float | None = None,
-    ) -> Solution:
+    def _run(self, scene: Scene, checkpointing: Checkpointing, guess: Floats | None) -> SolutionRecord:
         """Solve a scene that differs from the prepared one in its equation and data alone."""
-        started = time.perf_counter() if started is None else started
+        started = time.perf_counter()
         form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
-        chosen = solver_of(form, self.solver.solver)
-        steps = scene.problem.family == "time"
-        made = solver_of_steps(self.solver, chosen) if steps else make_solver(chosen, self.solver.further)
         with shown_progress(self.progress) as progress:
-            return _solve_family(
-                SolveContext(
-                    form,
-                    made,
-                    chosen,
-                    self.solver.residual,
-                    progress,
-                    started,
-                    checkpointing,
-                    guess,
-                    self.kept,
-                    by_default=self.solver.solver_tolerance is None,
-                )
-            )
-
-
-def _solve_family(context: SolveContext) -> Solution:
-    """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
-    if context.scene.has_tensor:
-        require(context.discretized, "diffusivity that is a tensor")
-    module, function = FAMILIES[context.scene.problem.family]
-    solve_family: Callable[[SolveContext], Solution] = getattr(import_module(module), function)
-    if isinstance(context.scene.problem, QuasilinearEquation):
-        solve_family = solve_quasilinear
-    if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
-        return solve_nonlinear(context, solve_family)
-    return solve_family(context)
-
-
-def solved(
-    scene: Scene,
-    spacing: float | None = None,
-    *,
-    backend: str = "cpm",
-    progress: Progress = no_progress,
-    **options: Any,
-) -> Solution:
-    """Solve a scene as :func:`cpmkit.solve` does, and leave its warnings in the solution."""
-    checkpointing, rest = take(Checkpointing, options)
-    checkpointing.check_for(scene.problem)
-    started = time.perf_counter()
-    discretise, solver, target = ask(backend, scene, spacing, progress, rest)
-    with explain_memory_error(scene, target, solver.solver):  # nothing here holds the tables, should memory run out
-        return Prepared(discretise(), solver, progress, target).run(scene, checkpointing, started=started)
+            return solve_discretized(form, self.solver, self.kept, progress, checkpointing, guess, started)
 
 
 @overload
 def prepare(
-    scene: Scene[Solved],
+    scene: Scene[Family],
     spacing: float | None = None,
     *,
     backend: Literal["cpm"] = "cpm",
     progress: ShownProgress = None,
     **options: Unpack[PreparingKeywords],
-) -> Prepared[Solved]: ...
+) -> Prepared[Family]: ...
 @overload
 def prepare(
-    scene: Scene[Solved],
+    scene: Scene[Family],
     spacing: float | None = None,
     *,
     backend: str,
     progress: ShownProgress = None,
     **options: Any,
-) -> Prepared[Solved]: ...
+) -> Prepared[Family]: ...
 @showing(Options, *FORMS.values(), SolverOptions)
 def prepare(
     scene: Scene,
@@ -316,44 +285,6 @@ def prepare(
     [1.0, 3.0]
     """
     with shown_progress(progress) as shown:
-        discretise, solver, target = ask(backend, scene, spacing, shown, options)
+        discretise, solver, target = resolve_options(backend, scene, spacing, shown, options)
         with explain_memory_error(scene, target, solver.solver):
             return Prepared(discretise(), solver, progress, target)
-
-
-def ask(
-    backend: str, scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]
-) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
-    """Return what discretises, how systems are solved, and the options of the closest point method, all checked.
-
-    Raises
-    ------
-    InputError
-        If an option is not accepted.
-    PluginError
-        If no installed plugin offers the back end.
-    """
-    if backend != "cpm":
-        return (*_ask_elsewhere(backend, scene, spacing, progress, given), None)
-    target, rest = options_of(scene, spacing, given)
-    solver, form = (
-        SolverOptions.of(rest, (*every_option(), *declared(AccuracyTarget), *declared(Checkpointing))),
-        module_of(target.form),
-    )
-    form.check(scene, target)
-    return lambda: form.discretize(scene, target, progress), solver, target
-
-
-def _ask_elsewhere(
-    backend: str, scene: Scene, spacing: float | None, progress: Progress, given: Mapping[str, Any]
-) -> tuple[Callable[[], Discretized], SolverOptions]:
-    """Return what discretises by a plugin's form; an option that it lacks is answered with those that it takes."""
-    what = f"the back end {backend!r}"
-    made: Backend = call(factory(backend, "cpmkit_backends"), what, {})
-    own = {name: value for name, value in given.items() if takes(made.discretize, name)}
-    rest = {name: value for name, value in given.items() if name not in own}
-    built_in = given.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
-    of_solver = (*declared(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
-    check_keys(made.discretize, what, given, (*declared(Checkpointing), *of_solver))
-    table = {"scene": scene, "spacing": spacing, "progress": progress, **own}
-    return lambda: call(made.discretize, what, table), SolverOptions.of(rest)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import Any, Literal, Unpack, overload
+from typing import Any, Literal, Unpack, cast, overload
 
+from cpmkit.accuracy.estimate import estimate_error as estimate_error
 from cpmkit.accuracy.estimate import with_estimate
 from cpmkit.accuracy.trading import traded
+from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
+from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.keywords import DiscretizingKeywords, SolvingKeywords
 from cpmkit.forms.accuracy_target import AccuracyTarget
@@ -17,13 +20,11 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import call, factory, takes
-from cpmkit.preparing import solved
 from cpmkit.runtime.messages import did_you_mean, warn_each
 from cpmkit.runtime.options import showing, take
 from cpmkit.runtime.progress import ShownProgress, shown_progress
-from cpmkit.scene.equations import Solved
+from cpmkit.scene.equations import EigenFamily, TimeFamily
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 
 #: Silent unless the caller asks for it.
 logger = logging.getLogger("cpmkit")
@@ -31,22 +32,58 @@ logger = logging.getLogger("cpmkit")
 
 @overload
 def solve(
-    scene: Scene[Solved],
+    scene: Scene[EigenFamily],
     spacing: float | None = None,
     *,
     backend: Literal["cpm"] = "cpm",
     progress: ShownProgress = None,
     **options: Unpack[SolvingKeywords],
-) -> Solved: ...
+) -> EigenSolution: ...
 @overload
 def solve(
-    scene: Scene[Solved],
+    scene: Scene[TimeFamily],
+    spacing: float | None = None,
+    *,
+    backend: Literal["cpm"] = "cpm",
+    progress: ShownProgress = None,
+    **options: Unpack[SolvingKeywords],
+) -> EvolvedSolution: ...
+@overload
+def solve(
+    scene: Scene[Any],
+    spacing: float | None = None,
+    *,
+    backend: Literal["cpm"] = "cpm",
+    progress: ShownProgress = None,
+    **options: Unpack[SolvingKeywords],
+) -> Solution: ...
+@overload
+def solve(
+    scene: Scene[EigenFamily],
     spacing: float | None = None,
     *,
     backend: str,
     progress: ShownProgress = None,
     **options: Any,
-) -> Solved: ...
+) -> EigenSolution: ...
+@overload
+def solve(
+    scene: Scene[TimeFamily],
+    spacing: float | None = None,
+    *,
+    backend: str,
+    progress: ShownProgress = None,
+    **options: Any,
+) -> EvolvedSolution: ...
+@overload
+def solve(
+    scene: Scene[Any],
+    spacing: float | None = None,
+    *,
+    backend: str,
+    progress: ShownProgress = None,
+    **options: Any,
+) -> Solution: ...
 @showing(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,
@@ -107,12 +144,12 @@ def solve(
         if target.anything:
             solution = traded(scene, target, shown, {"backend": backend, **rest})
         else:
-            solution = solved(scene, spacing, backend=backend, progress=shown, **rest)
+            solution = solve_scene(scene, spacing, backend=backend, progress=shown, **rest)
             solution = with_estimate(solution, target.estimate, {"backend": backend, **rest})
     told = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
     logger.info("Solved %s: %d unknowns by %s in %.1f s.", *told)
     warn_each(solution.warnings)
-    return solution
+    return cast("Solution", solution)  # the class that records are constructed as
 
 
 def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar, cast
 
 from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.error_estimate import ErrorEstimate
@@ -16,18 +16,25 @@ from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import showing, take
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: Makes a solution at a spacing, on a lattice that has a node at the given origin, or at one of its own choice.
-Recipe = Callable[[float, Any], Solution]
+Recipe = Callable[[float, Any], SolutionRecord]
+#: The class of the solutions that a recipe makes.
+Made = TypeVar("Made", bound=SolutionRecord)
 #: Pilots that are too coarse are made finer so many times: a recipe may refuse what no spacing helps.
 MOST_TRIALS = 4
 
 
 @showing(AccuracyTarget)
 def solve_by(
-    recipe: Recipe, scene: Scene, *, order: float | None = None, progress: Progress = no_progress, **target: Any
-) -> Solution:
+    recipe: Callable[[float, Any], Made],
+    scene: Scene,
+    *,
+    order: float | None = None,
+    progress: Progress = no_progress,
+    **target: Any,
+) -> Made:
     """Find a spacing for a recipe, by an error, a time or a memory that is asked for, as :func:`cpmkit.solve` does.
 
     Parameters
@@ -75,10 +82,10 @@ def solve_by(
     way = Way(scene, _quiet(recipe), goal, progress, order=order, trials=MOST_TRIALS, degree_given=True)
     found = walked(way)
     warn_each(found.warnings)
-    return found
+    return cast("Made", found)
 
 
-def estimate_error_by(recipe: Recipe, solution: Solution, *, order: float | None = None) -> ErrorEstimate:
+def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float | None = None) -> ErrorEstimate:
     """Estimate the error of a solution that a recipe made, by making it again at twice the spacing.
 
     Parameters
@@ -99,8 +106,8 @@ def estimate_error_by(recipe: Recipe, solution: Solution, *, order: float | None
     return from_companions(solution, [coarse], order=order, alone=expected_of(solution) if order is None else None)
 
 
-def _quiet(recipe: Recipe) -> Callable[..., Solution]:
-    def solve(_: Scene, spacing: float, progress: Progress = no_progress, origin: Any = None) -> Solution:
+def _quiet(recipe: Recipe) -> Callable[..., SolutionRecord]:
+    def solve(_: Scene, spacing: float, progress: Progress = no_progress, origin: Any = None) -> SolutionRecord:
         progress("solve", 0.0)
         with collected_warnings():
             return recipe(spacing, origin)

@@ -10,8 +10,8 @@ from cpmkit.accuracy.comparison import Difference, difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.forms.form_records import Diagnosis, ExpectedError
 from cpmkit.protocols import Floats
-from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 
 #: What an estimate by companions weighs in the geometric mean with what the solution alone lets expect, where it is the
 #: larger one of both, for a coarser lattice that does not resolve yet what the finer one does makes differences large,
@@ -27,8 +27,8 @@ RESONANT_SENTENCE = "an eigenvalue is as near as its error: size and sign of the
 
 
 def from_companions(
-    solution: Solution,
-    companions: Sequence[Solution],
+    solution: SolutionRecord,
+    companions: Sequence[SolutionRecord],
     in_time: float = 0.0,
     order: float | None = None,
     alone: ExpectedError | None = None,
@@ -53,7 +53,7 @@ def from_companions(
     rms, largest = (_agreed(one, norm, alone, last.unit) for norm, one in apart.items())
     resonant_rms, resonant_largest = _resonant(solution, companions[-1], last)
     rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
-    left = 0.0 if isinstance(solution, EigenSolution) else form.source_error()
+    left = 0.0 if isinstance(solution, EigenRecord) else form.source_error()
     floor = np.full(len(last.unit), left)
     slow = diagnoses[-1].slow or (UNRESOLVED_SENTENCE if alone and alone.unresolved else "")
     slow = slow or (RESONANT_SENTENCE if resonant_largest >= 1 else "")
@@ -72,7 +72,7 @@ def from_companions(
     )
 
 
-def _resonant(solution: Solution, companion: Solution, found: Difference) -> tuple[float, float]:
+def _resonant(solution: SolutionRecord, companion: SolutionRecord, found: Difference) -> tuple[float, float]:
     """Return the errors, rms and largest, that come from an eigenvalue near zero: 0 where there is none.
 
     The error of the eigenvalue is measured on the companion's lattice, which has one of its own.
@@ -85,9 +85,9 @@ def _resonant(solution: Solution, companion: Solution, found: Difference) -> tup
     return mine.amplified(error)
 
 
-def expected_of(solution: Solution) -> ExpectedError | None:
+def expected_of(solution: SolutionRecord) -> ExpectedError | None:
     """Return what a solution alone lets expect of its error; None where that is not known."""
-    return None if isinstance(solution, EigenSolution) else solution.discretized.estimate(solution.values)
+    return None if isinstance(solution, EigenRecord) else solution.discretized.estimate(solution.values)
 
 
 def _agreed(apart: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
@@ -101,9 +101,9 @@ def _agreed(apart: Floats, norm: str, alone: ExpectedError | None, unit: Floats)
     return np.asarray(np.maximum(mean, LEAST_OF_APART * apart) * (UNRESOLVED_FACTOR if alone.unresolved else 1.0))
 
 
-def _diagnosis(solution: Solution, companion: Solution, found: Difference) -> Diagnosis:
+def _diagnosis(solution: SolutionRecord, companion: SolutionRecord, found: Difference) -> Diagnosis:
     return solution.discretized.diagnosis(
-        companion.discretized, found.ratio, float(found.rms.max()), isinstance(solution, EigenSolution)
+        companion.discretized, found.ratio, float(found.rms.max()), isinstance(solution, EigenRecord)
     )
 
 

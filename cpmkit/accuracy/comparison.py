@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.protocols import Floats
-from cpmkit.solution.matched_modes import compare_modes
-from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import EigenRecord, compare_modes
+from cpmkit.solution.record import SolutionRecord
 
 #: Points of the finer solution that are compared, for each of its unknowns, at least, and at most.
 COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
@@ -43,7 +42,7 @@ class Difference:
     ratio: float
 
 
-def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
+def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
     form = solution.discretized
     count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
@@ -55,11 +54,11 @@ def compared_points(solution: Solution) -> tuple[Floats, Floats, Floats]:
     return points, weights / weights.sum(), values.reshape(len(points), -1)
 
 
-def difference(fine: Solution, coarse: Solution) -> Difference:
+def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
     """Return by how much a solution differs from one at a larger spacing, at the points of the finer one."""
     points, weights, ours = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
-    if isinstance(fine, EigenSolution) and isinstance(coarse, EigenSolution):
+    if isinstance(fine, EigenRecord) and isinstance(coarse, EigenRecord):
         differences, apart = compare_modes(fine, coarse, points)
         size = np.abs(fine.eigenvalues)
         unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
@@ -71,7 +70,7 @@ def difference(fine: Solution, coarse: Solution) -> Difference:
     return Difference(np.sqrt(weights @ apart**2) / unit, apart.max(axis=0) / unit, unit, at, ratio)
 
 
-def scales_of(solution: Solution) -> Floats:
+def scales_of(solution: SolutionRecord) -> Floats:
     """Return what a solution's errors are shares of, (channels,): its range where it is compared."""
     return _scales(compared_points(solution)[2])
 

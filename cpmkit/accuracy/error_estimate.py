@@ -10,8 +10,8 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.protocols import Floats
 from cpmkit.solution.display_mesh import DisplayMesh, evaluate_on_sides
-from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 
 #: What a cautious user multiplies the estimate by.
 ERROR_SAFETY_FACTOR = 2.0
@@ -54,8 +54,8 @@ class ErrorEstimate:
     floor: Floats
     at: Floats
     slow: str
-    solution: Solution
-    companions: tuple[Solution, ...]
+    solution: SolutionRecord
+    companions: tuple[SolutionRecord, ...]
     order: float
     factor: Floats
 
@@ -70,7 +70,7 @@ class ErrorEstimate:
         return np.asarray(ERROR_SAFETY_FACTOR * self.error + self.floor * self.unit)
 
     @property
-    def coarse(self) -> Solution:
+    def coarse(self) -> SolutionRecord:
         """The last companion."""
         return self.companions[-1]
 
@@ -89,7 +89,7 @@ class ErrorEstimate:
         return self._apart(*(evaluate_on_sides(one, mesh.points, sides) for one in (self.solution, self.coarse)))
 
     def _apart(self, ours: Floats, theirs: Floats) -> Floats:
-        if isinstance(self.solution, EigenSolution):  # a multiplet's functions are any basis of it
+        if isinstance(self.solution, EigenRecord):  # a multiplet's functions are any basis of it
             theirs = theirs @ np.linalg.lstsq(theirs, ours, rcond=None)[0]
         ratio = self.coarse.spacing / self.solution.spacing
         return np.asarray(self.factor * np.abs(ours - theirs) / (ratio**self.order - 1))

@@ -13,6 +13,7 @@ from cpmkit.accuracy.companions import expected_of, from_companions
 from cpmkit.accuracy.comparison import difference
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.accuracy.facets import floor_by_facets
+from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.families.eigen.resonance import resolves_waves
 from cpmkit.families.keywords import PreparingKeywords
@@ -20,15 +21,14 @@ from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options, lattice_options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.preparing import solved
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import showing
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.matched_modes import with_further_modes
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import with_further_modes
+from cpmkit.solution.record import SolutionRecord
 
 #: Spacings of the solutions that one is held against, over its own.
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
@@ -39,10 +39,10 @@ SHIFT = (0.37, 0.59, 0.43)
 FLOOR_SHARE = 0.5
 
 #: Solves a scene at a spacing, with the lattice's origin and all other options as they were.
-SolveAt = Callable[[Scene, float], Solution]
+SolveAt = Callable[[Scene, float], SolutionRecord]
 
 
-def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
+def estimated(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
     """Solve coarser companions of a solution, and estimate its error from the differences.
 
     Parameters
@@ -70,7 +70,9 @@ def estimated(solution: Solution, solve_at: SolveAt, tight: bool = False) -> Err
     return replace(found, floor=np.full(len(found.unit), left))
 
 
-def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, ratios: Sequence[float]) -> list[Solution]:
+def _coarser_solutions(
+    scene: Scene, solution: SolutionRecord, solve_at: SolveAt, ratios: Sequence[float]
+) -> list[SolutionRecord]:
     """Return solutions at ``ratios`` times the spacing, at the smallest ratio alone where others are too coarse.
 
     So they are where they leave unresolved what the solution resolves: bends of the manifold, or waves.
@@ -99,7 +101,7 @@ def _coarser_solutions(scene: Scene, solution: Solution, solve_at: SolveAt, rati
         ) from error
 
 
-def _is_unresolved(solution: Solution) -> bool:
+def _is_unresolved(solution: SolutionRecord) -> bool:
     form, problem = solution.discretized, solution.scene.problem
     return form.diagnosis().unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
@@ -109,7 +111,7 @@ def coarser_scene(scene: Scene) -> Scene:
     return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
 
 
-def error_in_time(solution: Solution, solve_at: SolveAt) -> float:
+def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return what steps in time add to a solution's error, as a share of its range: solved again with twice the step.
 
     It depends little on the spacing, and is looked at where that is cheap.
@@ -127,7 +129,7 @@ def order_in_time(problem: Evolution) -> int:
     return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
-def error_of(solution: Solution, tight: bool = False) -> ErrorEstimate:
+def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
     """Estimate the error of a solution from what it tells of how it was discretised.
 
     Raises
@@ -161,7 +163,7 @@ def check_estimable(form: Discretized) -> None:
         raise InputError(f"The error of this solution has no estimate. {reason}")
 
 
-def with_estimate(solution: Solution, how: bool | str | None, options: Mapping[str, Any]) -> Solution:
+def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Mapping[str, Any]) -> SolutionRecord:
     """Return a solution with its estimate made, ``True`` or ``"tight"``, refused, ``False``, or left for later."""
     if how is None:
         return solution
@@ -176,9 +178,9 @@ def companion_solver(options: Mapping[str, Any]) -> SolveAt:
     """Return what solves companions with the options of ``solve``, on lattices whose nodes lie elsewhere."""
     kept = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
-    def solve_at(scene: Scene, spacing: float) -> Solution:
+    def solve_at(scene: Scene, spacing: float) -> SolutionRecord:
         with collected_warnings():
-            return solved(scene, spacing, origin=shifted_origin(scene, spacing), **kept)
+            return solve_scene(scene, spacing, origin=shifted_origin(scene, spacing), **kept)
 
     return solve_at
 
@@ -232,7 +234,7 @@ def estimate_error(
     True
     """
     with collected_warnings():
-        solution = solved(scene, spacing, **options)
+        solution = solve_scene(scene, spacing, **options)
         check_estimable(solution.discretized)
         estimate = estimated(solution, companion_solver(options), tight)
     warn_each(solution.warnings)

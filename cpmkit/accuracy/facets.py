@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from cpmkit.accuracy.comparison import difference
 from cpmkit.protocols import ReadsAsTriangles
-from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 
 
-def floor_by_facets(solution: Solution, solve_at: Callable[..., Solution], enough: float) -> float:
+def floor_by_facets(solution: SolutionRecord, solve_at: Callable[..., SolutionRecord], enough: float) -> float:
     """Return the floor of a solution's source, as a share of the solution's range; of eigenvalues 0, it is not known.
 
     Where it is above ``enough`` by the areas alone, and the source is a mesh that can be read as its triangles, the
@@ -26,7 +26,7 @@ def floor_by_facets(solution: Solution, solve_at: Callable[..., Solution], enoug
     enough : float
         A floor below this matters to nobody.
     """
-    if isinstance(solution, EigenSolution):
+    if isinstance(solution, EigenRecord):
         return 0.0
     form, surface = solution.discretized, solution.scene.surface
     by_areas = form.source_error()

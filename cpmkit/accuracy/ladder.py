@@ -16,7 +16,7 @@ from cpmkit.accuracy.limits import check_memory, expected_seconds, finest_spacin
 from cpmkit.accuracy.trade import Purpose, Status
 from cpmkit.accuracy.way import LEAST_RATIO, Run, Way
 from cpmkit.errors import CpmkitError
-from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.modes import EigenRecord
 
 #: The spacing is taken for this share of the tolerance; that of the second solve, which is foretold from the first
 #: alone, for a smaller one, at this order: with these and the factors below benchmarks/trade.py had answers nearer to
@@ -125,7 +125,7 @@ def _accepted(way: Way, aim: float) -> bool:
         return way.error <= accepted
     prior = _prior(way)
     slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(order(way), prior) - 1)
-    at_first, later = EIGENVALUE_SHARES if isinstance(way.last.solution, EigenSolution) else UNTOLD_SHARES
+    at_first, later = EIGENVALUE_SHARES if isinstance(way.last.solution, EigenRecord) else UNTOLD_SHARES
     return bool(way.error * slower <= accepted * (at_first if first else later))
 
 

@@ -14,18 +14,18 @@ from cpmkit.accuracy.ladder import errors_stay, walk
 from cpmkit.accuracy.limits import predicted_bytes
 from cpmkit.accuracy.trade import Status, Trade
 from cpmkit.accuracy.way import Run, Way
+from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
-from cpmkit.preparing import solved
 from cpmkit.protocols import Progress
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: Relative residuals that leave less than a twentieth of an error, over it, and the largest and smallest that are asked
 #: for (measured: tests/accuracy/test_tolerance.py).
@@ -33,7 +33,7 @@ RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
 NORM_IN_WORDS = {"rms": "root mean square", "max": "largest error"}
 
 
-def traded(scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]) -> Solution:
+def traded(scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]) -> SolutionRecord:
     """Solve until what is asked for is reached, or cannot be.
 
     Returns
@@ -53,9 +53,9 @@ def traded(scene: Scene, target: AccuracyTarget, progress: Progress, options: Ma
     if target.tolerance is not None:
         kept = {"solver_tolerance": algebraic_tolerance(target.tolerance), **kept}
 
-    def solve(scene: Scene, spacing: float, **further: Any) -> Solution:
+    def solve(scene: Scene, spacing: float, **further: Any) -> SolutionRecord:
         with collected_warnings():
-            return solved(scene, spacing, **{**kept, **further})
+            return solve_scene(scene, spacing, **{**kept, **further})
 
     solver = str(options.get("solver", "auto"))
     return walked(
@@ -71,7 +71,7 @@ def traded(scene: Scene, target: AccuracyTarget, progress: Progress, options: Ma
     )
 
 
-def walked(way: Way) -> Solution:
+def walked(way: Way) -> SolutionRecord:
     """Return the answer at the end of a way, with its estimate and its trade."""
     target = way.target
     status, aim = walk(way)

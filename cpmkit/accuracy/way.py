@@ -26,8 +26,8 @@ from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenSolution
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
 
 ANSWERS = ("answer", "correction")
 #: Ratios of spacings between which a solution serves another as companion, and the best of them: what the farther one
@@ -39,7 +39,7 @@ MOST_TRIALS = 10
 TIME_SHARE = 0.3
 
 #: ``solve(scene, spacing, progress, options)``, the options in place of those that were given.
-Solve = Callable[..., Solution]
+Solve = Callable[..., SolutionRecord]
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ class Run:
     """One solve: what for, the solution, its seconds, what it alone lets expect, its error by a coarser one if any."""
 
     purpose: Purpose
-    solution: Solution
+    solution: SolutionRecord
     seconds: float
     alone: ExpectedError | None
     estimate: ErrorEstimate | None
@@ -158,10 +158,10 @@ class Way:
         """What the last one alone lets expect of its error; NaN where it tells nothing, as where a recipe made it."""
         return self.last.expected(self.target.norm)
 
-    def asked_of(self, solution: Solution) -> Solution:
+    def asked_of(self, solution: SolutionRecord) -> SolutionRecord:
         """Return what is asked for out of a solution: of pilots of eigenvalue problems fewer modes."""
-        modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenSolution)
-        return fewer_modes(cast("EigenSolution", solution), self.scene) if modes else solution
+        modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenRecord)
+        return fewer_modes(cast("EigenRecord", solution), self.scene) if modes else solution
 
     @property
     def elapsed(self) -> float:
@@ -243,7 +243,7 @@ class Way:
             self.left = floor_by_facets(last, solve_at, self.target.tolerance)
         return self.left
 
-    def companion(self, solution: Solution) -> Solution | None:
+    def companion(self, solution: SolutionRecord) -> SolutionRecord | None:
         """Return the solution that one is held against, of those whose spacings are neither too near nor too far."""
         ratios = {
             one.spacing / solution.spacing: one.solution for one in self.runs if self._serves(one.solution, solution)
@@ -256,17 +256,17 @@ class Way:
         mine, other = self.scene.problem, run.solution.scene.problem
         return not isinstance(mine, Evolution) or cast("Any", other).step == mine.step
 
-    def alike(self, solution: Solution, other: Solution | None = None) -> bool:
+    def alike(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
         """Return whether two solutions are of one form with one degree, the last one if no ``other`` is given."""
         mine, theirs = (lattice_options(one.discretized) for one in (solution, other or self.last.solution))
         return mine is not None and theirs is not None and mine.own == theirs.own
 
-    def _serves(self, companion: Solution, solution: Solution) -> bool:
+    def _serves(self, companion: SolutionRecord, solution: SolutionRecord) -> bool:
         mine, other = self.scene.problem, companion.scene.problem
         same_steps = not isinstance(mine, Evolution) or cast("Any", other).step == mine.step
         return same_steps and self.alike(companion, solution)
 
-    def _estimate(self, solution: Solution, alone: ExpectedError | None) -> ErrorEstimate | None:
+    def _estimate(self, solution: SolutionRecord, alone: ExpectedError | None) -> ErrorEstimate | None:
         companion, solution = self.companion(solution), self.asked_of(solution)
         if companion is None or any(one.discretized.diagnosis().no_estimate for one in (solution, companion)):
             return None

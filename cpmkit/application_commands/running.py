@@ -15,7 +15,7 @@ from cpmkit.command_group import progress_callback, traceback_option
 from cpmkit.command_options import as_shown, how_fine, json_option, scene_argument, spacing_option
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.facade import Solution
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

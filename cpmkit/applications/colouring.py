@@ -19,8 +19,8 @@ from cpmkit.applications.held import held_ends
 from cpmkit.applications.painted import painted
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.facade import Solution
 from cpmkit.protocols import ClosestPointSource, Floats
-from cpmkit.solution.solution import Solution
 
 #: Sides of a curve.
 SIDES = {"left", "right"}

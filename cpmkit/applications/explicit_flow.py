@@ -11,10 +11,10 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError
+from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import positive
-from cpmkit.solution.solution import Solution
 
 #: The step over the spacing's square, and the largest at which steps are stable.
 STEP_SHARE, LARGEST_STEP_SHARE = 0.1, 1 / 6

@@ -27,12 +27,12 @@ from cpmkit.applications.pieces import Pieces, pieces_of
 from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.facade import Solution
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.runtime.messages import warn_each
-from cpmkit.solution.solution import Solution
 
 METHODS = ("transport", "heat")
 

@@ -21,11 +21,11 @@ from cpmkit.applications.implicit_flow import implicit_flow
 from cpmkit.applications.painted import painted
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, ResolutionError, shown
+from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.messages import warn_each
-from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords

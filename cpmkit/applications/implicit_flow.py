@@ -15,10 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 import cpmkit as ck
+from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.messages import warn_each
-from cpmkit.solution.solution import Solution
 
 #: A step raises the energy where it grows by more than this share of itself: rounding and projections are below.
 RISING_SHARE = 1e-6

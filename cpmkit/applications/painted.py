@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.facade import Solution
 from cpmkit.protocols import Floats, Ints
-from cpmkit.solution.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

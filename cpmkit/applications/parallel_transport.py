@@ -26,11 +26,11 @@ from cpmkit.applications.transport import HELD_SPACINGS
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
 from cpmkit.applications.vector_heat import directions_of_heat
 from cpmkit.errors import InputError, place
+from cpmkit.facade import Solution
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats, HasNormals
 from cpmkit.runtime.arrays import as_points, as_vector
-from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords

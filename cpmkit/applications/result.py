@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Unpack
 
-from cpmkit.solution.solution import Solution
+from cpmkit.facade import Solution
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords

@@ -26,12 +26,12 @@ from cpmkit.applications.spacings import Measured, measured
 from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
 from cpmkit.applications.vector_heat import directions_of_heat
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.facade import Solution
 from cpmkit.plugin import dots, unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.boundary_points import BoundaryPoints
-from cpmkit.solution.solution import Solution
 
 #: Across a curve is what is no more than this share along it: else the nearest point is an end.
 ALONG_SHARE = 0.3

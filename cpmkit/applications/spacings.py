@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import cpmkit as ck
 from cpmkit.applications.heat import barriers, prepared_manifold
 from cpmkit.applications.result import Result
+from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Floats
-from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate

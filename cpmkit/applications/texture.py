@@ -10,11 +10,11 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.colouring import ColouredSurface
 from cpmkit.errors import InputError
+from cpmkit.facade import Solution
 from cpmkit.files.png_files import write_png
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.messages import warn_each
-from cpmkit.solution.solution import Solution
 
 #: Pixels that are looked at at once.
 PARCEL_PIXELS = 2_000_000

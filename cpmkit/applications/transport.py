@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import cpmkit as ck
 from cpmkit.applications.heat import ENOUGH
+from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Bools, Floats
-from cpmkit.solution.solution import Solution
 
 #: Diffusion of the transport over the spacing: a cell number just below one.
 DIFFUSION_SPACINGS = 1.05

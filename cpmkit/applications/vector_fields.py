@@ -29,10 +29,10 @@ from cpmkit.applications.painted import painted, with_triangles
 from cpmkit.applications.result import Result
 from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
+from cpmkit.facade import Solution
 from cpmkit.plugin import unit
 from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, positive
-from cpmkit.solution.solution import Solution
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords

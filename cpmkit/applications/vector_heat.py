@@ -8,10 +8,10 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.heat import ITERATED_SHARE, LONGER, check_warmed, longest_time
+from cpmkit.facade import Solution
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
 from cpmkit.protocols import Floats
-from cpmkit.solution.solution import Solution
 
 #: Relative residual of the vectors' heat, well below the share of the largest vector at which they are noise.
 HEAT_RESIDUAL = 1e-12

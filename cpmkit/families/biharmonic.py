@@ -23,14 +23,14 @@ from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: The solvers of complex systems.
 COMPLEX_SOLVERS = ("direct", "multigrid", "reference")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BiharmonicSolution(Solution):
+class BiharmonicRecord(SolutionRecord):
     """The solution of a biharmonic problem, with its Laplacian.
 
     Attributes
@@ -51,7 +51,7 @@ class BiharmonicSolution(Solution):
         return {**super().arrays(), "laplacian": self.second}
 
 
-def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
+def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     """Solve a biharmonic problem.
 
     Where c is zero and a constant is free on a piece of the manifold, the solution is that of mean zero there.
@@ -80,7 +80,7 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicSolution:
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     work = form.work(stiffness, report)
     told = (*form.warnings(), *(text for one in unbalanced for text in one.warnings))
-    return BiharmonicSolution(form, u, report, work, seconds, -v, warnings=told, imbalances=unbalanced)
+    return BiharmonicRecord(form, u, report, work, seconds, -v, warnings=told, imbalances=unbalanced)
 
 
 #: u and v, the report, and what of f has no solution.

@@ -22,7 +22,7 @@ from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Operator, Stiffness
 from cpmkit.scene.compound_equations import Coupled
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -33,7 +33,7 @@ SYMMETRIC_SHARE = 1e-12
 FREE_SHARE = 1e-7
 
 
-def solve_coupled(context: SolveContext) -> Solution:
+def solve_coupled(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the system of all channels.
 
     Raises
@@ -60,7 +60,7 @@ def solve_coupled(context: SolveContext) -> Solution:
     values, report = constants.solve(prepared, b, context.tolerance, guess, context.progress)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     work = form.work(operator, report)
-    return Solution(form, values.reshape(-1, channels), report, work, seconds, warnings=form.warnings())
+    return SolutionRecord(form, values.reshape(-1, channels), report, work, seconds, warnings=form.warnings())
 
 
 def _read(problem: Coupled, form: Discretized) -> Floats:

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError, place
 from cpmkit.families.context import Kept, SolveContext
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: At most this many steps.
 MOST_NEWTON_STEPS = 30
@@ -24,7 +24,7 @@ MOST_NEWTON_STEPS = 30
 CONVERGED_CHANGE_SHARE = 1e-8
 
 
-def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], Solution]) -> Solution:
+def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
     """Solve a scene with nonlinear fluxes.
 
     Parameters
@@ -78,7 +78,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     )
 
 
-def _check_balance(solution: Solution) -> None:
+def _check_balance(solution: SolutionRecord) -> None:
     """Refuse to go on from a solution whose data were changed because a flux fixed no constant.
 
     Raises

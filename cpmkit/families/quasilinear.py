@@ -22,7 +22,7 @@ from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation, check_one_channel
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 #: At most so many steps.
 MOST_STEPS = {"newton": 60, "lagged": 500}
@@ -51,7 +51,7 @@ class StepRecord:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class QuasilinearSolution(Solution):
+class QuasilinearRecord(SolutionRecord):
     """The solution of an equation whose diffusivity depends on it.
 
     Attributes
@@ -90,7 +90,7 @@ class _Counted:
         )
 
 
-def solve_quasilinear(context: SolveContext) -> QuasilinearSolution:
+def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     """Solve a steady problem whose diffusivity depends on the solution.
 
     Raises
@@ -123,7 +123,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearSolution:
     )
     work: Any = replace(last.work, operator_applications=report.operator_applications)  # type: ignore[type-var]
     seconds = {**last.seconds, "solve": time.perf_counter() - context.started - last.seconds["build"]}
-    return QuasilinearSolution(
+    return QuasilinearRecord(
         form,
         last.values,
         report,
@@ -159,7 +159,7 @@ def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) ->
     return _linear(context, replace(terms, diffusivity=1.0)).values
 
 
-def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> Solution:
+def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
     """Return the solution of the linear problem with ``terms``."""
     scene = replace(context.scene, problem=_Frozen(terms))
     form = context.discretized.with_scene(scene)

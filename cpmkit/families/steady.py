@@ -12,7 +12,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_part import Constants
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.protocols import Operator, PreparedSolver, Stiffness
-from cpmkit.solution.solution import Solution
+from cpmkit.solution.record import SolutionRecord
 
 
 def assemble(form: Discretized) -> LinearSystem:
@@ -50,7 +50,7 @@ def _ready(context: SolveContext) -> _Ready:
     return _Ready(stiffness, operator, context.prepare(operator), context.constants(operator))
 
 
-def solve_steady(context: SolveContext) -> Solution:
+def solve_steady(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the linear system of a steady problem.
 
     Raises
@@ -78,7 +78,7 @@ def solve_steady(context: SolveContext) -> Solution:
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings()
     unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]
-    return Solution(
+    return SolutionRecord(
         form,
         settled.values,
         report,

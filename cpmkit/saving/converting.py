@@ -15,15 +15,15 @@ from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.drawing import in_space
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 
-def to_pyvista(solution: Solution, vertices: str = "display") -> Any:
+def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return a ``pyvista.PolyData`` with point data ``u``."""
     return poly_data(_mesh(solution, vertices))
 
 
-def to_trimesh(solution: Solution, vertices: str = "display") -> Any:
+def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return a ``trimesh.Trimesh`` with vertex attributes ``u``, of several channels ``u0``, ..., and colours.
 
     Raises
@@ -39,7 +39,7 @@ def to_trimesh(solution: Solution, vertices: str = "display") -> Any:
     return made
 
 
-def to_meshio(solution: Solution, vertices: str = "display") -> Any:
+def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return a ``meshio.Mesh`` of all cells with point data ``u``."""
     meshio, mesh = _imported("meshio"), _mesh(solution, vertices)
     parts = {"triangle": mesh.triangles, "line": mesh.segments, "vertex": mesh.dots[:, None]}
@@ -48,7 +48,7 @@ def to_meshio(solution: Solution, vertices: str = "display") -> Any:
     return meshio.Mesh(mesh.points, cells, point_data={"u": values})
 
 
-def to_polyscope(solution: Solution, name: str = "solution", vertices: str = "display") -> Any:
+def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str = "display") -> Any:
     """Register the mesh with polyscope, with its values as quantities, and return it; ``polyscope.show()`` draws.
 
     Raises
@@ -67,7 +67,7 @@ def to_polyscope(solution: Solution, name: str = "solution", vertices: str = "di
     return made
 
 
-def _mesh(solution: Solution, vertices: str) -> DisplayMesh:
+def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
     check_vertices(vertices)
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 

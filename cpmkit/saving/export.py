@@ -18,11 +18,11 @@ from cpmkit.runtime.messages import to_install
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
-from cpmkit.solution.own_vertices import at_vertices, given_mesh_of
+from cpmkit.solution.record import given_mesh_of
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import SavingKeywords
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
 FORMAT_VERSION = 1
@@ -31,7 +31,9 @@ FILMS, PAGE = (".gif", ".mp4"), ".html"
 SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 
 
-def save(solution: Solution, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
+def save(
+    solution: SolutionRecord, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]
+) -> None:
     """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
 
     ========= ==================================================================================
@@ -138,14 +140,14 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
         _write_json(summary, unfinished)
 
 
-def own_mesh(solution: Solution) -> DisplayMesh:
+def own_mesh(solution: SolutionRecord) -> DisplayMesh:
     """Return the mesh that the surface was made from, as it was given, with the solution at its vertices."""
     vertices, cells = given_mesh_of(solution.scene.surface)
-    values = at_vertices(solution, None).reshape(len(vertices), -1)
+    values = solution.at_vertices(None).reshape(len(vertices), -1)
     return DisplayMesh(vertices, cells, values, None, len(vertices))
 
 
-def _mesh_and_error(solution: Solution, vertices: str, path: Path) -> tuple[DisplayMesh, Path, Floats | None]:
+def _mesh_and_error(solution: SolutionRecord, vertices: str, path: Path) -> tuple[DisplayMesh, Path, Floats | None]:
     if vertices == "own":
         return own_mesh(solution), path, None
     return solution.display_mesh(), path, _known_error(solution)
@@ -155,7 +157,7 @@ def _write_json(summary: Mapping[str, Any], path: Path) -> None:
     path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
-def _save_npz(solution: Solution, path: Path) -> None:
+def _save_npz(solution: SolutionRecord, path: Path) -> None:
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
     arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
@@ -166,6 +168,6 @@ def _save_npz(solution: Solution, path: Path) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def _known_error(solution: Solution) -> Floats | None:
+def _known_error(solution: SolutionRecord) -> Floats | None:
     """Return the estimated error (v, channels) at the mesh's vertices; None where it was not estimated."""
     return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None

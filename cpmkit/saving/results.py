@@ -23,7 +23,7 @@ from cpmkit.view.pictures import check_channels
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 
 @dataclass(frozen=True)
@@ -102,12 +102,12 @@ def solution_channels(scene: Scene) -> int:
 
 
 def write_results(
-    solution: Solution,
+    solution: SolutionRecord,
     request: OutputRequest,
     folder: Path,
     progress: Progress,
     warnings: Sequence[str] | None = None,
-    drawn_as: Solution | None = None,
+    drawn_as: SolutionRecord | None = None,
 ) -> WrittenResults:
     """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
 
@@ -177,7 +177,7 @@ def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
     return request.picture.look if drawn and request.picture is not None else {}
 
 
-def _draw(solution: Solution, target: PictureRequest, folder: Path) -> dict[str, Any]:
+def _draw(solution: SolutionRecord, target: PictureRequest, folder: Path) -> dict[str, Any]:
     file = _with_folder(folder / target.file)
     drawn = picture(solution, file, **target.look)
     entry = {"file": target.file, "camera": drawn.camera}

@@ -16,8 +16,8 @@ from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
 from cpmkit.forms.choice import every_option
 from cpmkit.protocols import SIDES
 from cpmkit.saving.export import FORMAT_VERSION
-from cpmkit.saving.summary import describe_scene
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.summary import describe_scene
 
 #: Channels that a summary may tell of.
 MOST_CHANNELS = 1_000_000

@@ -11,18 +11,18 @@ from xml.sax.saxutils import quoteattr
 from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, written_whole
 from cpmkit.saving.mesh_files import write_vtp
 from cpmkit.scenefile.look import Look
-from cpmkit.solution.evolved import EvolvedSolution, frames_of
+from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.view.film import frame_images
 from cpmkit.view.layout import write_png
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Of the folder beside the index.
 FRAMES_SUFFIX = "_frames"
 
 
-def save_series(solution: Solution, path: Path) -> None:
+def save_series(solution: SolutionRecord, path: Path) -> None:
     """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp a frame.
 
     All frames are written before the first takes its place, and the index is written last: what an index names is
@@ -34,7 +34,7 @@ def save_series(solution: Solution, path: Path) -> None:
         If the solution has no frames, or a file cannot be written.
     """
     frames = frames_of(solution, path.name)
-    assert isinstance(solution, EvolvedSolution)
+    assert isinstance(solution, EvolvedRecord)
     folder = frames_folder(path)
     unfinished = unfinished_name(folder)
     names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
@@ -61,7 +61,7 @@ def frames_folder(path: Path) -> Path:
     return path.with_name(path.stem + FRAMES_SUFFIX)
 
 
-def draw_frames(solution: Solution, path: Path, look: Look) -> list[Path]:
+def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
     """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours, and return these paths.
 
     Raises

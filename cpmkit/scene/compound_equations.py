@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,10 +13,7 @@ from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import diffusivity_of
-from cpmkit.scene.equations import Equation, Terms, check_factor
-
-if TYPE_CHECKING:
-    from cpmkit.solution.modes import EigenSolution  # noqa: F401 - in quotes below
+from cpmkit.scene.equations import EigenFamily, Equation, Terms, check_factor
 
 #: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
 #: spectrum: each of some sixty solves takes 20 iterations else.
@@ -83,11 +80,11 @@ class Coupled(Equation):
 
 
 @dataclass(frozen=True, eq=False)
-class Eigen(Equation["EigenSolution"]):
+class Eigen(Equation[EigenFamily]):
     """-div(a grad u) + c u = lambda u, with homogeneous conditions: the eigenvalues nearest to ``near``.
 
     Where a side or an edge has the condition :class:`cpmkit.Steklov`, the equation is ``-div(a grad u) + c u = 0`` and
-    lambda stands in that condition instead. The solution is a :class:`cpmkit.solution.modes.EigenSolution`.
+    lambda stands in that condition instead. The solution is a :class:`cpmkit.EigenSolution`.
 
     Parameters
     ----------
@@ -161,7 +158,7 @@ class Biharmonic(Equation):
     Where a :class:`cpmkit.SimplySupported` condition holds, u and Lap u are given; ``Dirichlet(g)`` is the same with
     Lap u = 0. ``Neumann(g)`` fixes the slope du/db = g and lets no d(Lap u)/db pass: a plate guided at its edge. A
     clamped edge, where u and du/db are given, is not offered: it gives Lap u no condition of its own. The solution is a
-    :class:`cpmkit.families.biharmonic.BiharmonicSolution`, which tells Lap u too.
+    :class:`cpmkit.facade.BiharmonicSolution`, which tells Lap u too.
 
     Parameters
     ----------

@@ -21,15 +21,26 @@ from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, evaluate_data, read_formulas
 from cpmkit.scene.diffusivities import diffusivity_of
 
+
+class EquationFamily:
+    """Marks equations by the kind of their solution: one function, unless a derived class says otherwise."""
+
+
+class EigenFamily(EquationFamily):
+    """Marks equations whose solution is eigenvalues and eigenfunctions."""
+
+
+class TimeFamily(EquationFamily):
+    """Marks equations whose solution depends on the time."""
+
+
 if TYPE_CHECKING:
     from typing_extensions import TypeVar as Defaulted
 
-    from cpmkit.solution.solution import Solution
-
-    #: What an equation is solved as; a variable has a default since Python 3.13, and for type checkers always.
-    Solved = Defaulted("Solved", bound=Solution, covariant=True, default=Solution)
+    #: Marks the kind of an equation's solution; type variables have a default for type checkers, and since Python 3.13.
+    Family = Defaulted("Family", covariant=True, bound=EquationFamily, default=EquationFamily)
 else:
-    Solved = TypeVar("Solved")
+    Family = TypeVar("Family")
 
 #: A vector field: a function of points (n, d) that returns (n, d), or one number or formula a coordinate.
 VectorField = Callable[..., Any] | list[Any] | tuple[Any, ...]
@@ -113,7 +124,7 @@ def check_factor(c: Data, what: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Equation(ABC, Generic[Solved]):
+class Equation(ABC, Generic[Family]):
     """What every equation tells."""
 
     kind: ClassVar[str]

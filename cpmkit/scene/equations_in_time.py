@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import ClassVar, Self
 
 import numpy as np
 
@@ -18,11 +18,8 @@ from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.diffusivities import diffusivity_of
-from cpmkit.scene.equations import Equation, Terms, VectorField, check_conservative, check_factor
+from cpmkit.scene.equations import Equation, Terms, TimeFamily, VectorField, check_conservative, check_factor
 from cpmkit.scene.pointwise import AfterStep, check_after_step
-
-if TYPE_CHECKING:
-    from cpmkit.solution.evolved import EvolvedSolution  # noqa: F401 - in quotes below
 
 HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
@@ -34,7 +31,7 @@ MOST_TIME_STEPS = 10_000_000
 MOST_FRAMES = 100_000
 
 
-class Evolution(Equation["EvolvedSolution"]):
+class Evolution(Equation[TimeFamily]):
     """What every equation in time tells.
 
     Attributes

@@ -27,7 +27,7 @@ from cpmkit.scene.edge_conditions import (
     place_on_edge,
     shape_of_edge,
 )
-from cpmkit.scene.equations import Equation, Solved
+from cpmkit.scene.equations import Equation, Family
 from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.surface_input import Surface, as_source
@@ -38,7 +38,7 @@ SURFACE_DATA, EDGE_DATA = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
-class Scene(Generic[Solved]):
+class Scene(Generic[Family]):
     """A manifold, its boundaries, its edge and an equation.
 
     Arrays of NumPy and columns of pandas in equations and conditions with one row for each vertex of the surface are
@@ -77,7 +77,7 @@ class Scene(Generic[Solved]):
     """
 
     surface: ClosestPointSource
-    problem: Equation[Solved]
+    problem: Equation[Family]
     boundaries: Sequence[BoundarySet] = ()
     edge: EdgeConditions = field(default_factory=Neumann)
 
@@ -86,7 +86,7 @@ class Scene(Generic[Solved]):
         def __init__(
             self,
             surface: Surface,
-            problem: Equation[Solved],
+            problem: Equation[Family],
             boundaries: Sequence[BoundarySet] = (),
             edge: GivenEdge | Mapping[int, GivenEdge] = ...,
         ) -> None: ...

@@ -22,7 +22,7 @@ from cpmkit.protocols import ClosestPointSource, Floats, HasNormals, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
 LONGEST_EDGE_SPACINGS = 2.0
@@ -79,7 +79,7 @@ class DisplayMesh:
         return with_corners(self.cells, 1)[:, 0]
 
 
-def display_mesh(solution: Solution) -> DisplayMesh:
+def display_mesh(solution: SolutionRecord) -> DisplayMesh:
     """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
 
     Raises
@@ -136,7 +136,7 @@ def plane_normals(points: Floats) -> Floats:
     return np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
 
 
-def evaluate_on_sides(solution: Solution, points: Floats, sides: Ints) -> Floats:
+def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> Floats:
     """Return the solution (n, channels) at points, on boundaries from the sides (n, boundaries) given by 1 and -1."""
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries

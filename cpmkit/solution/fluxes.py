@@ -2,29 +2,140 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from math import gamma, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats, Side
-from cpmkit.solution.boundary_rules import boundary_rule, rim_rule
+from cpmkit.grid.band import surface_cells
+from cpmkit.grid.lattice import Codes
+from cpmkit.manifold.local_source import localize
+from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.quadratic_cells import OUTWARD_EDGE_SHARE, QuadraticCells, edge_midpoints_on, outward_edges
+from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints, Side
+from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
+
+
+#: Width, in spacings, of the bump that stands for a boundary without a mesh.
+BUMP_WIDTH_SPACINGS = 3.0
+#: The bump is (1 - r^2)^POWER, r in widths.
+BUMP_POWER = 4
+#: Feet on a rim are found from points this share of a spacing beyond its mesh.
+BEYOND_RIM_SPACINGS = 0.25
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryRule:
+    """Points (n, d) in the scene's coordinates, and weights (n,): lengths or areas; 1 for a point."""
+
+    points: Floats
+    weights: Floats
+
+
+def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
+    """Return a rule over a boundary, snapped to ``surface``; without a mesh of it, from its closest points alone."""
+    dim = source.manifold_dim or 0
+    if not isinstance(source, HasMesh):
+        return _from_bump(source, surface, spacing, dim)
+    points, cells = source.mesh(spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    cells = with_corners(cells, dim + 1)
+    edges = outward_edges(points, cells)
+    nodes = np.concatenate([source.closest_point(points).points, edge_midpoints_on(source, points, edges)])
+    nodes = surface.closest_point(nodes).points
+    rule_points, weights, _ = QuadraticCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
+    on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
+    return BoundaryRule(surface.closest_point(on_source).points, weights.ravel())
+
+
+def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int) -> BoundaryRule:
+    """Return a rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
+
+    The bump has the integral 1 over the normal space. It is even, so that curvature changes the measure to second
+    order in the width at most; beyond the ends of an open curve it is left out.
+    """
+    local = localize(source, np.zeros(source.dim))
+    cells = surface_cells(local, spacing, 3)
+    reach = int(np.ceil(BUMP_WIDTH_SPACINGS)) + 1
+    codes = Codes.around(cells, reach)
+    near = np.unique(codes.encode(cells))
+    for axis in range(source.dim):
+        near = codes.dilate(near, axis, range(-reach, reach + 1))
+    feet = source.closest_point(np.asarray(codes.decode(near) * spacing, dtype=np.float64))
+    feet = feet.take((feet.distance < BUMP_WIDTH_SPACINGS * spacing) & (feet.edge < 0))
+    normal, width = source.dim - dim, BUMP_WIDTH_SPACINGS * spacing
+    volume = pi ** (normal / 2) * gamma(BUMP_POWER + 1) / gamma(BUMP_POWER + 1 + normal / 2) * width**normal
+    weights = (1 - (feet.distance / width) ** 2) ** BUMP_POWER * spacing**source.dim / volume
+    return BoundaryRule(surface.closest_point(feet.points).points, weights)
+
+
+def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
+    """Return feet on the rim, or on one ``loop`` of it, and their weights.
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh or no such edge, or is a solid in space.
+    """
+    points, cells = mesh_of(surface)(spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    if surface.dim == 3 and surface.manifold_dim == 3:
+        raise InputError("The flux through the surface of a solid in space is not offered; ask for a boundary's.")
+    parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
+    parts.append(_rim_of_segments(surface, points, with_corners(cells, 2), spacing))
+    feet = ClosestPoints.join([part for part, _ in parts])
+    weights = np.concatenate([weight for _, weight in parts])
+    kept = feet.edge >= 0 if loop is None else feet.edge == loop
+    if not kept.any():
+        found = np.unique(feet.edge[feet.edge >= 0]).tolist()
+        raise InputError(
+            f"The manifold has no edge{'' if loop is None else f' {loop}'} to ask for a flux; "
+            + (f"its edges are {', '.join(map(str, found))}." if found else "it is closed.")
+        )
+    return feet.take(kept), weights[kept]
+
+
+def _rim_of_triangles(
+    surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
+) -> tuple[ClosestPoints, Floats]:
+    edges = outward_edges(points, cells)
+    single = np.flatnonzero(edges.outward.any(axis=1))
+    nodes = np.concatenate([points, edge_midpoints_on(surface, points, edges)])
+    curved = QuadraticCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
+    at, weights, _ = curved.rule()
+    outward = np.repeat(edges.outward[single], at.shape[1], axis=0)
+    beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward
+    return surface.closest_point(beyond), weights.ravel()
+
+
+def _rim_of_segments(
+    surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
+) -> tuple[ClosestPoints, Floats]:
+    uses = np.bincount(cells.ravel(), minlength=len(points))
+    ends = np.concatenate([cells, cells[:, ::-1]])
+    ends = ends[uses[ends[:, 0]] == 1]
+    outward = points[ends[:, 0]] - points[ends[:, 1]]
+    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+    return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))
+
 
 #: The word that stands for the edge of the manifold.
 EDGE_WORD = "edge"
 
 
-def flux_density(solution: Solution, boundary: str, side: Side | None, points: Any) -> Floats:
-    """Return du/db (n,) or (n, channels); see :meth:`Solution.flux_density`."""
+def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
+    """Return du/db (n,) or (n, channels); see :meth:`SolutionRecord.flux_density`."""
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _one_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
-def flux(solution: Solution, boundary: str | int, side: Side | None) -> float | Floats:
-    """Return the integral of du/db; see :meth:`Solution.flux`."""
+def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
+    """Return the integral of du/db; see :meth:`SolutionRecord.flux`."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
     if boundary not in names and (boundary == EDGE_WORD or isinstance(boundary, int)):

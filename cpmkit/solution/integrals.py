@@ -15,14 +15,14 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import evaluate_on_sides, moved_onto_boundaries
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: What is integrated: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
 
 
-def integrate(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral of the solution, or of a function of it; see :meth:`Solution.integrate`."""
+def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
+    """Return the integral of the solution, or of a function of it; see :meth:`SolutionRecord.integrate`."""
     dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
     if form.point_weights is not None:  # the form's own samples, each read on its side
         read = form.at_points(solution.values)
@@ -42,7 +42,7 @@ def _one_or_each(total: Floats) -> float | Floats:
     return float(total[0]) if len(total) == 1 else total
 
 
-def mean(solution: Solution, function: Integrand | None, dim: int | None) -> float | Floats:
+def mean(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
     """Return the integral divided by the length or area."""
     return integrate(solution, function, dim) / float(integrate(solution, 1.0, dim))
 
@@ -69,7 +69,7 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     return found[0] if dim is None else dim
 
 
-def _nodes_with_values(solution: Solution, dim: int) -> tuple[Floats, Floats, Ints]:
+def _nodes_with_values(solution: SolutionRecord, dim: int) -> tuple[Floats, Floats, Ints]:
     """Return the nodes of curved cells on the manifold, the solution there, and the cells."""
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.facade import Solution
 from cpmkit.forms.choice import options_of
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.form import discretize
@@ -28,7 +29,6 @@ from cpmkit.protocols import Bools, Floats, Progress, no_progress
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 
 #: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
 PROJECTED_REACH_SPACINGS, CELL_SIDE_SAMPLES = 2.0, 4

@@ -8,6 +8,7 @@ from typing import Any, cast
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.facade import Solution
 from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.collocation.form import Collocation
@@ -18,7 +19,6 @@ from cpmkit.runtime.memory import bytes_since, forget_peak
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
+from cpmkit.facade import Solution
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells
 from cpmkit.protocols import ClosestPointSource, Floats, Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 from cpmkit.solving import for_any_backend, solve
 
 

@@ -16,7 +16,7 @@ from cpmkit.view.colours import INK
 from cpmkit.view.shapes import DISC_CORNERS, Shapes, disc_radii, discs, dots, lines, ribbons
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Radius of boundary curves, of pins and of a curve that is itself the surface; shares of the picture's half width.
 CURVE_RADIUS, PIN_RADIUS, STROKE_RADIUS = 0.0045, 0.012, 0.009
@@ -57,7 +57,7 @@ class Drawing:
     ink: Shapes
 
 
-def draw(solution: Solution, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
+def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
     """Return the drawing of a solution's mesh, ``width`` pixels wide."""
     points = in_space(mesh.points)
     curve_points, curve_cells, pins = boundary_meshes(

@@ -14,21 +14,21 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.runtime.arrays import positive
 from cpmkit.scenefile.look import Look
-from cpmkit.solution.evolved import frames_of
+from cpmkit.solution.frames import frames_of
 from cpmkit.view.layout import composed
 from cpmkit.view.pictures import check_look, drawn, painted, shown_values
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
-    from cpmkit.solution.evolved import EvolvedSolution
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.frames import EvolvedRecord
+    from cpmkit.solution.record import SolutionRecord
 
 #: Frames a second, and how wide a film is in pixels, unless asked.
 FRAMES_A_SECOND, FILM_WIDTH = 12.0, 700
 
 
 def animate(
-    solution: Solution, path: str | Path, fps: float = FRAMES_A_SECOND, **options: Unpack[LookKeywords]
+    solution: SolutionRecord, path: str | Path, fps: float = FRAMES_A_SECOND, **options: Unpack[LookKeywords]
 ) -> Path:
     """Write the frames of a run in time as a film, and return its path.
 
@@ -64,7 +64,7 @@ def animate(
     return path
 
 
-def frame_images(solution: Solution, look: Look) -> Iterator[Any]:
+def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     """Yield the picture (rows, columns, 3) of each frame, as bytes, under its time.
 
     Raises
@@ -73,7 +73,7 @@ def frame_images(solution: Solution, look: Look) -> Iterator[Any]:
         If the solution has no frames.
     """
     frames = frames_of(solution, "a film")
-    evolved: EvolvedSolution = frames[0]
+    evolved: EvolvedRecord = frames[0]
     meshes = replace(evolved, frames=frames).frame_meshes()
     every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
     _, bar = shown_values(evolved, every, look)

@@ -14,7 +14,7 @@ from cpmkit.view.drawing import Drawing, in_space
 from cpmkit.view.shapes import Shapes, lines
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Half the width of outlines, isolines, edges and the shafts of arrows, as shares of the picture's half width.
 OUTLINE_WIDTH, ISOLINE_WIDTH, EDGE_WIDTH, SHAFT_WIDTH = 0.0016, 0.002, 0.0008, 0.0022
@@ -74,7 +74,7 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
     return lines(segments[:, 0], segments[:, 1], ISOLINE_WIDTH * half, LIFT * half, colours)
 
 
-def arrows(drawing: Drawing, solution: Solution, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
+def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
     """Return arrows along ``vectors`` (v, d) at the mesh's vertices, bent so that they stay on the surface.
 
     Their lengths tell less than the colours of ``bar`` do: the shortest are a share of the longest, to be seen.

@@ -15,8 +15,8 @@ import numpy as np
 
 from cpmkit.protocols import Floats
 from cpmkit.scenefile.look import Look
-from cpmkit.solution.evolved import EvolvedSolution
-from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.frames import EvolvedRecord
+from cpmkit.solution.modes import EigenRecord
 from cpmkit.view.camera import fit
 from cpmkit.view.colours import Bar, make_bar
 from cpmkit.view.drawing import boundary_meshes, in_space
@@ -25,13 +25,13 @@ from cpmkit.view.pictures import SIGNED_CMAP, check_look, shown_values
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.display_mesh import DisplayMesh
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Pixels; only the ratio of what is shown matters.
 WIDTH = 800
 
 
-def page_of(solution: Solution, **options: Unpack[LookKeywords]) -> str:
+def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     """Return the page, HTML, of a solution: with a slider over the frames of a run in time, or over modes.
 
     Parameters
@@ -93,16 +93,16 @@ def _hash_of(tag: str, template: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode('ascii')}'"
 
 
-def _fields(solution: Solution, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
+def _fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
     """Return the mesh, what the slider chooses from, and the bar of all of it."""
-    if isinstance(solution, EigenSolution) and look.channel is None:
+    if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         most = float(np.abs(mesh.values).max())
         cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
         signed = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
         return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), signed
     look = replace(look, vectors=False, isolines=Look.isolines)
-    if isinstance(solution, EvolvedSolution) and solution.frames and look.field != "error":
+    if isinstance(solution, EvolvedRecord) and solution.frames and look.field != "error":
         meshes = solution.frame_meshes()
         every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
         values, bar = shown_values(solution, every, look)

@@ -16,7 +16,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import to_install
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
-from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.modes import EigenRecord
 from cpmkit.view import marks
 from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, make_bar
@@ -26,7 +26,7 @@ from cpmkit.view.shapes import Shapes
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: A sheet of modes has at most so many columns, and colours of both signs.
 SHEET_COLUMNS, SIGNED_CMAP = 3, "coolwarm"
@@ -48,7 +48,7 @@ class Picture:
     camera: str
 
 
-def picture(solution: Solution, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
+def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
     """Draw a solution, or how large its error is, into a PNG file.
 
     Of an eigenvalue problem all modes are drawn, on one sheet, unless ``channel`` says which.
@@ -104,9 +104,9 @@ def check_look(look: Look) -> None:
     make_bar(np.zeros(1), None, look.cmap)
 
 
-def rendered(solution: Solution, look: Look) -> tuple[Any, str]:
+def rendered(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
     """Return the picture (rows, columns, 3) as bytes, and what its camera shows."""
-    if isinstance(solution, EigenSolution) and look.channel is None and look.field != "error":
+    if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         return _sheet(solution, look)
     mesh = solution.display_mesh()
     values, bar = shown_values(solution, mesh, look)
@@ -115,7 +115,7 @@ def rendered(solution: Solution, look: Look) -> tuple[Any, str]:
     return composed(image, bar, look.title, look.width), drawing.camera.told
 
 
-def drawn(solution: Solution, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
+def drawn(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
     """Return the drawing of a mesh as the look has it: flat beside a bar, unless it says otherwise."""
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
@@ -132,7 +132,7 @@ def _outlined(drawing: Drawing, look: Look) -> Drawing:
     return replace(drawing, ink=Shapes.join(ink))
 
 
-def shown_values(solution: Solution, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
+def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
     """Return what the mesh's vertices show, (v, 3) colours or (v, 1) values, and the bar of the latter.
 
     Raises
@@ -156,7 +156,7 @@ def shown_values(solution: Solution, mesh: DisplayMesh, look: Look) -> tuple[Flo
 
 
 def painted(
-    drawing: Drawing, solution: Solution, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
+    drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
 ) -> Floats:
     """Return the model (rows, columns, 3), from 0 to 1, with the lines that its values make."""
     from cpmkit.view.raster import pixels  # compiles
@@ -187,7 +187,7 @@ def check_channels(look: Look, channels: int, dim: int) -> None:
         raise InputError("isolines are those of one channel; give channel=.")
 
 
-def _sheet(solution: EigenSolution, look: Look) -> tuple[Any, str]:
+def _sheet(solution: EigenRecord, look: Look) -> tuple[Any, str]:
     """Return all modes in the same colours, each under its eigenvalue."""
     mesh = solution.display_mesh()
     columns = min(SHEET_COLUMNS, solution.channels)

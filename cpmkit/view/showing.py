@@ -17,7 +17,7 @@ from cpmkit.view.pictures import check_look, rendered
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Of the frame in a notebook, in pixels; and how wide a picture on axes is.
 NOTEBOOK_HEIGHT, PLOT_WIDTH = 520, 900
@@ -45,7 +45,7 @@ class Page:
         return f"Page({'in a notebook' if self.file is None else str(self.file)!r})"
 
 
-def show(solution: Solution, **options: Unpack[LookKeywords]) -> Page:
+def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
     """Show a solution to be turned and zoomed: in a notebook below the cell, else in a window of the browser.
 
     Raises
@@ -64,7 +64,7 @@ def show(solution: Solution, **options: Unpack[LookKeywords]) -> Page:
     return page
 
 
-def plot(solution: Solution, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
+def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
     """Draw a solution on axes of matplotlib, those of a new figure unless given, and return them."""
     from matplotlib import pyplot
 

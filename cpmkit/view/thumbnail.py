@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 from cpmkit.view import picture
 
 if TYPE_CHECKING:
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 #: Pixels of its width, and the most unknowns of which one is drawn unasked: larger ones take long.
 THUMBNAIL_PIXELS, MOST_DRAWN_UNKNOWNS = 400, 200_000
 
 
-def thumbnail(solution: Solution) -> bytes | None:
+def thumbnail(solution: SolutionRecord) -> bytes | None:
     """Return a PNG; None where no renderer answers, or the solution has nothing to draw or is large."""
     if len(solution.values) > MOST_DRAWN_UNKNOWNS:
         return None

@@ -5,9 +5,9 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
+from cpmkit.dispatch import solve_scene
 from cpmkit.explaining import foretold
 from cpmkit.forecast.growth import line_through
-from cpmkit.preparing import solved
 
 BALL = ck.source("analytic.sphere")
 RING = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
@@ -29,13 +29,13 @@ def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
 
     def rehearse(coarse):
         spacings.append(coarse)
-        solution = solved(scene, coarse, form=form, solver=told.solver)
+        solution = solve_scene(scene, coarse, form=form, solver=told.solver)
         return solution, work(solution)
 
     found = foretold(rehearse, spacing, told.unknowns, 2)
     assert spacings[0] == spacings[1] == 2 * spacings[2]
     assert spacings[2] >= 2 * spacing  # what is asked for is not solved to foretell itself
-    assert 0.5 < found / work(solved(scene, spacing, form=form)) < 2
+    assert 0.5 < found / work(solve_scene(scene, spacing, form=form)) < 2
 
 
 def test_a_line_goes_through_both_and_never_below_half_a_share():

@@ -30,7 +30,7 @@ def test_what_is_installed_is_reported(monkeypatch):
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
     monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "imageio", "cpmkit-no-such"))
-    monkeypatch.setattr("cpmkit.saving.summary.version", _absent)
+    monkeypatch.setattr("cpmkit.solution.summary.version", _absent)
     monkeypatch.setattr(doctor, "installed_kinds", list)
     found = diagnose()
     assert found.versions["pyvista"] is None

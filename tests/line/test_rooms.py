@@ -24,7 +24,7 @@ def test_imports_are_seen_wherever_they_stand(house):
     seen = {(one.importer, one.imported, one.late) for one in house.imports()}
     assert ("cpmkit.grid.band", "cpmkit.grid.lattice", False) in seen
     assert ("cpmkit.cli", "cpmkit.scenefile.scene_files", True) in seen  # from cpmkit import load_scene, in a function
-    assert ("cpmkit.preparing", "cpmkit.families.steady", False) in seen  # imported by its name in a table
+    assert ("cpmkit.dispatch", "cpmkit.families.steady", False) in seen  # imported by its name in a table
     assert not any(one.imported == "cpmkit.testing" for one in house.imports() if one.importer == "cpmkit.hookspecs")
 
 

@@ -5,7 +5,7 @@ import pytest
 from model_problems import circle_jump, on_circle, sphere_points
 
 import cpmkit as ck
-from cpmkit.saving.loading import SavedSolution
+from cpmkit.loading import SavedSolution
 
 TOML = """
 [surface]

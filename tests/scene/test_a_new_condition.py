@@ -10,9 +10,9 @@ from arc_problems import tilted_circle
 import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.hookspecs import hookimpl
-from cpmkit.saving.summary import describe_scene
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import Interface, Mixed, Nonlinear
+from cpmkit.solution.summary import describe_scene
 
 BAR = ck.source("analytic.segment", start=[0, 0], end=[1, 0])
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.solution.corner_joints import joined_at_corners
+from cpmkit.solution.boundary_points import joined_at_corners
 
 PLATE = ck.source(
     "mesh.triangles",

@@ -9,10 +9,10 @@ import numpy as np
 from cpmkit.families.eigen.multiplets import CUT, cut_multiplet
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.modes import EigenRecord
 
 
-def fewer_modes(solution: EigenSolution, scene: Scene) -> EigenSolution:
+def fewer_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
     """Return a solution of the same scene with the modes alone that ``scene`` asks for, as if it had been solved."""
     problem, values = scene.problem, solution.eigenvalues
     assert isinstance(problem, Eigen)

@@ -16,7 +16,7 @@ from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.diffusivities import StateDiffusivity, size_of
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
-from cpmkit.solution.resonance import Resonance
+from cpmkit.solution.modes import Resonance
 
 #: Relative residual to which the distance to an eigenvalue is computed.
 ROUGH_RESIDUAL = 1e-3

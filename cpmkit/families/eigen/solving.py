@@ -19,7 +19,7 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.linear.solve_report import MOST_ROUNDING, ROUNDING_FACTOR, SolveReport, rounding_of
 from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.solution.modes import EigenSolution
+from cpmkit.solution.modes import EigenRecord
 
 #: Further pairs that are sought, so that of a multiple eigenvalue none is missed.
 SPARE_PAIRS = 6
@@ -35,7 +35,7 @@ NEARLY_GREATEST_SHARE = 1 - 1e-3
 READ_TOGETHER = 4
 
 
-def solve_eigen(context: SolveContext) -> EigenSolution:
+def solve_eigen(context: SolveContext) -> EigenRecord:
     """Find the eigenvalues of a scene that its problem asks for.
 
     Raises
@@ -68,7 +68,7 @@ def solve_eigen(context: SolveContext) -> EigenSolution:
     work = form.work(stiffness, report)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     real, imaginary = modes.values.real, modes.values.imag
-    return EigenSolution(form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=told)
+    return EigenRecord(form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=told)
 
 
 def _pairs(problem: Eigen, stepped: InverseIteration) -> Pairs:

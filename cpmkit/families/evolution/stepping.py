@@ -25,7 +25,7 @@ from cpmkit.families.evolution.wave_schemes import implicit_wave, leapfrog, newm
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
-from cpmkit.solution.evolved import EvolvedSolution, check_frames_fit
+from cpmkit.solution.frames import EvolvedRecord, check_frames_fit
 
 SCHEMES: dict[str, Scheme] = {
     "backward-euler": backward_euler,
@@ -41,7 +41,7 @@ SCHEMES: dict[str, Scheme] = {
 NEEDED = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
 
 
-def solve_in_time(context: SolveContext) -> EvolvedSolution:
+def solve_in_time(context: SolveContext) -> EvolvedRecord:
     """Run a problem in time to its end.
 
     Raises
@@ -150,7 +150,7 @@ def _advanced(
 
 def _solution(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
-) -> EvolvedSolution:
+) -> EvolvedRecord:
     """Return the solution at the end, with its frames."""
     values, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
@@ -167,7 +167,7 @@ def _solution(
     ]
     warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, plan.start, state.history), *told)
     energy = wave_energy(plan.problem, state.history[-1], end)
-    last = EvolvedSolution(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
+    last = EvolvedRecord(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
     # A run that came to rest has fewer frames than were asked for.
     taken = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.solution.matched_modes import compare_modes
+from cpmkit.solution.modes import compare_modes
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 

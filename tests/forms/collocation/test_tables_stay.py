@@ -13,12 +13,12 @@ from model_problems import on_circle
 from scipy.sparse import issparse
 
 import cpmkit as ck
+from cpmkit.dispatch import FAMILIES
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.preparing import FAMILIES
 from cpmkit.protocols import no_progress
 
 CUT = ck.source("analytic.point", at=on_circle(np.array([1.0]))[0])

@@ -10,6 +10,7 @@ from typing import Any, NoReturn, overload
 import numpy as np
 
 from cpmkit.errors import InputError, shown
+from cpmkit.facade import Solution
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.forms.choice import module_of, options_of
 from cpmkit.forms.contract import Discretized
@@ -18,7 +19,6 @@ from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.solution import Solution
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
 MOST_BAND_SPACINGS = 12

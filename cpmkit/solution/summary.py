@@ -16,10 +16,10 @@ from cpmkit.scene.edge_conditions import ByPosition, LoopConditions
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
-    from cpmkit.solution.solution import Solution
+    from cpmkit.solution.record import SolutionRecord
 
 
-def summarize(solution: Solution) -> dict[str, Any]:
+def summarize(solution: SolutionRecord) -> dict[str, Any]:
     """Return the summary that ``summary.json`` holds."""
     versions = {name: version_of(name) or "not installed" for name in solution.discretized.traits.libraries}
     return {

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack
+from typing import Any
 
 import numpy as np
 
@@ -13,10 +12,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.display_mesh import DisplayMesh
-from cpmkit.solution.solution import Solution
-
-if TYPE_CHECKING:
-    from cpmkit.scenefile.look import LookKeywords
+from cpmkit.solution.record import SolutionRecord
 
 #: Bytes of a value, and how often frames are in memory while they are saved.
 VALUE_BYTES, FRAME_COPIES = 8, 2
@@ -39,7 +35,7 @@ def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class EvolvedSolution(Solution):
+class EvolvedRecord(SolutionRecord):
     """The solution of a problem in time, at one time; read, saved and drawn as any other.
 
     Attributes
@@ -57,7 +53,7 @@ class EvolvedSolution(Solution):
     time: float = field(kw_only=True)
     steps: int = field(kw_only=True)
     energy: Floats | None = field(default=None, kw_only=True)
-    frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
+    frames: tuple[EvolvedRecord, ...] = field(default=(), kw_only=True)
 
     @property
     def data_time(self) -> float:
@@ -68,12 +64,6 @@ class EvolvedSolution(Solution):
     def totals(self) -> Floats | None:
         """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
         return self.discretized.integrals(self.values)
-
-    def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
-        """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.film.animate`."""
-        from cpmkit.view.film import animate
-
-        return animate(self, path, fps, **options)
 
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
@@ -112,7 +102,7 @@ class EvolvedSolution(Solution):
         return f"{super().__repr__()}, time {self.time:g} after {self.steps} steps{kept}"
 
 
-def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
+def frames_of(solution: SolutionRecord, what: str) -> tuple[EvolvedRecord, ...]:
     """Return the frames of a solution.
 
     Raises
@@ -120,7 +110,7 @@ def frames_of(solution: Solution, what: str) -> tuple[EvolvedSolution, ...]:
     InputError
         If it has none.
     """
-    frames = solution.frames if isinstance(solution, EvolvedSolution) else ()
+    frames = solution.frames if isinstance(solution, EvolvedRecord) else ()
     if not frames:
         raise InputError(
             f"{what} needs frames, and the solution has none; ask the problem for some, such as Heat(..., frames=10)."

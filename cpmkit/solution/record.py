@@ -1,64 +1,115 @@
-"""A solution: read it at any point of the manifold, from either side of a boundary; save it; draw it."""
+"""The record of a solution: the values of its unknowns, read at any point and on either side of a boundary."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar, overload
 
 import numpy as np
 
+from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import MeasuredWork
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import SIDES, Floats, ReadSides, Side, Sides
-from cpmkit.runtime.messages import html_table
+from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasGivenMesh, Ints, ReadSides, Side, Sides
 from cpmkit.scene.scene import Scene
+from cpmkit.solution.summary import summarize
 
 if TYPE_CHECKING:
-    from cpmkit.accuracy.error_estimate import ErrorEstimate
-    from cpmkit.accuracy.trade import Trade
-    from cpmkit.scenefile.look import LookKeywords, SavingKeywords
     from cpmkit.solution.display_mesh import DisplayMesh
     from cpmkit.solution.integrals import Integrand
-    from cpmkit.solution.resonance import Resonance
-    from cpmkit.view import Picture
-    from cpmkit.view.showing import Page
+    from cpmkit.solution.modes import Resonance
+
+UserClass = TypeVar("UserClass", bound="type[SolutionRecord]")
+#: Farther from the surface, in spacings, a vertex of the user's mesh (as one in no face may be) has no value.
+FARTHEST_VERTEX_SPACINGS = 0.5
+#: The class that is constructed in place of a record class.
+_user_classes: dict[type, type] = {}
+
+
+class ErrorField(Protocol):
+    """An estimate of a solution's error, known all over the manifold."""
+
+    def at_points(self, points: Any) -> Floats:
+        """Return the estimated error (n,) or (n, channels) at points (n, d), in the solution's own unit."""
+
+    def on_mesh(self, mesh: DisplayMesh) -> Floats:
+        """Return the estimated error (v, channels) at the vertices of a mesh."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the estimate as plain values."""
+
+
+class SolveHistory(Protocol):
+    """The solves that led to a solution of a requested accuracy, time or memory."""
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the history as plain values."""
+
+
+def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
+    """Let objects of class ``record`` be constructed as objects of the decorated class, which is derived from it.
+
+    Families construct records. The derived class adds the methods that save and draw, whose rooms lie above the
+    families.
+    """
+
+    def register(user_class: UserClass) -> UserClass:
+        _user_classes[record] = user_class
+        return user_class
+
+    return register
+
+
+def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
+    """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
+
+    Raises
+    ------
+    InputError
+        If the surface was not made from a mesh, a polyline or a cloud.
+    """
+    if isinstance(surface, HasGivenMesh):
+        return surface.given_mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} was not made from vertices of yours; solution.evaluate(points) "
+        "reads any points, and solution.display_mesh() is the mesh that pictures show."
+    )
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
-    """The solution of a scene, by whatever form.
+class SolutionRecord:
+    """The solution of a scene, by any form.
 
     Attributes
     ----------
     discretized : Discretized
-        The scene on the form's unknowns.
+        The discretised scene.
     values : (unknowns, channels) float64
-        Of the unknowns.
+        Values of the unknowns.
     report : SolveReport
-        What the solver reached.
+        Solver, iterations and residual.
     work : MeasuredWork
-        What it cost, in units that no machine changes.
+        Cost in counts that are the same on every machine.
     seconds : mapping
-        Seconds of each stage; of this machine, on this day.
+        Wall-clock seconds of each stage.
     warnings : tuple of str
-        What a reader of the solution should know.
+        Sentences on what may spoil the solution.
     imbalances : tuple of Imbalance
-        What did not balance, and what was done about it. One of "data" for each piece of the manifold on which the
-        solution is fixed by its mean alone, which is zero: what of the data has no solution there. One of "mean" for
-        each closed piece on which c times the mean of u was made the mean of f; in place of these one of "fluxes",
-        where balancing them was asked for.
-    estimated : ErrorEstimate, optional
-        Of its error, where it was asked for; False where it is not to be estimated; see :attr:`error`.
-    trade : Trade, optional
-        What was done to reach an error, or to stay within a time or a memory, where one was asked for.
+        Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
+        solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
+        "mean" for each closed piece on which c times the mean of u was set to the mean of f; in place of these one of
+        "fluxes" where balanced fluxes were requested.
+    estimated : ErrorField, optional
+        The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
+    trade : SolveHistory, optional
+        The solves that led to a requested error, time or memory.
     resonance : Resonance, optional
-        The eigenvalue of the operator that is nearest to zero, of steady problems that may have one near it: where c or
-        a condition takes from the energy.
+        The eigenvalue of the operator nearest to zero, of steady problems that may have one near it: where c or a
+        condition makes the energy indefinite.
     """
 
     discretized: Discretized
@@ -68,13 +119,18 @@ class Solution:
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
-    estimated: ErrorEstimate | Literal[False] | None = field(default=None, kw_only=True)
-    trade: Trade | None = field(default=None, kw_only=True)
+    estimated: ErrorField | Literal[False] | None = field(default=None, kw_only=True)
+    trade: SolveHistory | None = field(default=None, kw_only=True)
     resonance: Resonance | None = field(default=None, kw_only=True)
+
+    def __new__(cls, *_args: Any, **_fields: Any) -> Self:
+        """Return an object of the class that users hold, once it is registered."""
+        made: Self = object.__new__(_user_classes.get(cls, cls))
+        return made
 
     @property
     def scene(self) -> Scene:
-        """What was solved."""
+        """The scene that was solved."""
         return self.discretized.scene
 
     @property
@@ -93,27 +149,17 @@ class Solution:
         return None
 
     @property
-    def error(self) -> ErrorEstimate:
-        """An estimate of the error: that of :func:`cpmkit.solve`, or one that is made when it is first asked for.
-
-        Made by solving on a lattice of twice the spacing, for about a quarter of what the solution took.
+    def error(self) -> ErrorField:
+        """The error estimate that was made with the solution; :class:`cpmkit.Solution` makes one on first use.
 
         Raises
         ------
-        CpmkitError
-            If the scene cannot be solved at twice the spacing, or the solution is not one on a lattice.
+        InputError
+            If there is none.
         """
-        return self.estimated or self._error
-
-    @cached_property
-    def _error(self) -> ErrorEstimate:
-        from cpmkit.accuracy.estimate import error_of
-
-        return error_of(self)
-
-    def error_at(self, points: Any) -> Any:
-        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
-        return self._at(points, self.error.at_points)
+        if not self.estimated:
+            raise InputError("the error of this solution was not estimated; cpmkit.Solution.error estimates it.")
+        return self.estimated
 
     @overload
     def evaluate(self, points: Sequence[float], side: ReadSides = None) -> Any: ...
@@ -180,9 +226,15 @@ class Solution:
         InputError
             If the surface was not made from vertices.
         """
-        from cpmkit.solution.own_vertices import at_vertices
-
-        return at_vertices(self, side)
+        surface = self.scene.surface
+        vertices, _ = given_mesh_of(surface)
+        rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))
+        distance = surface.closest_point(np.ascontiguousarray(vertices[rows])).distance
+        rows = rows[distance <= FARTHEST_VERTEX_SPACINGS * self.spacing]
+        read = self.evaluate(np.ascontiguousarray(vertices[rows]), side)
+        values = np.full((len(vertices), *read.shape[1:]), np.nan)
+        values[rows] = read
+        return values
 
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
@@ -325,61 +377,6 @@ class Solution:
 
         return mean(self, function, dim)
 
-    def save(self, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
-        """Write the solution to ``path``; the suffix decides what: see :func:`cpmkit.saving.export.save`.
-
-        A file that is there already is replaced, by a whole one or not at all. ``vertices="own"`` writes a mesh file
-        with the vertices and cells that the surface was made from; options are those of films and pages.
-        """
-        from cpmkit.saving.export import save
-
-        save(self, path, vertices, **options)
-
-    def picture(self, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
-        """Draw the solution into the PNG ``path``; see :func:`cpmkit.view.picture`."""
-        from cpmkit.view import picture
-
-        return picture(self, path, **options)
-
-    def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the solution on axes of matplotlib, as :meth:`picture` does, and return them."""
-        from cpmkit.view.showing import plot
-
-        return plot(self, axes, **options)
-
-    def show(self, **options: Unpack[LookKeywords]) -> Page:
-        """Show the solution to be turned and zoomed, in a window of the browser or in a notebook.
-
-        :func:`cpmkit.pick_line` shows it in a window in which lines are drawn on it.
-        """
-        from cpmkit.view.showing import show
-
-        return show(self, **options)
-
-    def to_pyvista(self, vertices: str = "display") -> Any:
-        """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_pyvista
-
-        return to_pyvista(self, vertices)
-
-    def to_trimesh(self, vertices: str = "display") -> Any:
-        """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_trimesh
-
-        return to_trimesh(self, vertices)
-
-    def to_meshio(self, vertices: str = "display") -> Any:
-        """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_meshio
-
-        return to_meshio(self, vertices)
-
-    def to_polyscope(self, name: str = "solution", vertices: str = "display") -> Any:
-        """Register the mesh with polyscope under ``name``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_polyscope
-
-        return to_polyscope(self, name, vertices)
-
     @property
     def doubled(self) -> Floats:
         """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
@@ -399,8 +396,6 @@ class Solution:
 
     def summary(self) -> dict[str, Any]:
         """Return what was solved, what it cost and what it reached, as plain values."""
-        from cpmkit.saving.summary import summarize
-
         return summarize(self)
 
     def arrays(self) -> dict[str, Any]:
@@ -430,8 +425,3 @@ class Solution:
             *(("error", line) for line in str(self.estimated or "").splitlines()),
             *(("warning", sentence) for sentence in self.warnings),
         ]
-
-    def _repr_html_(self) -> str:
-        from cpmkit.view.thumbnail import thumbnail
-
-        return html_table(f"Solution of {self.scene.problem.kind}", self._figures(), thumbnail(self))

@@ -1,0 +1,162 @@
+"""From a scene and its options to a solution: the form that discretises, and the family of the equation that solves."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.nonlinear import solve_nonlinear
+from cpmkit.families.quasilinear import solve_quasilinear
+from cpmkit.forecast.running_out import explain_memory_error
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.choice import every_option, module_of, options_of
+from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.options import Options, solver_of
+from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
+from cpmkit.plugins import call, check_keys, factory, takes
+from cpmkit.protocols import Backend, Floats, Progress, no_progress
+from cpmkit.runtime.options import declared, take
+from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.nonlinear_equations import QuasilinearEquation
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.record import SolutionRecord
+
+#: The module that solves each family of equations, and its function.
+FAMILIES = {
+    "steady": ("cpmkit.families.steady", "solve_steady"),
+    "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
+    "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
+    "coupled": ("cpmkit.families.coupled", "solve_coupled"),
+    "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
+}
+
+
+def solve_scene(
+    scene: Scene,
+    spacing: float | None = None,
+    *,
+    backend: str = "cpm",
+    progress: Progress = no_progress,
+    **options: Any,
+) -> SolutionRecord:
+    """Solve a scene as :func:`cpmkit.solve` does, without its warnings being issued: the solution holds them."""
+    checkpointing, rest = take(Checkpointing, options)
+    checkpointing.check_for(scene.problem)
+    started = time.perf_counter()
+    discretize, solver, target = resolve_options(backend, scene, spacing, progress, rest)
+    with explain_memory_error(scene, target, solver.solver):  # no local holds the tables, should memory run out
+        return solve_discretized(discretize(), solver, Kept(), progress, checkpointing, started=started)
+
+
+def solve_discretized(
+    form: Discretized,
+    options: SolverOptions,
+    cache: Kept,
+    progress: Progress,
+    checkpointing: Checkpointing,
+    guess: Floats | None = None,
+    started: float | None = None,
+) -> SolutionRecord:
+    """Solve a discretised scene by the family of its equation.
+
+    Parameters
+    ----------
+    form : Discretized
+        The discretised scene.
+    options : SolverOptions
+        How linear systems are solved.
+    cache : Kept
+        Operators and factors of earlier solves on the same tables.
+    progress : callable
+        ``progress(stage, fraction)``.
+    checkpointing : Checkpointing
+        Checkpoints of runs in time.
+    guess : (unknowns, channels) float64, optional
+        Initial guess of iterative solvers.
+    started : float, optional
+        ``time.perf_counter()`` at the start of the discretisation; now if not given.
+    """
+    started = time.perf_counter() if started is None else started
+    chosen = solver_of(form, options.solver)
+    steps = form.scene.problem.family == "time"
+    solver = solver_of_steps(options, chosen) if steps else make_solver(chosen, options.further)
+    by_default = options.solver_tolerance is None
+    return _solve_family(
+        SolveContext(
+            form,
+            solver,
+            chosen,
+            options.residual,
+            progress,
+            started,
+            checkpointing,
+            guess,
+            cache,
+            by_default=by_default,
+        )
+    )
+
+
+def _solve_family(context: SolveContext) -> SolutionRecord:
+    """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    if context.scene.has_tensor:
+        require(context.discretized, "diffusivity that is a tensor")
+    module, function = FAMILIES[context.scene.problem.family]
+    solve_family: Callable[[SolveContext], SolutionRecord] = getattr(import_module(module), function)
+    if isinstance(context.scene.problem, QuasilinearEquation):
+        solve_family = solve_quasilinear
+    if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
+        return solve_nonlinear(context, solve_family)
+    return solve_family(context)
+
+
+def resolve_options(
+    backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
+) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
+    """Check all options of a solve, and return them by the part that uses them.
+
+    Returns
+    -------
+    discretize : callable
+        Discretises the scene.
+    solver : SolverOptions
+        How linear systems are solved.
+    target : Options or None
+        Options of the closest point method; None of another back end.
+
+    Raises
+    ------
+    InputError
+        If an option is not accepted.
+    PluginError
+        If no installed plugin offers the back end.
+    """
+    if backend != "cpm":
+        return (*_resolve_plugin_options(backend, scene, spacing, progress, options), None)
+    target, rest = options_of(scene, spacing, options)
+    solver = SolverOptions.of(rest, (*every_option(), *declared(AccuracyTarget), *declared(Checkpointing)))
+    form = module_of(target.form)
+    form.check(scene, target)
+    return lambda: form.discretize(scene, target, progress), solver, target
+
+
+def _resolve_plugin_options(
+    backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
+) -> tuple[Callable[[], Discretized], SolverOptions]:
+    """Return the function that discretises by a plugin's form, and the options of linear solvers.
+
+    An option that the plugin lacks is refused with the list of those that it takes.
+    """
+    label = f"the back end {backend!r}"
+    plugin: Backend = call(factory(backend, "cpmkit_backends"), label, {})
+    of_plugin = {name: value for name, value in options.items() if takes(plugin.discretize, name)}
+    rest = {name: value for name, value in options.items() if name not in of_plugin}
+    built_in = options.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
+    of_solver = (*declared(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
+    check_keys(plugin.discretize, label, options, (*declared(Checkpointing), *of_solver))
+    table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
+    return lambda: call(plugin.discretize, label, table), SolverOptions.of(rest)

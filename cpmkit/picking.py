@@ -1,0 +1,283 @@
+"""A window in which a line is drawn on a surface by clicks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, MissingDependencyError, shown
+from cpmkit.facade import Solution
+from cpmkit.files.whole_files import written_whole
+from cpmkit.mesh.mixed_cells import with_corners
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
+from cpmkit.runtime.messages import to_install
+from cpmkit.scene.surface_input import Surface, as_source
+from cpmkit.view.drawing import in_space
+
+#: Neighbouring points of a line that are farther apart than so many steps are not on one stretch of the surface.
+LARGEST_GAP_STEPS = 4.0
+#: A click nearer to the last one than this share of a step is the same again.
+SAME_CLICK_STEPS = 1e-6
+#: Files that the kind mesh.polyline reads.
+LINE_SUFFIXES = (".csv", ".obj", ".npy")
+
+
+@dataclass(frozen=True, eq=False)
+class DrawnLine:
+    """The points that were clicked on a surface, in the order of travel.
+
+    Attributes
+    ----------
+    surface : ClosestPointSource
+    step : float
+        How far apart neighbouring points of the line are at most, where the surface is flat.
+    clicks : (k, d) float64
+        On the surface.
+    closed : bool
+        Whether the last leads back to the first.
+    """
+
+    surface: ClosestPointSource
+    step: float
+    clicks: Floats
+    closed: bool = False
+
+    @cached_property
+    def points(self) -> Floats:
+        """(n, d) points on the surface, the clicks among them; of a closed line the first is also the last."""
+        ends = np.concatenate([self.clicks, self.clicks[:1]]) if self.closed and len(self.clicks) > 1 else self.clicks
+        if len(ends) < 2:
+            return ends
+        counts = np.maximum(np.ceil(np.linalg.norm(np.diff(ends, axis=0), axis=1) / self.step), 1).astype(np.int64)
+        start = np.repeat(np.arange(len(counts)), counts)
+        share = (np.arange(len(start)) - np.repeat(np.cumsum(counts) - counts, counts)) / counts[start]
+        chords = ends[start] + share[:, None] * (ends[start + 1] - ends[start])
+        return np.concatenate([self.surface.closest_point(chords).points, ends[-1:]])
+
+    def clicked(self, point: Floats) -> DrawnLine:
+        """Return the line with one point more, the surface's nearest to ``point`` (d,) or, in the plane, (3,).
+
+        Raises
+        ------
+        InputError
+            If the way there from the last point leaves the surface: between the two it would jump.
+        """
+        place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
+        foot = self.surface.closest_point(np.ascontiguousarray(place)).points
+        if len(self.clicks) and np.linalg.norm(foot[0] - self.clicks[-1]) <= SAME_CLICK_STEPS * self.step:
+            return self
+        check_way(replace(self, clicks=np.concatenate([self.clicks[-1:], foot]), closed=False))
+        return replace(self, clicks=np.concatenate([self.clicks, foot]))
+
+    def without_last(self) -> DrawnLine:
+        """Return the line without its last click."""
+        return replace(self, clicks=self.clicks[:-1])
+
+    def finished(self) -> Floats:
+        """Return its points (n, d).
+
+        Raises
+        ------
+        InputError
+            If it has fewer than two clicks, or three where it is closed, or its end does not lead back to its start.
+        """
+        least = 3 if self.closed else 2
+        if len(self.clicks) < least:
+            sort = "a closed line" if self.closed else "a line"
+            raise InputError(f"{sort} needs {least} points at least, and {len(self.clicks)} were picked.")
+        check_way(self)
+        return self.points
+
+
+def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -> DrawnLine:
+    """Return a line on ``surface`` without a point.
+
+    Raises
+    ------
+    InputError
+        If it is no surface.
+    """
+    if surface.manifold_dim not in (2, None):
+        what = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
+        raise InputError(f"lines are drawn on surfaces, and this is {what}.")
+    return DrawnLine(surface, step, np.zeros((0, surface.dim)), closed)
+
+
+def check_way(line: DrawnLine) -> None:
+    """Refuse a line that jumps."""
+    gaps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
+    if len(gaps) and gaps.max() > LARGEST_GAP_STEPS * line.step:
+        near = ", ".join(f"{x:.4g}" for x in line.points[int(gaps.argmax())])
+        raise InputError(
+            f"the straight way between two points leaves the surface near ({near}); pick one between them."
+        )
+
+
+def check_line_file(path: str | Path, surface: ClosestPointSource) -> Path:
+    """Return the path of a file to which a line on ``surface`` can be written.
+
+    Raises
+    ------
+    InputError
+        If its suffix is none of those accepted, or it is an OBJ file and the surface is in the plane.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in LINE_SUFFIXES:
+        raise InputError(f"A line is saved as {', '.join(LINE_SUFFIXES)}, got {shown(path.name)}.")
+    if path.suffix.lower() == ".obj" and surface.dim == 2:
+        raise InputError("OBJ files hold points of space, and the line is in the plane; use .csv.")
+    return path
+
+
+def write_line(points: Floats, path: Path) -> None:
+    """Write points (n, d) so that the kind ``mesh.polyline`` reads them: a file that is there is replaced."""
+    rows = [[f"{x:.17g}" for x in point] for point in points.tolist()]
+    with written_whole(path) as unfinished:
+        if path.suffix.lower() == ".npy":
+            with unfinished.open("wb") as file:
+                np.save(file, points)
+        elif path.suffix.lower() == ".csv":
+            unfinished.write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
+        else:
+            closed = len(points) > 1 and bool((points[0] == points[-1]).all())
+            kept = rows[:-1] if closed else rows
+            numbers = [*range(1, len(kept) + 1), *([1] if closed else [])]
+            text = "".join("v " + " ".join(row) + "\n" for row in kept) + "l " + " ".join(map(str, numbers)) + "\n"
+            unfinished.write_text(text, encoding="utf-8")
+
+
+#: Triangles of a source that is shown, and steps of the line, along the longest side of the surface.
+SHOWN_CELLS, LINE_STEPS = 100, 200
+#: Of the line in the window in its steps, and of the clicks in pixels.
+TUBE_RADIUS_STEPS, POINT_SIZE = 0.8, 12
+TOLD = "right click: a point,  BackSpace: take it back,  q: done"
+
+
+def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:
+    """Show a surface or a solution in a window, in which clicks draw a line, and return the line.
+
+    The right button puts a point under the mouse, the key BackSpace takes the last one back, q or closing the window
+    ends it; the left button and the wheel turn and zoom. Between the points the line follows the surface. Left of it is
+    at your left hand as you walk in the order of the clicks, the surface's outside up.
+
+    Parameters
+    ----------
+    shown : ClosestPointSource or Solution
+        What to draw on; also a mesh of another library, as for :class:`cpmkit.Scene`.
+    path : path, optional
+        A ``.csv``, ``.obj`` or ``.npy`` file, which the kind ``mesh.polyline`` reads; one that is there is replaced.
+    closed : bool
+        Whether the last point leads back to the first.
+
+    Returns
+    -------
+    (n, d) float64
+        Points of the surface, in the scene's coordinates; of a closed line the first is also the last.
+
+    Raises
+    ------
+    InputError
+        If it is no surface or has no mesh, the file is of another kind, or fewer than two points were picked, three of
+        a closed line.
+    MissingDependencyError
+        If pyvista, which shows the window, is not installed.
+    """
+    surface = shown.scene.surface if isinstance(shown, Solution) else as_source(shown)
+    place = None if path is None else check_line_file(path, surface)
+    canvas = Canvas(start_line(surface, _size(surface) / LINE_STEPS, closed), shown_mesh(shown, surface))
+    canvas.plotter.show()
+    points = canvas.line.finished()
+    if place is not None:
+        write_line(points, place)
+    return points
+
+
+class Canvas:
+    """The window: what is clicked becomes a point of the line, and the line is drawn anew.
+
+    Attributes
+    ----------
+    line : DrawnLine
+        So far.
+    plotter : pyvista.Plotter
+    """
+
+    def __init__(self, line: DrawnLine, mesh: Any) -> None:
+        self.line = line
+        self.plotter = _pyvista().Plotter()
+        coloured = {"scalars": "rgb", "rgb": True} if "rgb" in mesh.point_data else {}
+        self.plotter.add_mesh(mesh, color=None if mesh.n_arrays else "wheat", **coloured)
+        self.plotter.enable_surface_point_picking(
+            callback=self.click, show_message=False, show_point=False, clear_on_no_selection=False
+        )
+        self.plotter.add_key_event("BackSpace", self.take_back)
+        self.say(TOLD)
+
+    def click(self, point: Any) -> None:
+        """Add the surface's point nearest to the one (3,) under the mouse, or say why the line cannot go there."""
+        try:
+            self.line = self.line.clicked(point)
+        except InputError as error:
+            return self.say(str(error))
+        self.draw()
+
+    def take_back(self) -> None:
+        """Remove the last point."""
+        self.line = self.line.without_last()
+        self.draw()
+
+    def draw(self) -> None:
+        """Draw the line as it is."""
+        pyvista = _pyvista()
+        self.plotter.remove_actor(["clicks", "line"])
+        if len(self.line.clicks):
+            marks = {"pickable": False, "reset_camera": False, "color": "black"}
+            clicks, balls = pyvista.PolyData(in_space(self.line.clicks)), {"render_points_as_spheres": True}
+            self.plotter.add_mesh(clicks, name="clicks", point_size=POINT_SIZE, **balls, **marks)
+            if len(self.line.points) > 1:
+                curve = pyvista.lines_from_points(in_space(self.line.points))
+                tube = curve.tube(radius=TUBE_RADIUS_STEPS * self.line.step)  # a thin one is half hidden by triangles
+                self.plotter.add_mesh(tube, name="line", **marks)
+        self.say(TOLD)
+
+    def say(self, sentence: str) -> None:
+        """Write a sentence at the window's upper edge."""
+        self.plotter.add_text(sentence, name="told", font_size=9, position="upper_left")
+
+
+def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
+    """Return the ``pyvista.PolyData`` of a solution, or of a surface alone.
+
+    Raises
+    ------
+    InputError, MissingDependencyError
+        As :func:`pick_line` does.
+    """
+    pyvista = _pyvista()
+    if isinstance(shown, Solution):
+        return shown.to_pyvista()
+    if not isinstance(surface, HasMesh):
+        raise InputError("the surface has no mesh, without which it cannot be shown.")
+    points, cells = surface.mesh(_size(surface) / SHOWN_CELLS)
+    triangles = with_corners(cells, 3)
+    if not len(triangles):  # a cloud
+        return pyvista.PolyData(in_space(points))
+    return pyvista.PolyData.from_regular_faces(in_space(points), triangles)
+
+
+def _size(surface: ClosestPointSource) -> float:
+    return float(np.ptp(surface.bounds, axis=0).max())
+
+
+def _pyvista() -> Any:
+    try:
+        return import_module("pyvista")
+    except ImportError as error:
+        raise MissingDependencyError(
+            f"pyvista, which shows the window, does not import: {error}; {to_install('view')} adds it."
+        ) from error
