@@ -12,9 +12,6 @@ from cpmkit.runtime.deprecation import deprecated_names
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:
-    from cpmkit.combinations.rectangle import rectangle as rectangle
-    from cpmkit.combinations.rotation import as_rotation as as_rotation
-    from cpmkit.combinations.rotation import rotate as rotate
     from cpmkit.errors import ConvergenceError as ConvergenceError
     from cpmkit.errors import CpmkitError as CpmkitError
     from cpmkit.errors import CpmkitWarning as CpmkitWarning
@@ -43,22 +40,43 @@ if TYPE_CHECKING:
     from cpmkit.forms.galerkin.cut_mesh import cut_along_boundaries as cut_along_boundaries
     from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
     from cpmkit.formulas.derivatives import formula_jets as formula_jets
+    from cpmkit.formulas.expressions import Expression as Expression
     from cpmkit.formulas.trees import COORDINATES as COORDINATES
     from cpmkit.formulas.trees import FUNCTIONS as FUNCTIONS
     from cpmkit.formulas.trees import formula_tree as formula_tree
+    from cpmkit.grid.band import cell_levels as cell_levels
     from cpmkit.grid.fitting import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
     from cpmkit.linear.solve_report import SolveReport as SolveReport
     from cpmkit.linear.solve_report import judge as judge
+    from cpmkit.manifold.abilities import MOST_EDGES as MOST_EDGES
+    from cpmkit.manifold.abilities import advice_of as advice_of
+    from cpmkit.manifold.abilities import edge_limit_of as edge_limit_of
+    from cpmkit.manifold.abilities import local_minima_of as local_minima_of
     from cpmkit.manifold.abilities import warnings_of as warnings_of
+    from cpmkit.manifold.answers import check_source as check_source
+    from cpmkit.manifold.chains import Chain as Chain
+    from cpmkit.manifold.chains import chains as chains
+    from cpmkit.manifold.local_source import LocalSource as LocalSource
+    from cpmkit.manifold.local_source import localize as localize
+    from cpmkit.manifold.rotation import as_rotation as as_rotation
+    from cpmkit.manifold.rotation import rotate as rotate
     from cpmkit.manifold.short_text import source_repr as source_repr
+    from cpmkit.manifold.tangent_space import outward_conormals as outward_conormals
+    from cpmkit.manifold.tangent_space import unit_normals as unit_normals
+    from cpmkit.manifold.tangent_space import unit_tangents as unit_tangents
     from cpmkit.manifold.vectors import dots as dots
     from cpmkit.manifold.vectors import norms as norms
     from cpmkit.manifold.vectors import unit as unit
+    from cpmkit.mesh.mixed_cells import Polyline as Polyline
+    from cpmkit.mesh.mixed_cells import chain_segments as chain_segments
+    from cpmkit.mesh.mixed_cells import number_edges as number_edges
+    from cpmkit.mesh.mixed_cells import rotate_triangles as rotate_triangles
     from cpmkit.mesh.normals_of_mesh import edge_support as edge_support
     from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
+    from cpmkit.mesh.rectangle import rectangle as rectangle
     from cpmkit.plugins import source as source
     from cpmkit.protocols import SIDES as SIDES
     from cpmkit.protocols import Advice as Advice
@@ -67,8 +85,10 @@ if TYPE_CHECKING:
     from cpmkit.protocols import BoundarySet as BoundarySet
     from cpmkit.protocols import ClosestPoints as ClosestPoints
     from cpmkit.protocols import ClosestPointSource as ClosestPointSource
+    from cpmkit.protocols import CutsItself as CutsItself
     from cpmkit.protocols import Floats as Floats
     from cpmkit.protocols import HasAdvice as HasAdvice
+    from cpmkit.protocols import HasCreases as HasCreases
     from cpmkit.protocols import HasFiniteFeet as HasFiniteFeet
     from cpmkit.protocols import HasGivenMesh as HasGivenMesh
     from cpmkit.protocols import HasLeft as HasLeft
@@ -131,91 +151,176 @@ if TYPE_CHECKING:
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
     from cpmkit.testing import run_laws as run_laws
 
-#: Names by what they serve and by the module that holds them.
-_NAMES = {
+#: The names by what they serve, each with the module that holds it.
+GROUPS: dict[str, dict[str, str]] = {
     "Types": {
-        "protocols": "Bools ClosestPointSource ClosestPoints Floats Ints Progress Side",
+        "Bools": "protocols",
+        "ClosestPointSource": "protocols",
+        "ClosestPoints": "protocols",
+        "Floats": "protocols",
+        "Ints": "protocols",
+        "Progress": "protocols",
+        "Side": "protocols",
     },
     "Abilities of sources": {
-        "protocols": (
-            "Advice HasAdvice HasFiniteFeet HasGivenMesh HasLeft HasLocalMinima HasManyEdges HasMembers HasMesh "
-            "HasNormals HasTangents HasTranslation HasValues NamesLeft"
-        ),
+        "Advice": "protocols",
+        "HasAdvice": "protocols",
+        "HasFiniteFeet": "protocols",
+        "HasGivenMesh": "protocols",
+        "HasLeft": "protocols",
+        "HasLocalMinima": "protocols",
+        "HasManyEdges": "protocols",
+        "HasMembers": "protocols",
+        "HasMesh": "protocols",
+        "HasNormals": "protocols",
+        "HasTangents": "protocols",
+        "HasTranslation": "protocols",
+        "HasValues": "protocols",
+        "NamesLeft": "protocols",
+        "MOST_EDGES": "manifold.abilities",
+        "advice_of": "manifold.abilities",
+        "edge_limit_of": "manifold.abilities",
+        "local_minima_of": "manifold.abilities",
+        "CutsItself": "protocols",
+        "HasCreases": "protocols",
     },
     "Errors": {
-        "errors": (
-            "ConvergenceError CpmkitError CpmkitWarning InputError MissingDependencyError ResolutionError "
-            "SceneError place shown"
-        ),
+        "ConvergenceError": "errors",
+        "CpmkitError": "errors",
+        "CpmkitWarning": "errors",
+        "InputError": "errors",
+        "MissingDependencyError": "errors",
+        "ResolutionError": "errors",
+        "SceneError": "errors",
+        "place": "errors",
+        "shown": "errors",
     },
     "Checking input": {
-        "runtime.arrays": "as_colour as_points as_positions as_vector check_size length one_row_each positive whole",
-        "combinations.rotation": "as_rotation",
+        "as_points": "runtime.arrays",
+        "as_positions": "runtime.arrays",
+        "as_vector": "runtime.arrays",
+        "check_size": "runtime.arrays",
+        "length": "runtime.arrays",
+        "one_row_each": "runtime.arrays",
+        "positive": "runtime.arrays",
+        "whole": "runtime.arrays",
+        "as_rotation": "manifold.rotation",
+        "as_colour": "runtime.arrays",
+        "check_source": "manifold.answers",
     },
     "Reading and writing files": {
-        "files.ply_files": "PlyLists ply_vertices read_ply",
-        "files.data_files": "existing_file",
-        "files.array_files": "read_array read_bytes",
-        "files.png_files": "write_png",
+        "PlyLists": "files.ply_files",
+        "ply_vertices": "files.ply_files",
+        "read_ply": "files.ply_files",
+        "existing_file": "files.data_files",
+        "read_array": "files.array_files",
+        "read_bytes": "files.array_files",
+        "write_png": "files.png_files",
     },
     "Formulas": {
-        "formulas.trees": "COORDINATES FUNCTIONS formula_tree",
-        "formulas.derivatives": "FormulaJets formula_jets",
+        "COORDINATES": "formulas.trees",
+        "FUNCTIONS": "formulas.trees",
+        "formula_tree": "formulas.trees",
+        "FormulaJets": "formulas.derivatives",
+        "formula_jets": "formulas.derivatives",
+        "Expression": "formulas.expressions",
     },
     "Compiled kernels and threads": {
-        "runtime.compilation": "compiled inlined",
-        "runtime.threads": "run_parcels thread_count",
+        "compiled": "runtime.compilation",
+        "inlined": "runtime.compilation",
+        "run_parcels": "runtime.threads",
+        "thread_count": "runtime.threads",
     },
     "Vectors and meshes": {
-        "manifold.short_text": "source_repr",
-        "manifold.vectors": "dots norms unit",
-        "combinations.rectangle": "rectangle",
-        "combinations.rotation": "rotate",
+        "source_repr": "manifold.short_text",
+        "dots": "manifold.vectors",
+        "norms": "manifold.vectors",
+        "unit": "manifold.vectors",
+        "rectangle": "mesh.rectangle",
+        "rotate": "manifold.rotation",
+        "Chain": "manifold.chains",
+        "chains": "manifold.chains",
+        "number_edges": "mesh.mixed_cells",
+        "rotate_triangles": "mesh.mixed_cells",
+        "Polyline": "mesh.mixed_cells",
+        "chain_segments": "mesh.mixed_cells",
+    },
+    "Closest points seen from a place": {
+        "LocalSource": "manifold.local_source",
+        "localize": "manifold.local_source",
+        "outward_conormals": "manifold.tangent_space",
+        "unit_normals": "manifold.tangent_space",
+        "unit_tangents": "manifold.tangent_space",
+        "cell_levels": "grid.band",
     },
     "Making and solving scenes": {
-        "plugins": "source",
-        "scene.boundary": "Boundary",
-        "scene.conditions": "Dirichlet Neumann",
-        "scene.equations": "Laplace",
-        "scene.vertex_data": "VertexData",
-        "solving": "solve",
-        "facade": "Solution",
+        "source": "plugins",
+        "Boundary": "scene.boundary",
+        "Dirichlet": "scene.conditions",
+        "Neumann": "scene.conditions",
+        "Laplace": "scene.equations",
+        "VertexData": "scene.vertex_data",
+        "solve": "solving",
+        "Solution": "facade",
     },
     "Scenes, and the laws of their conditions": {
-        "protocols": "BoundarySet SIDES",
-        "scene.conditions": "Condition",
-        "scene.data": "Data evaluate_data takes_time",
-        "scene.equations": "Equation Terms",
-        "scene.laws": "Flux Interface Law Mixed Nonlinear OneSided Spectral Support Value",
-        "scene.edge_conditions": "conditions_along",
-        "scene.point_values": "small_boundary_warnings",
-        "scene.scene": "Scene",
+        "BoundarySet": "protocols",
+        "SIDES": "protocols",
+        "Condition": "scene.conditions",
+        "Data": "scene.data",
+        "evaluate_data": "scene.data",
+        "takes_time": "scene.data",
+        "Equation": "scene.equations",
+        "Terms": "scene.equations",
+        "Flux": "scene.laws",
+        "Interface": "scene.laws",
+        "Law": "scene.laws",
+        "Mixed": "scene.laws",
+        "Nonlinear": "scene.laws",
+        "OneSided": "scene.laws",
+        "Spectral": "scene.laws",
+        "Support": "scene.laws",
+        "Value": "scene.laws",
+        "conditions_along": "scene.edge_conditions",
+        "small_boundary_warnings": "scene.point_values",
+        "Scene": "scene.scene",
     },
     "Linear solvers": {
-        "protocols": "LinearSolver Operator PreparedSolver",
-        "linear.solve_report": "SolveReport judge",
+        "LinearSolver": "protocols",
+        "Operator": "protocols",
+        "PreparedSolver": "protocols",
+        "SolveReport": "linear.solve_report",
+        "judge": "linear.solve_report",
     },
     "Forms and back ends": {
-        "protocols": "Backend Stiffness no_progress",
-        "linear.operators": "Border CsrOperator",
-        "forms.contract": "Discretized conditions_depend_on_time named_sides",
-        "forms.form_records": "FormTraits MeasuredWork PlainWork StateFlux",
-        "forms.galerkin.cut_mesh": "CutMesh cut_along_boundaries",
-        "solution.display_mesh": "DisplayMesh",
-        "mesh.normals_of_mesh": "edge_support vertex_normals",
-        "grid.fitting": "needed_spacing",
-        "manifold.abilities": "warnings_of",
+        "Backend": "protocols",
+        "Stiffness": "protocols",
+        "no_progress": "protocols",
+        "Border": "linear.operators",
+        "CsrOperator": "linear.operators",
+        "Discretized": "forms.contract",
+        "MeasuredWork": "forms.form_records",
+        "PlainWork": "forms.form_records",
+        "StateFlux": "forms.form_records",
+        "CutMesh": "forms.galerkin.cut_mesh",
+        "cut_along_boundaries": "forms.galerkin.cut_mesh",
+        "DisplayMesh": "solution.display_mesh",
+        "edge_support": "mesh.normals_of_mesh",
+        "vertex_normals": "mesh.normals_of_mesh",
+        "needed_spacing": "grid.fitting",
+        "warnings_of": "manifold.abilities",
+        "conditions_depend_on_time": "forms.contract",
+        "named_sides": "forms.contract",
+        "FormTraits": "forms.form_records",
     },
     "Hooks": {
-        "hookspecs": "hookimpl",
+        "hookimpl": "hookspecs",
     },
     "Testing": {
-        "testing": "ConformanceCase parametrize_with_laws run_laws",
+        "ConformanceCase": "testing",
+        "parametrize_with_laws": "testing",
+        "run_laws": "testing",
     },
-}
-#: The names by what they serve, each with the module that holds it.
-GROUPS = {
-    group: {name: module for module, names in held.items() for name in names.split()} for group, held in _NAMES.items()
 }
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 

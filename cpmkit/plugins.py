@@ -19,7 +19,7 @@ import pluggy
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.runtime.messages import FAMILIES, did_you_mean, to_install
+from cpmkit.runtime.messages import COMBINATIONS, FAMILIES, did_you_mean, to_install
 from cpmkit.runtime.options import check_types
 
 if TYPE_CHECKING:
@@ -76,7 +76,8 @@ def _unknown_kind(kind: str) -> str:
     if near:
         return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(near)}."
     listed = ", ".join(kinds) or "none"
-    advice = f" {to_install(family)} adds the family {family!r}." if family in FAMILIES else ""
+    extra = "combinations" if family in COMBINATIONS else family
+    advice = f" {to_install(extra)} adds the family {family!r}." if extra in FAMILIES else ""
     return f"{missing}{meant}. Installed: {listed}.{advice}"
 
 

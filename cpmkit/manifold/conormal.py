@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import Orientation
-from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
+from cpmkit.manifold.tangent_space import tangents_and_corners, unit_normals, unit_tangents
 from cpmkit.protocols import ClosestPoints, Floats
 
 
@@ -39,15 +39,15 @@ def axis_and_left(
     dimension = (source.manifold_dim or 0) + 1
     axis = None
     if dimension == 2 and surface.dim == 3:
-        axis = across.apply(on_surface.points, normals(surface, on_surface, step))
+        axis = across.apply(on_surface.points, unit_normals(surface, on_surface, step))
     left = np.empty_like(on_surface.points)
     for member, rows, member_feet in source.by_member(feet):
         if member.has_left:
             left[rows] = member.leftward(member_feet)
         elif dimension == 1:
-            left[rows] = -across.apply(on_surface.points[rows], tangents(surface, on_surface.take(rows), step))
+            left[rows] = -across.apply(on_surface.points[rows], unit_tangents(surface, on_surface.take(rows), step))
         elif dimension == 3:
-            left[rows] = along.apply(member_feet.points, normals(member, member_feet, step))
+            left[rows] = along.apply(member_feet.points, unit_normals(member, member_feet, step))
         elif axis is None:
             tangent = _travel(member, along, member_feet, step)
             left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)

@@ -33,7 +33,7 @@ def _feet_around(source: LocalSource, points: Floats, step: float) -> Floats:
     return feet.points.reshape(-1, *shifts.shape)
 
 
-def normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
+def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
@@ -44,7 +44,7 @@ def normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     return _by_member(surface, feet, of_member)
 
 
-def tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
+def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
     """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
     return tangents_and_corners(curve, feet, step)[0]
 
@@ -74,10 +74,10 @@ def _projected(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step:
     if surface.manifold_dim == surface.dim:
         return vectors
     if surface.manifold_dim == 2:
-        n = normals(surface, feet, step)
+        n = unit_normals(surface, feet, step)
         return np.asarray(vectors - np.sum(vectors * n, axis=1, keepdims=True) * n)
     if surface.manifold_dim == 1:
-        t = tangents(surface, feet, step)
+        t = unit_tangents(surface, feet, step)
         return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
     values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
     kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT_EIGENVALUE)

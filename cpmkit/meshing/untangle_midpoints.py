@@ -12,7 +12,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.vectors import dots, norms
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.meshing.untangle_vertices import is_folded
@@ -78,7 +78,7 @@ def _folded(mesh: Mesh, edges: Edges, midpoints: Floats, source: LocalSource) ->
         return rows
     x, middles = corners[rows], midpoints[edges.of_cells[rows]]
     step = NORMAL_EDGE_SHARE * float(norms(x - np.roll(x, 1, axis=1)).max())
-    normal = normals(source, source.closest_point(x.mean(axis=1)), step)[:, None]
+    normal = unit_normals(source, source.closest_point(x.mean(axis=1)), step)[:, None]
     x, middles = (one - dots(one, normal)[..., None] * normal for one in (x, middles))
     return rows[is_folded(x, middles)]
 

@@ -42,8 +42,10 @@ def _image(picture: bytes) -> str:
     return f"<img src='data:image/png;base64,{b64encode(picture).decode()}' style='max-width:100%'>"
 
 
-#: Families of kinds that the project's own plugins bring. Each is an extra of the core, and a distribution.
-FAMILIES = ("analytic", "fem", "levelset", "mesh", "parametric", "pointcloud", "svg")
+#: The project's own plugins: each is an extra of the core, a distribution, and as a rule a family of kinds.
+FAMILIES = ("analytic", "combinations", "fem", "levelset", "mesh", "parametric", "pointcloud", "svg")
+#: First words of the kinds of the plugin ``combinations``, whose names do not begin with its own.
+COMBINATIONS = ("cut", "moved", "points", "solid", "trimmed", "tube", "union")
 
 
 def to_install(extra: str) -> str:

@@ -20,7 +20,7 @@ from cpmkit.manifold.orientation import (
     propagate_signs,
     sign_by_rule,
 )
-from cpmkit.manifold.tangent_space import normals, tangents, tangents_and_corners
+from cpmkit.manifold.tangent_space import tangents_and_corners, unit_normals, unit_tangents
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, HasMembers, Ints, NamesLeft
 
 #: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
@@ -72,20 +72,22 @@ class LeftPart:
     ) -> LeftPart:
         step, on_surface = 0.5 * spacing, surface.closest_point(samples.points)
         wide = max(step, LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
-        travel = tangents(source, samples, step) if source.manifold_dim == 1 else None
-        travelled = tangents(surface, on_surface, wide) if dimension == 1 else travel
+        travel = unit_tangents(source, samples, step) if source.manifold_dim == 1 else None
+        travelled = unit_tangents(surface, on_surface, wide) if dimension == 1 else travel
         pairs = neighbours(samples.points, spacing, travelled)
         along, across, found = AS_GIVEN, AS_GIVEN, []
         given_across = np.ones(len(samples), dtype=bool)
         given_along = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0)
         if source.manifold_dim:
-            directions = normals(source, samples, step) if travel is None else travel
+            directions = unit_normals(source, samples, step) if travel is None else travel
             is_given = np.full(len(samples), given_along)
             found.append(_with_agreeing_signs(samples.points, directions, pairs, spacing, travel is not None, is_given))
             along = Orientation(samples.points, found[0].directions, spacing, travel is not None)
         travels = all(carried.consistent for carried in found)
         if dimension < source.dim:
-            directions = travelled if dimension == 1 and travelled is not None else normals(surface, on_surface, wide)
+            directions = (
+                travelled if dimension == 1 and travelled is not None else unit_normals(surface, on_surface, wide)
+            )
             given_across = _own_directions(surface, on_surface, dimension)
             found.append(
                 _with_agreeing_signs(on_surface.points, directions, pairs, spacing, dimension == 1, given_across)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.combinations.chains import chains
 from cpmkit.errors import InputError, SceneError
+from cpmkit.manifold.chains import chains
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import positive, whole
@@ -219,7 +219,7 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
     """
     local = LocalSource(surface, np.zeros(surface.dim))
     step = STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
-    return normals(local, local.closest_point(np.asarray(points, dtype=np.float64)), step)
+    return unit_normals(local, local.closest_point(np.asarray(points, dtype=np.float64)), step)
 
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.collocation.numbering import Numbering
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
 if TYPE_CHECKING:
@@ -144,7 +144,7 @@ class Unknowns:
         if centres.normals is not None:
             n = centres.normals[touched]
         target = np.isnan(n).any(axis=1)
-        n[target] = normals(sheets.source, feet.take(target), 0.5 * self.band.spacing)
+        n[target] = unit_normals(sheets.source, feet.take(target), 0.5 * self.band.spacing)
         selected = columns.copy()
         may_be_read = np.arange(len(self.band.nodes)) < readable
         selected[touched] = sheets.select_twins(feet, n, columns[touched], may_be_read)[0]

@@ -9,7 +9,7 @@ import pytest
 from cpmkit_analytic import arc, cap, circle, cylinder, point, segment, sphere, torus
 from cpmkit_analytic.frames import space_frame
 
-from cpmkit.combinations.rotation import as_rotation
+from cpmkit.manifold.rotation import as_rotation
 from cpmkit.protocols import HasMesh, HasNormals, HasTangents, HasTranslation
 
 SPACE = [

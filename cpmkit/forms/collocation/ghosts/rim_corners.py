@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals, outward_conormals
+from cpmkit.manifold.tangent_space import outward_conormals, unit_normals
 from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
@@ -117,7 +117,7 @@ def _across(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing:
     """
     others = outward[:, None]
     if (surface.dimensions_at(feet) < surface.dim).all():
-        others = np.stack([outward, normals(surface, feet, 0.5 * spacing)], axis=1)
+        others = np.stack([outward, unit_normals(surface, feet, 0.5 * spacing)], axis=1)
     basis = np.linalg.svd(others)[2][:, others.shape[1] :]
     turns = np.eye(1) if basis.shape[1] == 1 else np.stack([np.cos(THIRDS), np.sin(THIRDS)], axis=1)
     ways = np.einsum("sk,nkd->nsd", turns, basis)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.forms.collocation.sheets.sheets import SHEET_HEIGHT_SPACINGS, same_sheet
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.walking import walk
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Rows
 
@@ -50,7 +50,7 @@ class SurfacePoints(Rows):
     def on(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
         """Return ``points`` (n, d), moved onto the surface."""
         feet = surface.closest_point(points)
-        return cls(feet, normals(surface, feet, 0.5 * spacing))
+        return cls(feet, unit_normals(surface, feet, 0.5 * spacing))
 
     @property
     def points(self) -> Floats:

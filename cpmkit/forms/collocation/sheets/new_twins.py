@@ -13,7 +13,7 @@ from cpmkit.forms.collocation.sheets.sheets import (
 from cpmkit.forms.collocation.sheets.sites import MissingSites, Sites
 from cpmkit.grid.band import Band
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.walking import feet_from
 from cpmkit.protocols import Bools, ClosestPoints, Ints
 
@@ -47,7 +47,7 @@ def _with_twins_at_feet(source: LocalSource, band: Band, sites: Sites, missing: 
     """
     nodes, by = missing.nodes, missing.by
     rows, feet = feet_from(source, band.positions[nodes], sites.feet.take(by), band.spacing)
-    y, n = feet.points, normals(source, feet, 0.5 * band.spacing)
+    y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
     signed = has_signed_normals(source)
     on_sheet = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)
     on_sheet &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > SAME_FOOT_SPACINGS * band.spacing

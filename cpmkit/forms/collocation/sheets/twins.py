@@ -16,7 +16,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import find
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.tangent_space import normals
+from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.protocols import Bools, Ints
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
@@ -41,7 +41,7 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
     if not flagged.any():
         return band
     every = np.arange(len(band.nodes))
-    sites = Sites(every, band.feet, normals(source, band.feet, 0.5 * band.spacing), every < band.inner)
+    sites = Sites(every, band.feet, unit_normals(source, band.feet, 0.5 * band.spacing), every < band.inner)
     queue = near = _rows_near(band, flagged)
     for _ in range(MOST_TWIN_ROUNDS):
         grown = add_twins_at_feet(source, band, sites, find_missing(source, band, sites, queue))

@@ -1,1 +1,0 @@
-"""Sources made of other sources, whatever their kind: unions, motions, solids, cuts and trimmed pieces."""

@@ -1,0 +1,183 @@
+"""Chains of cubics in space, and the nearest point of them: the search of a tree of capsules, Newton at its leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.plugin import Bools, Floats, Ints, dots, norms
+
+#: Cubics, or capsules, that one capsule of the next level holds.
+CAPSULE_CHILDREN = 4
+#: Newton starts from the nearest of this number of points, and one, of a cubic.
+NEWTON_STARTS = 4
+#: Newton steps at most; the bracket is halved where a step leaves it.
+CUBIC_NEWTON_STEPS = 60
+#: Rounding of a distance, relative to it.
+DISTANCE_ROUNDING = 8e-16
+#: Queries that are answered at a time: temporary arrays stay in the cache.
+CUBIC_PARCEL_QUERIES = 8192
+
+
+@dataclass(frozen=True, eq=False)
+class Capsules:
+    """All points within ``radius`` (k,) of segments from ``start`` to ``end`` (k, d): one for each part of a curve.
+
+    ``whole`` tells where the part is in one piece: the curve then passes within ``radius`` of each of its points.
+    """
+
+    start: Floats
+    end: Floats
+    radius: Floats
+    whole: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Cubics:
+    """Cubics p(s), 0 <= s <= 1, each with the one that goes on from it where there is one.
+
+    Attributes
+    ----------
+    coefficients : (m, 4, d) float64
+        Of 1, s, s^2 and s^3.
+    piece : (m,) int64
+        Which connected piece each belongs to, ascending.
+    """
+
+    coefficients: Floats
+    piece: Ints
+
+    def at(self, segment: Ints, s: Floats) -> Floats:
+        """Return p (n, d)."""
+        a, b, c, d = (self.coefficients[segment, k] for k in range(4))
+        s = s[:, None]
+        return np.asarray(a + s * (b + s * (c + s * d)))
+
+    def slope(self, segment: Ints, s: Floats) -> Floats:
+        """Return dp/ds (n, d)."""
+        b, c, d = (self.coefficients[segment, k] for k in (1, 2, 3))
+        s = s[:, None]
+        return np.asarray(b + s * (2 * c + 3 * s * d))
+
+    @cached_property
+    def control(self) -> Floats:
+        """(m, 4, d) control points: each cubic lies in their convex hull."""
+        a, b, c, d = (self.coefficients[:, k] for k in range(4))
+        return np.stack([a, a + b / 3, a + (2 * b + c) / 3, a + b + c + d], axis=1)
+
+    @cached_property
+    def lengths(self) -> Floats:
+        """(m,) arclengths, by five Gauss points."""
+        nodes, weights = np.polynomial.legendre.leggauss(5)
+        segments = np.arange(len(self.piece))
+        speeds = [norms(self.slope(segments, np.full(len(segments), 0.5 + 0.5 * node))) for node in nodes]
+        return np.asarray(0.5 * dots(np.stack(speeds, axis=1), weights))
+
+    @cached_property
+    def levels(self) -> list[Capsules]:
+        """The tree, from the cubics to at most ``CAPSULE_CHILDREN`` capsules; neighbours lie side by side."""
+        start, end = self.control[:, 0], self.control[:, 3]
+        radius = np.maximum(*(_to_segment(self.control[:, k], start, end) for k in (1, 2)))
+        levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
+        while len(levels[-1].start) > CAPSULE_CHILDREN:
+            first = np.arange(0, len(levels[-1].start), CAPSULE_CHILDREN)
+            last = np.minimum(first + CAPSULE_CHILDREN, len(levels[-1].start)) - 1
+            levels.append(_around(levels[-1], first, last, piece[0][first] == piece[1][last]))
+            piece = piece[0][first], piece[1][last]
+        return levels
+
+    def nearest(self, x: Floats) -> tuple[Ints, Floats]:
+        """Return for each query (n, d) the cubic of the nearest point and its s."""
+        segment, s = np.empty(len(x), dtype=np.int64), np.empty(len(x))
+        for start in range(0, len(x), CUBIC_PARCEL_QUERIES):
+            part = slice(start, start + CUBIC_PARCEL_QUERIES)
+            segment[part], s[part] = self._nearest(x[part])
+        return segment, s
+
+    def _nearest(self, x: Floats) -> tuple[Ints, Floats]:
+        rows, leaves = self._candidates(x)
+        s, distance = self._descend(x[rows], leaves)
+        first = np.flatnonzero(np.diff(rows, prepend=-1))
+        least = np.minimum.reduceat(distance, first) if len(first) else distance
+        winners = np.flatnonzero(distance == least[rows])
+        winners = winners[np.unique(rows[winners], return_index=True)[1]]
+        return leaves[winners], s[winners]
+
+    def _candidates(self, x: Floats) -> tuple[Ints, Ints]:
+        """Return pairs of a query and a cubic that may hold its nearest point, the queries ascending."""
+        top = self.levels[-1]
+        rows = np.repeat(np.arange(len(x)), len(top.start))
+        nodes = np.tile(np.arange(len(top.start)), len(x))
+        for level in range(len(self.levels) - 1, -1, -1):
+            capsules = self.levels[level]
+            distance = _to_segment(x[rows], capsules.start[nodes], capsules.end[nodes])
+            radius = capsules.radius[nodes]
+            most = np.where(capsules.whole[nodes], distance + radius, np.inf)
+            first = np.flatnonzero(np.diff(rows, prepend=-1))
+            bound = np.minimum.reduceat(most, first) if len(first) else most
+            kept = distance - radius <= bound[rows] + DISTANCE_ROUNDING * distance
+            rows, nodes = rows[kept], nodes[kept]
+            if level:
+                below = len(self.levels[level - 1].start)
+                rows = np.repeat(rows, CAPSULE_CHILDREN)
+                nodes = (CAPSULE_CHILDREN * nodes[:, None] + np.arange(CAPSULE_CHILDREN)).ravel()
+                rows, nodes = rows[nodes < below], nodes[nodes < below]
+        return rows, nodes
+
+    def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
+        """Return s of the nearest point on one cubic each, and the distance, by Newton's method in a bracket."""
+        shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
+        s = shares[np.argmin([norms(self.at(segment, np.full(len(x), one)) - x) for one in shares], axis=0)]
+        low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
+        a, b, c, d = (self.coefficients[segment, k] for k in range(4))
+        q, rows = x - a, np.arange(len(x))
+        for _ in range(CUBIC_NEWTON_STEPS):
+            if not len(rows):
+                break
+            u = s[rows, None]
+            offset = u * (b[rows] + u * (c[rows] + u * d[rows])) - q[rows]
+            slope = b[rows] + u * (2 * c[rows] + 3 * u * d[rows])
+            pull = dots(offset, slope)
+            stiffness = dots(slope, slope) + dots(offset, 2 * c[rows] + 6 * u * d[rows])
+            low[rows], high[rows] = np.where(pull < 0, s[rows], low[rows]), np.where(pull < 0, high[rows], s[rows])
+            with np.errstate(all="ignore"):
+                newton = s[rows] - pull / stiffness
+            # at an end the bracket is that point alone, where the cubic leads away from the query
+            fine = (newton >= low[rows]) & (newton <= high[rows]) & (stiffness > 0)
+            following = np.where(fine, newton, 0.5 * (low[rows] + high[rows]))
+            moved = np.abs(following - s[rows])
+            s[rows] = following
+            rows = rows[moved > DISTANCE_ROUNDING]
+        return s, norms(self.at(segment, s) - x)
+
+
+def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
+    """Return coefficients (m, 4, d) of the cubics from ``start`` to ``end`` with these unit tangents there.
+
+    Their speed is ``2 chord / (1 + cos(angle / 2))``, angle being that between the tangents: of an arc of a circle
+    the cubic then misses the radius by no more than angle^6 / 27,000 of it.
+    """
+    chord = end - start
+    cosine = np.sqrt(np.maximum(0.5 * (1 + dots(start_tangent, end_tangent)), 0.0))
+    speed = (2 * norms(chord) / (1 + cosine))[:, None]
+    first, last = speed * start_tangent, speed * end_tangent
+    return np.stack([start, first, 3 * chord - 2 * first - last, first + last - 2 * chord], axis=1)
+
+
+def _around(parts: Capsules, first: Ints, last: Ints, whole: Bools) -> Capsules:
+    """Return capsules around runs of capsules, from ``first`` (k,) to ``last`` of each run."""
+    start, end = parts.start[first], parts.end[last]
+    run = np.repeat(np.arange(len(first)), last - first + 1)
+    off = [_to_segment(points, start[run], end[run]) for points in (parts.start, parts.end)]
+    radius = np.maximum.reduceat(np.maximum(*off) + parts.radius, first)
+    return Capsules(start, end, radius, whole)
+
+
+def _to_segment(x: Floats, start: Floats, end: Floats) -> Floats:
+    """Return the distances (n,) of points from segments."""
+    chord, away = end - start, x - start
+    squared = dots(chord, chord)
+    share = np.clip(dots(away, chord) / np.where(squared > 0, squared, 1.0), 0.0, 1.0)
+    return norms(away - share[:, None] * chord)

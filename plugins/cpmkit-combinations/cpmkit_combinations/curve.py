@@ -1,0 +1,159 @@
+"""A curve that was traced: cubics between knots, as a closest point source."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.plugin import (
+    Bools,
+    ClosestPoints,
+    Floats,
+    InputError,
+    Ints,
+    as_points,
+    as_vector,
+    dots,
+    norms,
+    positive,
+    source_repr,
+    unit,
+)
+from cpmkit_combinations.cubics import Cubics
+from cpmkit_combinations.tracing import Knots
+
+#: How far from the curve, relative to the largest side of its bounds, :attr:`TracedCurve.left_of` lies.
+LEFT_OF_OFFSET_SHARE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCurve:
+    """Pieces of a curve, open or closed, that bend smoothly between knots; left is known along them.
+
+    Attributes
+    ----------
+    pieces : sequence of Knots
+        In coordinates of their own.
+    shift : (d,) float64
+        Added to them: where the curve lies.
+    """
+
+    pieces: Sequence[Knots]
+    shift: Floats
+
+    manifold_dim = 1
+    exact = True
+
+    __repr__ = source_repr
+
+    @property
+    def dim(self) -> int:
+        """Dimension of the space, 2 or 3."""
+        return len(self.shift)
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of a box that holds the curve, hardly larger than the smallest."""
+        control = self._cubics.control.reshape(-1, self.dim)
+        return np.stack([control.min(axis=0), control.max(axis=0)]) + self.shift
+
+    @property
+    def deviation(self) -> float:
+        """The largest distance, in the unit of length, from what was traced; measured in the middle between knots."""
+        return max(piece.deviation for piece in self.pieces)
+
+    @property
+    def left_of(self) -> Floats:
+        """(d,) a point at the left of the curve, where the function that cuts is positive."""
+        first = self.pieces[0]
+        beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
+        middle = len(first.points) // 2
+        return np.asarray(first.points[middle] + beside * first.conormals[middle] + self.shift)
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d).
+
+        ``element`` is the cubic of the foot, ``local`` (n, 1) its parameter from 0 to 1, and ``edge`` 0 at the start
+        and 1 at the end of an open piece.
+
+        Raises
+        ------
+        InputError
+            If ``x`` does not have shape (n, d) or is not finite.
+        """
+        x = as_points(x, self.dim) - self.shift
+        element, s = self._cubics.nearest(x)
+        points = self._cubics.at(element, s)
+        starts, ends = self._ends
+        edge = np.where(starts[element] & (s <= 0.0), 0, np.where(ends[element] & (s >= 1.0), 1, -1))
+        distance = norms(x - points)
+        return ClosestPoints(points + self.shift, distance, edge, element, s[:, None])
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit tangents in the direction of travel."""
+        return unit(self._cubics.slope(*_located(feet)))
+
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit vectors across the curve that point to its left, along the surface in which it lies."""
+        element, s = _located(feet)
+        start, end = self._conormals
+        between = (1 - s)[:, None] * start[element] + s[:, None] * end[element]
+        t = self.tangents(feet)
+        return unit(between - dots(between, t)[:, None] * t)
+
+    def piece(self, feet: ClosestPoints, /) -> Ints:
+        """Return the number (n,) of the piece that each foot lies on."""
+        return self._cubics.piece[_located(feet)[0]]
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the curve, all knots among them, and segments (m, 2) no longer than ``spacing``."""
+        parts = np.maximum(np.ceil(self._cubics.lengths / positive(spacing, "spacing")), 1).astype(np.int64)
+        count = int(parts.sum())
+        element = np.repeat(np.arange(len(parts)), parts)
+        first = np.concatenate([[0], np.cumsum(parts)[:-1]])
+        s = (np.arange(count) - first[element]) / parts[element]
+        _, ends = self._ends
+        last = np.flatnonzero(ends)
+        points = np.concatenate([self._cubics.at(element, s), self._cubics.at(last, np.ones(len(last)))])
+        # after the last part of a piece comes its end, or, of a closed piece, its first vertex
+        following = np.arange(1, count + 1)
+        piece = self._cubics.piece
+        final = np.flatnonzero(np.diff(piece, append=-1))
+        begins = np.flatnonzero(np.diff(piece, prepend=-1))
+        number = np.full(len(parts), -1)
+        number[last] = count + np.arange(len(last))
+        following[first[final] + parts[final] - 1] = np.where(ends[final], number[final], first[begins])
+        return points + self.shift, np.stack([np.arange(count), following], axis=1)
+
+    def translated(self, offset: Floats, /) -> TracedCurve:
+        """Return the same curve moved by ``offset`` (d,)."""
+        return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
+
+    @cached_property
+    def _cubics(self) -> Cubics:
+        parts = [piece.cubics() for piece in self.pieces]
+        number = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        return Cubics(np.concatenate(parts), number)
+
+    @cached_property
+    def _ends(self) -> tuple[Bools, Bools]:
+        """Which cubics start, and which end, an open piece."""
+        piece = self._cubics.piece
+        opened = np.array([not knots.closed for knots in self.pieces])[piece]
+        return opened & (np.diff(piece, prepend=-1) != 0), opened & (np.diff(piece, append=-1) != 0)
+
+    @cached_property
+    def _conormals(self) -> tuple[Floats, Floats]:
+        """The unit conormals (m, d) to the left at the starts and ends of the cubics."""
+        ends = [np.roll(knots.conormals, -1, axis=0)[: None if knots.closed else -1] for knots in self.pieces]
+        starts = [knots.conormals[: len(end)] for knots, end in zip(self.pieces, ends, strict=True)]
+        return np.concatenate(starts), np.concatenate(ends)
+
+
+def _located(feet: ClosestPoints) -> tuple[Ints, Floats]:
+    if feet.element is None or feet.local is None:
+        raise InputError("feet must be records that this curve answered: they lack element or local.")
+    return feet.element, feet.local[:, 0]

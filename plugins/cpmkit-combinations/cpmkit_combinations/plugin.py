@@ -1,0 +1,41 @@
+"""What the core itself hands to its hooks: the kinds that are made of other sources."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cpmkit.plugin import ClosestPointSource, hookimpl
+from cpmkit_combinations.cut import function_cut, plane_cut
+from cpmkit_combinations.motion import moved
+from cpmkit_combinations.points import points
+from cpmkit_combinations.solid import solid
+from cpmkit_combinations.trimmed import trimmed
+from cpmkit_combinations.tube import tube
+from cpmkit_combinations.union import union
+
+if TYPE_CHECKING:
+    from cpmkit.plugin import ConformanceCase
+
+
+@hookimpl
+def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
+    """Return the factories of the kinds."""
+    return {
+        "union": union,
+        "moved": moved,
+        "solid": solid,
+        "trimmed": trimmed,
+        "tube": tube,
+        "cut.plane": plane_cut,
+        "cut.function": function_cut,
+        "points": points,
+    }
+
+
+@hookimpl
+def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
+    """Return the cases; imported here because they need the test extra."""
+    from cpmkit_combinations import cases, cut_cases
+
+    return [*cases.conformance_cases(), *cut_cases.conformance_cases()]

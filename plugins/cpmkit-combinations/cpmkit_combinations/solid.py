@@ -1,0 +1,189 @@
+"""The kind ``solid``: what a closed curve encloses in the plane, or a closed surface in space."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.plugin import (
+    MOST_EDGES,
+    Bools,
+    ClosestPoints,
+    ClosestPointSource,
+    Floats,
+    HasNormals,
+    HasTangents,
+    InputError,
+    Ints,
+    as_points,
+    check_source,
+    positive,
+    rectangle,
+    source_repr,
+)
+from cpmkit_combinations.union import Union
+from cpmkit_combinations.wrapper import Wrapper, with_abilities
+
+#: Points along each side of the box on which an open rim is looked for.
+RIM_PROBES = 24
+
+
+@dataclass(frozen=True, eq=False)
+class Solid(Wrapper):
+    """The points on and inside a closed hypersurface.
+
+    Attributes
+    ----------
+    of : ClosestPointSource
+        The hypersurface; a union of several closed ones where the solid has holes or several parts.
+    outward : tuple of float
+        For it or each of its members, 1 where normals point outwards, -1 where they point inwards.
+    """
+
+    outward: tuple[float, ...]
+
+    __repr__ = source_repr
+
+    @property
+    def manifold_dim(self) -> int:
+        """The same: a solid has codimension zero."""
+        return self.dim
+
+    @property
+    def bounds(self) -> Floats:
+        """(2, d) corners of the hypersurface's box."""
+        return np.asarray(self.of.bounds, dtype=np.float64)
+
+    def closest_point(self, x: Floats, /) -> ClosestPoints:
+        """Return the closest points of ``x`` (n, d): a point inside is its own.
+
+        ``edge`` is -1 inside. Outside it is 0; where a union encloses the solid, 1000 times the number of the
+        member that answers.
+
+        Raises
+        ------
+        InputError
+            If ``x`` holds NaN or infinity, or its shape is not (n, d).
+        """
+        x = as_points(x, self.dim)
+        feet, inside = self._feet_and_inside(x)
+        element = np.zeros(len(x), dtype=np.int64) if feet.element is None else feet.element
+        number = MOST_EDGES * element if isinstance(self.of, Union) else np.zeros(len(x), dtype=np.int64)
+        return ClosestPoints(
+            np.where(inside[:, None], x, feet.points),
+            np.where(inside, 0.0, feet.distance),
+            np.where(inside, -1, number),
+            doubtful=feet.doubtful,
+        )
+
+    def _feet_and_inside(self, x: Floats) -> tuple[ClosestPoints, Bools]:
+        """Return the feet on the hypersurface, and which points an odd number of its parts encloses."""
+        if not isinstance(self.of, Union):
+            feet = self.of.closest_point(x)
+            return feet, self.outward[0] * height(self.of, feet, x) <= 0
+        odd = np.zeros(len(x), dtype=bool)
+        for part, outward in zip(self.of.members, self.outward, strict=True):
+            odd ^= outward * height(part, part.closest_point(x), x) <= 0
+        return self.of.closest_point(x), odd
+
+    def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return triangles (m, 3) of about ``spacing``: in the plane of the inside, in space of what is seen of it."""
+        if self.dim == 3:
+            mesh: tuple[Floats, Ints] = self.of.mesh(spacing)
+            return mesh
+        return filled(self, positive(spacing, "spacing"))
+
+    def _translated(self, offset: Floats, /) -> Solid:
+        """Return the solid moved by ``offset`` (d,)."""
+        return type(self)(self.of.translated(offset), self.outward)
+
+    @property
+    def _edge_limit(self) -> int:
+        """What all numbers of edges are below."""
+        return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
+
+
+def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
+    """Return how far (n,) the points ``x`` lie from their feet along the hypersurface's normals.
+
+    A curve in the plane that has tangents alone has its normal on the right of travel.
+    """
+    if isinstance(hypersurface, HasNormals):
+        normals = hypersurface.normals(feet)
+    else:
+        tangents = hypersurface.tangents(feet)
+        normals = np.stack([tangents[:, 1], -tangents[:, 0]], axis=1)
+    return np.asarray(np.sum((x - feet.points) * normals, axis=1))
+
+
+def filled(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
+    """Return vertices (v, 2) and triangles (m, 3) that fill an area of the plane.
+
+    The triangles of a square lattice that have a corner inside; corners outside move onto the rim.
+    """
+    lower, upper = np.asarray(area.bounds, dtype=np.float64)
+    points, triangles = rectangle(lower, upper, spacing)
+    feet = area.closest_point(points)
+    triangles = triangles[(feet.edge < 0)[triangles].any(axis=1)]
+    used, triangles = np.unique(triangles, return_inverse=True)
+    vertices, triangles = feet.points[used], triangles.reshape(-1, 3)
+    p, q, r = (vertices[triangles[:, k]] for k in range(3))
+    twice_area = (q - p)[:, 0] * (r - p)[:, 1] - (q - p)[:, 1] * (r - p)[:, 0]
+    return vertices, triangles[twice_area > 1e-9 * spacing**2]  # three corners on one straight rim fill nothing
+
+
+def solid(*, of: ClosestPointSource) -> Any:
+    """Return what a closed hypersurface encloses: a disc, a polygon, a ball, the inside of a mesh.
+
+    Parameters
+    ----------
+    of : source
+        A closed curve in the plane with normals or tangents, or a closed surface in space with normals; which way
+        they point does not matter. Of a union of such, what an odd number of members encloses: a circle inside a
+        circle makes a hole.
+
+    Raises
+    ------
+    InputError
+        If ``of`` is of another dimension, has no normals, or is open.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> disc = ck.source("solid", of=ck.source("analytic.circle", radius=2.0))
+    >>> disc.closest_point([[1.0, 0.5], [0.0, 3.0]]).points.tolist()
+    [[1.0, 0.5], [0.0, 2.0]]
+    """
+    check_source(of, "what encloses the solid")
+    parts = of.members if isinstance(of, Union) else [of]
+    outward = tuple(_outward(part) for part in parts)
+    return with_abilities(Solid, "solid", of)(of, outward)
+
+
+def _outward(part: ClosestPointSource) -> float:
+    """Return 1 where the normals of a closed hypersurface point outwards, else -1.
+
+    Raises
+    ------
+    InputError
+        If it is no closed hypersurface with normals.
+    """
+    if part.manifold_dim != part.dim - 1:
+        raise InputError(
+            f"A solid is enclosed by a closed curve in the plane or a closed surface in space, got a manifold of "
+            f"dimension {part.manifold_dim} in {part.dim}D."
+        )
+    if not (isinstance(part, HasNormals) or (part.dim == 2 and isinstance(part, HasTangents))):
+        raise InputError(f"{type(part).__name__} has no normals that tell inside from outside; give a source that has.")
+    lower, upper = np.asarray(part.bounds, dtype=np.float64)
+    size = float((upper - lower).max())
+    axes = [
+        np.linspace(low - 0.1 * size, high + 0.1 * size, RIM_PROBES) for low, high in zip(lower, upper, strict=True)
+    ]
+    probes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, part.dim)
+    if (part.closest_point(probes).edge >= 0).any():
+        raise InputError(f"{type(part).__name__} is open and encloses nothing; give a closed one.")
+    far = (upper + 10 * size)[None]
+    return float(np.sign(height(part, part.closest_point(far), far)[0]))
