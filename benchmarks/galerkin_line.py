@@ -16,7 +16,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.families.steady import assemble
-from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.multigrid.solver import MultigridSolver
 
 SPACING = 0.0193
 FINER = (0.0193, 0.00965, 0.004825)
@@ -65,7 +65,7 @@ def stages(closest: str, spacing: float) -> None:
     times["space"], form = seconds(lambda: ck.discretize(one, spacing, form="galerkin"))
     times["system"], system = seconds(lambda: assemble(form))
     times["levels"], levels = seconds(lambda: form.levels(system.operator))
-    times["cycle"], prepared = seconds(lambda: Multigrid().prepare(system.operator, levels))
+    times["cycle"], prepared = seconds(lambda: MultigridSolver().prepare(system.operator, levels))
     solved = [(tolerance, *seconds(lambda: prepared.solve(system.right_side, tolerance))) for tolerance in TOLERANCES]  # noqa: B023
     times["solve"] = solved[-1][1]
     times["telling"] = seconds(form.warnings)[0]

@@ -14,7 +14,7 @@ import sys
 from galerkin_multigrid import ONE_THREAD
 
 import cpmkit as ck
-from cpmkit.runtime.memory import bytes_since, forget_peak
+from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 
 #: Of 140 and 490 thousand and a million unknowns.
 SPACINGS = (0.02, 0.0107, 0.0075)
@@ -41,9 +41,9 @@ def main() -> None:
     if sys.argv[1:2] == ["--here"]:
         degree = int(sys.argv[3])
         solved(WARMING_SPACING, degree)
-        before = forget_peak()
+        before = reset_peak_memory()
         unknowns = solved(float(sys.argv[2]), degree).work.unknowns
-        print(unknowns, (bytes_since(before) or 0) / unknowns)
+        print(unknowns, (peak_growth_bytes(before) or 0) / unknowns)
         return
     degree, given = (int(sys.argv[2]), sys.argv[3:]) if sys.argv[1:2] == ["--degree"] else (2, sys.argv[1:])
     for spacing in [float(one) for one in given] or SPACINGS:

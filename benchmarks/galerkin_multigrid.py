@@ -47,9 +47,9 @@ def measure(spacing):
     from cpmkit.forms.galerkin.space.dof_map import build_dof_map
     from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
     from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-    from cpmkit.linear.multigrid.solver import Multigrid
+    from cpmkit.linear.multigrid.solver import MultigridSolver
     from cpmkit.linear.operators import CsrOperator
-    from cpmkit.runtime.memory import bytes_since, forget_peak
+    from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 
     samples, contacts = sphere(spacing)
     dof_map = build_dof_map(samples.points, contacts, spacing)
@@ -58,15 +58,15 @@ def measure(spacing):
     b = load(space, 3 * samples.points[:, 2:])
     del space, samples, contacts
     times = products(operator.matrix, b)
-    before = forget_peak()
+    before = reset_peak_memory()
     marks = [time.process_time()]
     levels = coarser_levels(dof_map, np.zeros(0, dtype=np.int64))
     marks.append(time.process_time())
-    prepared = Multigrid().prepare(operator, levels)
+    prepared = MultigridSolver().prepare(operator, levels)
     marks.append(time.process_time())
     report = prepared.solve(b, 1e-10)[1]
     marks.append(time.process_time())
-    used = (bytes_since(before) or 0) / operator.size
+    used = (peak_growth_bytes(before) or 0) / operator.size
     one = float(np.median(times + products(operator.matrix, b)))
     costs = np.diff(marks) / one
     per_row = operator.matrix.nnz / operator.size

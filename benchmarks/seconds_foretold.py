@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.runtime.memory import bytes_since, forget_peak
+from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 from cpmkit.studies.tables import table_row, table_rule
 
 
@@ -48,9 +48,9 @@ def main() -> None:
     for name, scene, spacings in scenes():
         for spacing in spacings:
             told = ck.explain(scene, spacing, seconds=True)
-            before, started = forget_peak(), time.perf_counter()
+            before, started = reset_peak_memory(), time.perf_counter()
             solution = ck.solve(scene, spacing)
-            spent, used = time.perf_counter() - started, bytes_since(before)
+            spent, used = time.perf_counter() - started, peak_growth_bytes(before)
             size = solution.discretized.size
             ratios = [told.unknowns / size, told.bytes / used if used else np.nan, (told.seconds or np.nan) / spent]
             cells = [name, f"{spacing:g}", f"{size:,}", f"{spent:.2f}", *(f"{one:.2f}" for one in ratios)]
@@ -60,9 +60,9 @@ def main() -> None:
     print(table_rule(1, 1), flush=True)
     for name, scene in to_a_tolerance():
         ck.solve(scene, tolerance=0.3)  # what is compiled or read for the first time is no table
-        before = forget_peak()
+        before = reset_peak_memory()
         trade = ck.solve(scene, tolerance=0.02).trade
-        used = bytes_since(before)
+        used = peak_growth_bytes(before)
         assert trade is not None
         print(table_row([name, f"{trade.predicted_bytes / used:.2f}" if used else "nan"]), flush=True)
 

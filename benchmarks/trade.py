@@ -28,7 +28,7 @@ from trade_records import TradeRun, append, finite, printed, read, table
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.runtime.memory import bytes_since, forget_peak
+from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 
 TOLERANCES, QUICK_TOLERANCES = (1e-2, 3e-3, 1e-3, 3e-4), (3e-3, 3e-4)
 SECONDS, QUICK_SECONDS = (3.0, 10.0), (3.0,)
@@ -60,13 +60,13 @@ def run(problem: Problem, target: TradeRun) -> TradeRun:
         "seconds": target.asked_seconds,
         "memory": target.memory,
     }
-    before = forget_peak()
+    before = reset_peak_memory()
     try:
         solution = ck.solve(problem.scene, origin=origin, norm=target.norm, **goal)
     except CpmkitError as error:
         print(f"{problem.name}: {error}", file=sys.stderr)
         return target
-    used, trade = bytes_since(before), solution.trade
+    used, trade = peak_growth_bytes(before), solution.trade
     return replace(
         target,
         status=trade.status,

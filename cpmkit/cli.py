@@ -227,14 +227,14 @@ def plugins(kind: str | None, as_json: bool) -> None:
         return
 
     from cpmkit.plugins import installed_kinds
-    from cpmkit.runtime.messages import to_install
+    from cpmkit.runtime.messages import install_command
 
     kinds = installed_kinds()
     if as_json:
         click.echo(json.dumps([asdict(one) for one in kinds], indent=2))
         return
     if not kinds:
-        click.echo(f"No plugin is installed; {to_install('all')} adds them.")
+        click.echo(f"No plugin is installed; {install_command('all')} adds them.")
     width = max((len(one.kind) for one in kinds), default=0) + 2
     for one in kinds:
         click.echo(f"{one.kind:<{width}}{one.distribution} {one.version}")

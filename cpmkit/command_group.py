@@ -15,7 +15,7 @@ import click
 
 from cpmkit.errors import CpmkitError, PluginError, shown
 from cpmkit.plugins import COMMANDS_GROUP
-from cpmkit.runtime.memory import memory_limit, ran_out
+from cpmkit.runtime.memory import is_out_of_memory, memory_limit
 
 #: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
 FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
@@ -76,7 +76,7 @@ def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickExceptio
     """Return the sentence for an error."""
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
-    if ran_out(error):
+    if is_out_of_memory(error):
         return click.ClickException(f"Memory ran out{_at_stage(ctx)}: {memory_limit()}; a larger spacing needs less.")
     if isinstance(error, OSError) and error.strerror:
         name = f": {shown(error.filename)}" if error.filename else ""

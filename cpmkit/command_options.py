@@ -83,13 +83,13 @@ def accuracy_options(command: Command) -> Command:
 def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing and the options of ``solve``: what the command line says goes before what the file says."""
     from cpmkit.forms.accuracy_target import AccuracyTarget
-    from cpmkit.runtime.options import declared
+    from cpmkit.runtime.options import declared_options
 
     given = {name: value for name, value in target.items() if value is not None}
     deciding = [name for name in ("tolerance", "seconds", "memory") if name in given]
     options = dict(loaded.options)
     if spacing is not None:
-        options = {name: value for name, value in options.items() if name not in declared(AccuracyTarget)}
+        options = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
     decided = spacing if deciding else spacing or loaded.spacing
     return decided, {**options, **given}
 
@@ -134,7 +134,7 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
         )
     if said and request.picture is not None:
         changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
-        request = replace(request, picture=request.picture.look_changed(changes))
+        request = replace(request, picture=request.picture.with_look(changes))
     if request.wants_error and estimate is False:
         raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
     return request

@@ -16,10 +16,10 @@ from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import every_option, module_of, options_of
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.options import Options, solver_of
-from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, solver_of_steps
+from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, make_step_solver
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.protocols import Backend, Floats, Progress, no_progress
-from cpmkit.runtime.options import declared, take
+from cpmkit.runtime.options import declared_options, split_options
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.scene.scene import Scene
@@ -44,7 +44,7 @@ def solve_scene(
     **options: Any,
 ) -> SolutionRecord:
     """Solve a scene as :func:`cpmkit.solve` does, without its warnings being issued: the solution holds them."""
-    checkpointing, rest = take(Checkpointing, options)
+    checkpointing, rest = split_options(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
     discretize, solver, target = resolve_options(backend, scene, spacing, progress, rest)
@@ -83,7 +83,7 @@ def solve_discretized(
     started = time.perf_counter() if started is None else started
     chosen = solver_of(form, options.solver)
     steps = form.scene.problem.family == "time"
-    solver = solver_of_steps(options, chosen) if steps else make_solver(chosen, options.further)
+    solver = make_step_solver(options, chosen) if steps else make_solver(chosen, options.further)
     by_default = options.solver_tolerance is None
     return _solve_family(
         SolveContext(
@@ -138,7 +138,9 @@ def resolve_options(
     if backend != "cpm":
         return (*_resolve_plugin_options(backend, scene, spacing, progress, options), None)
     target, rest = options_of(scene, spacing, options)
-    solver = SolverOptions.of(rest, (*every_option(), *declared(AccuracyTarget), *declared(Checkpointing)))
+    solver = SolverOptions.of(
+        rest, (*every_option(), *declared_options(AccuracyTarget), *declared_options(Checkpointing))
+    )
     form = module_of(target.form)
     form.check(scene, target)
     return lambda: form.discretize(scene, target, progress), solver, target
@@ -156,7 +158,7 @@ def _resolve_plugin_options(
     of_plugin = {name: value for name, value in options.items() if takes(plugin.discretize, name)}
     rest = {name: value for name, value in options.items() if name not in of_plugin}
     built_in = options.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
-    of_solver = (*declared(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
-    check_keys(plugin.discretize, label, options, (*declared(Checkpointing), *of_solver))
+    of_solver = (*declared_options(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
+    check_keys(plugin.discretize, label, options, (*declared_options(Checkpointing), *of_solver))
     table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
     return lambda: call(plugin.discretize, label, table), SolverOptions.of(rest)

@@ -12,7 +12,7 @@ from typing import Any
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
 from cpmkit.runtime.memory import memory_limit
-from cpmkit.runtime.messages import collected_warnings, to_install
+from cpmkit.runtime.messages import collected_warnings, install_command
 from cpmkit.runtime.threads import processors
 from cpmkit.solution.summary import version_of
 
@@ -109,12 +109,12 @@ def _loading(scene: str | Path) -> str:
 def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
     advice = []
     if not kinds:
-        advice.append(f"No plugin is installed, so no scene can name a shape: {to_install('all')} adds them.")
+        advice.append(f"No plugin is installed, so no scene can name a shape: {install_command('all')} adds them.")
     missing = [
         what
         for what, needed in {"Pictures": "matplotlib", ".vtp files": "pyvista", ".mp4 films": "imageio"}.items()
         if versions[needed] is None
     ]
     if missing:
-        advice.append(f"{' and '.join(missing)} need more than is installed: {to_install('view')} adds it.")
+        advice.append(f"{' and '.join(missing)} need more than is installed: {install_command('view')} adds it.")
     return advice

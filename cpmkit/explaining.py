@@ -19,7 +19,7 @@ from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.protocols import Progress
 from cpmkit.runtime.messages import collected_warnings
-from cpmkit.runtime.options import showing
+from cpmkit.runtime.options import document_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
@@ -33,7 +33,7 @@ REHEARSALS_RATIO = 2.0
 Rehearse = Callable[[float], tuple[SolutionRecord, float]]
 
 
-@showing(Options, *FORMS.values(), SolverOptions)
+@document_options(Options, *FORMS.values(), SolverOptions)
 def explain(
     scene: Scene,
     spacing: float | None = None,

@@ -15,7 +15,7 @@ from cpmkit.facade import Solution
 from cpmkit.files.whole_files import written_whole
 from cpmkit.mesh.mixed_cells import with_corners
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.runtime.messages import to_install
+from cpmkit.runtime.messages import install_command
 from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.view.drawing import in_space
 
@@ -279,5 +279,5 @@ def _pyvista() -> Any:
         return import_module("pyvista")
     except ImportError as error:
         raise MissingDependencyError(
-            f"pyvista, which shows the window, does not import: {error}; {to_install('view')} adds it."
+            f"pyvista, which shows the window, does not import: {error}; {install_command('view')} adds it."
         ) from error

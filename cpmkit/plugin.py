@@ -49,8 +49,8 @@ if TYPE_CHECKING:
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
+    from cpmkit.linear.residuals import judge as judge
     from cpmkit.linear.solve_report import SolveReport as SolveReport
-    from cpmkit.linear.solve_report import judge as judge
     from cpmkit.manifold.abilities import MOST_EDGES as MOST_EDGES
     from cpmkit.manifold.abilities import advice_of as advice_of
     from cpmkit.manifold.abilities import edge_limit_of as edge_limit_of
@@ -290,7 +290,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "Operator": "protocols",
         "PreparedSolver": "protocols",
         "SolveReport": "linear.solve_report",
-        "judge": "linear.solve_report",
+        "judge": "linear.residuals",
     },
     "Forms and back ends": {
         "Backend": "protocols",

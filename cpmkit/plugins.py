@@ -19,8 +19,8 @@ import pluggy
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.runtime.messages import COMBINATIONS, FAMILIES, did_you_mean, to_install
-from cpmkit.runtime.options import check_types
+from cpmkit.runtime.messages import COMBINATIONS, PLUGIN_FAMILIES, did_you_mean, install_command
+from cpmkit.runtime.options import check_key_types
 
 if TYPE_CHECKING:
     from cpmkit.protocols import ClosestPointSource, Floats, Ints
@@ -77,7 +77,7 @@ def _unknown_kind(kind: str) -> str:
         return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(near)}."
     listed = ", ".join(kinds) or "none"
     extra = "combinations" if family in COMBINATIONS else family
-    advice = f" {to_install(extra)} adds the family {family!r}." if extra in FAMILIES else ""
+    advice = f" {install_command(extra)} adds the family {family!r}." if extra in PLUGIN_FAMILIES else ""
     return f"{missing}{meant}. Installed: {listed}.{advice}"
 
 
@@ -158,7 +158,7 @@ def call(make: Callable[..., Made], what: str, table: Mapping[str, Any]) -> Made
     missing = [name for name, p in accepted.items() if p.default is p.empty and name not in table]
     if missing:
         raise SceneError(f"{what} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
-    check_types(make, what, table)
+    check_key_types(make, what, table)
     return make(**table)
 
 

@@ -21,10 +21,10 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean, warn_each
-from cpmkit.runtime.options import declared, showing, take
+from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import EigenFamily, Equation, Family, TimeFamily
-from cpmkit.scene.scene import Scene, restated
+from cpmkit.scene.scene import Scene, with_replaced_data
 from cpmkit.solution.record import SolutionRecord
 
 
@@ -114,11 +114,11 @@ class Prepared(Generic[Family]):
         guess: SolutionRecord | None = None,
         **options: Unpack[CheckpointingKeywords],
     ) -> Solution: ...
-    @showing(Checkpointing)
+    @document_options(Checkpointing)
     def solve(
         self,
         *,
-        problem: Equation[Any] | None = None,
+        problem: Equation | None = None,
         data: Mapping[str, Any] | None = None,
         guess: SolutionRecord | None = None,
         **options: Any,
@@ -146,15 +146,15 @@ class Prepared(Generic[Family]):
         CpmkitError
             One sentence: what was got, what is accepted, what to do.
         """
-        checkpointing, others = take(Checkpointing, options)
+        checkpointing, others = split_options(Checkpointing, options)
         if others:
-            known = ("problem", "data", "guess", *declared(Checkpointing))
+            known = ("problem", "data", "guess", *declared_options(Checkpointing))
             name = next(iter(others))
             raise InputError(
                 f"Prepared.solve has no option {name!r}{did_you_mean(name, known)}; those of the solver are given to "
                 "prepare."
             )
-        scene = restated(self.discretized.scene, problem, data)
+        scene = with_replaced_data(self.discretized.scene, problem, data)
         checkpointing.check_for(scene.problem)
         start = None if guess is None else guess.values
         if start is not None and start.shape != (self.discretized.size, scene.channels):
@@ -241,7 +241,7 @@ def prepare(
     progress: ShownProgress = None,
     **options: Any,
 ) -> Prepared[Family]: ...
-@showing(Options, *FORMS.values(), SolverOptions)
+@document_options(Options, *FORMS.values(), SolverOptions)
 def prepare(
     scene: Scene,
     spacing: float | None = None,

@@ -395,10 +395,10 @@ class Operator(Protocol):
 class Stiffness(Operator, Protocol):
     """The operator A of an equation's terms, as a form makes it; steps in time and eigenvalues shift it."""
 
-    def shifted(self, factor: float, mass: Any = None, /) -> Operator:
+    def scaled_plus_mass(self, factor: float, mass: Any = None, /) -> Operator:
         """Return ``M + factor A``; M is the form's mass, None for the identity."""
 
-    def less(self, shift: float, mass: Any = None, /) -> Operator:
+    def minus_shifted_mass(self, shift: float, mass: Any = None, /) -> Operator:
         """Return ``A - shift M``; M is what stands beside lambda, None for the identity."""
 
 

@@ -21,7 +21,7 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import call, factory, takes
 from cpmkit.runtime.messages import did_you_mean, warn_each
-from cpmkit.runtime.options import showing, take
+from cpmkit.runtime.options import document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import EigenFamily, TimeFamily
 from cpmkit.scene.scene import Scene
@@ -84,7 +84,7 @@ def solve(
     progress: ShownProgress = None,
     **options: Any,
 ) -> Solution: ...
-@showing(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
+@document_options(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,
     spacing: float | None = None,
@@ -138,7 +138,7 @@ def solve(
     >>> ck.solve(scene, spacing=0.05).evaluate([[0, 1], [-1, 0]]).round(3)
     array([0.25, 0.5 ])
     """
-    target, rest = take(AccuracyTarget, options)
+    target, rest = split_options(AccuracyTarget, options)
     target.check_spacing(spacing)
     with shown_progress(progress) as shown:
         if target.anything:
@@ -162,7 +162,7 @@ def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, 
     return {name: value for name, value in options.items() if name in given}
 
 
-@showing(Options, *FORMS.values())
+@document_options(Options, *FORMS.values())
 def discretize(
     scene: Scene, spacing: float, *, progress: ShownProgress = None, **options: Unpack[DiscretizingKeywords]
 ) -> Discretized:

@@ -14,7 +14,7 @@ from cpmkit.errors import InputError
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.messages import collected_warnings, warn_each
-from cpmkit.runtime.options import showing, take
+from cpmkit.runtime.options import document_options, split_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 
@@ -26,7 +26,7 @@ Made = TypeVar("Made", bound=SolutionRecord)
 MOST_TRIALS = 4
 
 
-@showing(AccuracyTarget)
+@document_options(AccuracyTarget)
 def solve_by(
     recipe: Callable[[float, Any], Made],
     scene: Scene,
@@ -72,7 +72,7 @@ def solve_by(
     >>> found.trade.status
     'reached'
     """
-    goal, others = take(AccuracyTarget, target)
+    goal, others = split_options(AccuracyTarget, target)
     if others or not goal.anything:
         raise InputError(
             "solve_by needs a tolerance, seconds or a memory"

@@ -23,7 +23,7 @@ from cpmkit.forms.options import Options, lattice_options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import collected_warnings, warn_each
-from cpmkit.runtime.options import showing
+from cpmkit.runtime.options import document_options
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
@@ -191,7 +191,7 @@ def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
     return np.asarray(np.asarray(scene.surface.bounds).mean(axis=0) + spacing * shift)
 
 
-@showing(Options, *FORMS.values(), SolverOptions)
+@document_options(Options, *FORMS.values(), SolverOptions)
 def estimate_error(
     scene: Scene, spacing: float, *, tight: bool = False, **options: Unpack[PreparingKeywords]
 ) -> ErrorEstimate:

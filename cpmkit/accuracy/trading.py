@@ -22,7 +22,7 @@ from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
 from cpmkit.protocols import Progress
 from cpmkit.runtime.messages import collected_warnings
-from cpmkit.runtime.options import declared
+from cpmkit.runtime.options import declared_options
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
@@ -99,7 +99,7 @@ def algebraic_tolerance(tolerance: float) -> float:
 
 
 def _check(scene: Scene, options: Mapping[str, Any]) -> None:
-    given = [name for name in declared(Checkpointing) if name in options]
+    given = [name for name in declared_options(Checkpointing) if name in options]
     given += ["backend"] if options["backend"] != "cpm" else []
     if given:
         raise InputError(

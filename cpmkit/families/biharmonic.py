@@ -17,7 +17,7 @@ from cpmkit.errors import InputError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.free_constants import Imbalance, defects_of
-from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
@@ -115,13 +115,13 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     return u, v, _together(first, second), unbalanced
 
 
-def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, tuple[PreparedSolver, Constants]]:
+def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, tuple[PreparedSolver, ConstantFunctions]]:
     free = context.discretized.free_constants(stiffness)
     operator: Operator = stiffness if free is None else Bordered(stiffness, free)
     return operator, _prepared(context, operator)
 
 
-def _prepared(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, Constants]:
+def _prepared(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, ConstantFunctions]:
     return context.prepare(operator), context.constants(operator)
 
 
@@ -132,10 +132,10 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
     into it.
     """
     border = operator.border
-    u, means = border.centred(u)
+    u, means = border.remove_means(u)
     indicator = border.indicator.toarray()
     measure = (indicator * _weighed(form, indicator)).sum(axis=0)
-    excess = operator.shift * means * ((indicator * border.carried.toarray()).sum(axis=0) / measure)[:, None]
+    excess = operator.shift * means * ((indicator * border.constant_load.toarray()).sum(axis=0) / measure)[:, None]
     return u, np.asarray(v - indicator @ excess)
 
 

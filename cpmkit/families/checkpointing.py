@@ -11,7 +11,7 @@ from typing import Any
 from cpmkit.errors import InputError, shown
 from cpmkit.files.whole_files import check_name, check_place
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.options import Declared, option
+from cpmkit.runtime.options import DeclaredOptions, option
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.equations_in_time import Evolution
 
@@ -27,7 +27,7 @@ def _path(given: Any, what: str) -> Path | None:
 
 
 @dataclass(frozen=True)
-class Checkpointing(Declared):
+class Checkpointing(DeclaredOptions):
     """Where the state of a run is written and read."""
 
     checkpoint: Path | None = option(

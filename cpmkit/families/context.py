@@ -10,8 +10,8 @@ import numpy as np
 
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constant_part import Constants
-from cpmkit.linear.preconditioned import Lends, Lent
+from cpmkit.linear.constant_functions import ConstantFunctions
+from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.equations import Terms
@@ -37,7 +37,7 @@ class Kept:
 
     made: dict[Hashable, Any] = field(default_factory=dict)
     lends: bool = False
-    lenders: dict[int, Lends] = field(default_factory=dict)
+    lenders: dict[int, ReusablePreconditioner] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         return {"made": {}, "lends": self.lends, "lenders": {}}  # factors do not pickle, and are made again
@@ -120,9 +120,9 @@ class SolveContext:
         """Return the solver of systems with ``operator``, with what it makes once of it and of the form's levels."""
         lender = self.kept.lenders.get(operator.size)
         if lender is not None:
-            return Lent(lender.for_operator(operator), lambda: self._prepare(operator))
+            return SharedPreconditioner(lender.for_operator(operator), lambda: self._prepare(operator))
         made = self._prepare(operator)
-        if self.kept.lends and isinstance(made, Lends):
+        if self.kept.lends and isinstance(made, ReusablePreconditioner):
             self.kept.lenders[operator.size] = made
         return made
 
@@ -130,9 +130,9 @@ class SolveContext:
         takes = getattr(self.solver, "takes_levels", True)
         return self.solver.prepare(operator, self.discretized.levels(operator) if takes else ())
 
-    def constants(self, operator: Operator) -> Constants:
+    def constants(self, operator: Operator) -> ConstantFunctions:
         """Return the constants that are taken out of systems with ``operator``."""
-        return Constants.of(operator, self.discretized.constant)
+        return ConstantFunctions.of(operator, self.discretized.constant)
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
         """Return the report of a solve that is more than one linear system."""

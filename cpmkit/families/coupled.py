@@ -17,7 +17,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.free_constants import MOSTLY
-from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.protocols import Floats, Operator, Stiffness
@@ -56,7 +56,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     built = time.perf_counter()
     guess = None if context.guess is None else context.guess.reshape(-1, 1)
     each = np.asarray(np.kron(form.constant, np.eye(channels)), dtype=np.float64)
-    constants = Constants.of(operator, each)
+    constants = ConstantFunctions.of(operator, each)
     values, report = constants.solve(prepared, b, context.tolerance, guess, context.progress)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     work = form.work(operator, report)

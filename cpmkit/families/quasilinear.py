@@ -109,7 +109,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     form.check(context.solver_name)
     terms = replace(problem.terms(), f=_Remembered(problem.terms().f))
     u = _start(context, problem, terms)
-    held = _mean_diffusivity(context, problem, u) if problem.held_evenly else None
+    held = _mean_diffusivity(context, problem, u) if problem.uniform_penalty else None
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), held)
     u, counted = _approached(steps, problem, u) if context.guess is None else (u, _Counted())
     u, counted = _settled(steps, problem, u, counted)
@@ -151,7 +151,7 @@ class _Remembered:
 
 def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
     """Return where the steps begin (n, 1)."""
-    form, data = context.discretized, problem.starts_at
+    form, data = context.discretized, problem.initial_guess
     if context.guess is not None:
         return context.guess
     if data is not None:
@@ -175,7 +175,7 @@ def _approached(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[
         If one of them does not settle.
     """
     counted = _Counted()
-    for nearer in problem.approach:
+    for nearer in problem.continuation:
         law = nearer.diffusivity_of_u
         own = replace(steps, terms=replace(steps.terms, diffusivity=law), law=law)
         u, counted = _settled(own, nearer, u, counted, APPROACHED_CHANGE_SHARE)

@@ -96,8 +96,10 @@ class Steps:
         residual = b - stiffness.apply(u)
         border = form.free_constants(stiffness)
         if border is not None:
-            excess = np.linalg.solve((border.indicator.T @ border.carried).toarray(), border.indicator.T @ residual)
-            residual = residual - border.carried @ excess
+            excess = np.linalg.solve(
+                (border.indicator.T @ border.constant_load).toarray(), border.indicator.T @ residual
+            )
+            residual = residual - border.constant_load @ excess
         return State(u, stiffness, b, residual, border)
 
     def lagged(self, state: State) -> tuple[State, SolveReport]:
@@ -118,7 +120,9 @@ class Steps:
         tangent = form.stiffness(
             replace(self.terms, diffusivity=StateDependentCoefficient(self.law.tangent, state.u, held))
         )
-        drift = form.advection(StateDependentCoefficient(self.law.drift, state.u)) if self.law.of_value else None
+        drift = (
+            form.advection(StateDependentCoefficient(self.law.drift, state.u)) if self.law.depends_on_value else None
+        )
         change, report = self._solved(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
         before, length, why = _size(state.residual, weights), 1.0, None
@@ -148,11 +152,11 @@ class Steps:
 
         def inverse(b: Floats) -> Floats:
             found = prepared.solve(b, tolerance)[0]
-            return found if border is None else border.centred(found)[0]
+            return found if border is None else border.remove_means(found)[0]
 
         if drift is None:
             found, report = prepared.solve(state.residual, tolerance, progress=context.progress)
-            return found if border is None else border.centred(found)[0], report
+            return found if border is None else border.remove_means(found)[0], report
         from scipy.sparse.linalg import LinearOperator, gmres
 
         carried = drift
@@ -161,7 +165,7 @@ class Steps:
             return v.ravel() + inverse(np.asarray(carried.apply(v.reshape(-1, 1)))).ravel()
 
         start, report = prepared.solve(state.residual, tolerance, progress=context.progress)
-        start = start if border is None else border.centred(start)[0]
+        start = start if border is None else border.remove_means(start)[0]
         n = len(start)
         found, info = gmres(
             LinearOperator((n, n), matvec=product), start.ravel(), rtol=100 * tolerance, restart=RESTART, maxiter=2

@@ -9,7 +9,7 @@ from typing import Any
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, unresolved_waves
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.solution.record import SolutionRecord
@@ -41,7 +41,7 @@ class _Ready:
     stiffness: Stiffness
     operator: Operator
     prepared: PreparedSolver
-    constants: Constants
+    constants: ConstantFunctions
 
 
 def _ready(context: SolveContext) -> _Ready:
@@ -74,7 +74,7 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
     if settled.queries:
         work = replace(work, closest_point_queries=work.closest_point_queries + settled.queries)
     resonant, resonance = near_resonance(context, prepared, settled.values)
-    small_c = () if isinstance(operator, Bordered) else ready.constants.chance(b, values)
+    small_c = () if isinstance(operator, Bordered) else ready.constants.cancellation_warnings(b, values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
     found = form.warnings()
     unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]

@@ -78,7 +78,7 @@ def predict(scene: Scene, options: Options[CollocationOptions], progress: Progre
     fine = _counts_of(layout)
     seen = (
         tuple(one.gap for one in layout.boundaries.on_lattice),
-        tuple(one.oriented.left_in_words for one in layout.boundaries.on_lattice),
+        tuple(one.oriented.left_description for one in layout.boundaries.on_lattice),
         _query_noise(layout),
         (*surface_sentences(layout, spacing), *meeting_sentences(layout, spacing)),
     )

@@ -13,11 +13,11 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.options import showing
+from cpmkit.runtime.options import document_options
 from cpmkit.scene.scene import Scene
 
 
-@showing(Options, *FORMS.values(), SolverOptions)
+@document_options(Options, *FORMS.values(), SolverOptions)
 def explain(
     scene: Scene,
     spacing: float | None = None,

@@ -101,8 +101,8 @@ def _parts(scene: Scene, form: Galerkin, counts: Mapping[str, float], target: Op
         left, right = boundary.condition("left"), boundary.condition("right")
         sides = named(left) if left is right else f"{named(left)} left, {named(right)} right"
         why = f"the mesh is cut there, each side has splines of its own: {sides}"
-        if form.sampled.oriented[number].left_in_words:
-            why += f"; {form.sampled.oriented[number].left_in_words}"
+        if form.sampled.oriented[number].left_description:
+            why += f"; {form.sampled.oriented[number].left_description}"
         parts.append(Part(f"samples of {boundary.name!r}", f"{round(counts[f'boundary {number}']):,}", why))
     return parts
 

@@ -48,13 +48,13 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
     try:
         yield
     except Exception as error:
-        if not memory.ran_out(error):
+        if not memory.is_out_of_memory(error):
             raise
         traceback.clear_frames(error.__traceback__)
         raise ResolutionError(_sentence(scene, options, solver, limit)) from error
 
 
-def _sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.Limit) -> str:
+def _sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
     if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, needed, hint, fits = options.spacing, "", "", 0.0

@@ -7,7 +7,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.options import Declared, option
+from cpmkit.runtime.options import DeclaredOptions, option
 
 NORMS = ("rms", "max")
 #: Units in which a memory may be written, in bytes.
@@ -59,7 +59,7 @@ def read_memory(value: Any, what: str = "memory") -> float | None:
 
 
 @dataclass(frozen=True)
-class AccuracyTarget(Declared):
+class AccuracyTarget(DeclaredOptions):
     """What a solution is to reach, or to cost at most.
 
     Raises

@@ -14,12 +14,12 @@ from cpmkit.grid.fitting import needed_spacing
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.messages import did_you_mean
-from cpmkit.runtime.options import Declared, Option, declared, either, take
+from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
-FORMS: dict[str, type[Declared]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
+FORMS: dict[str, type[DeclaredOptions]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
 #: Where each is discretised.
 MODULES = {"collocation": "cpmkit.forms.collocation.form", "galerkin": "cpmkit.forms.galerkin.discretizing"}
 #: The form that ``auto`` means where nothing in the scene or the options decides.
@@ -40,8 +40,8 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
         If there is no spacing, an option is of another form, or a value is not accepted.
     """
     form, reason = choose_form(scene, given)
-    own, rest = take(FORMS[form], given)
-    target, rest = take(
+    own, rest = split_options(FORMS[form], given)
+    target, rest = split_options(
         Options, rest, spacing=needed_spacing(scene.surface, spacing), own=own, form=form, reason=reason
     )
     return target, {name: value for name, value in rest.items() if name != "form"}
@@ -97,24 +97,24 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
         elif having and chosen is not None and chosen not in having:
             raise InputError(
                 f"{name} is an option of the form {having[0]!r}, got form={chosen!r}, which takes "
-                f"{', '.join(declared(FORMS[chosen]))}; leave it out, or use form={having[0]!r}."
+                f"{', '.join(declared_options(FORMS[chosen]))}; leave it out, or use form={having[0]!r}."
             )
     return chosen
 
 
-def own_options(given: Mapping[str, Any]) -> tuple[Declared, tuple[str, ...]]:
+def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, ...]]:
     """Return the options that belong to the form among those ``given`` without a scene, and the names it accepts.
 
     Where neither ``form`` nor another option decides, the options of every form are accepted, and none is given.
     """
     named = form_named(given.get("form", AUTO), given)
     kinds = [FORMS[named]] if named is not None else list(FORMS.values())
-    return take(kinds[0], given)[0], tuple(name for kind in kinds for name in declared(kind))
+    return split_options(kinds[0], given)[0], tuple(name for kind in kinds for name in declared_options(kind))
 
 
 def _having(name: str) -> list[str]:
     """Return the forms that have an option."""
-    return [form for form, kind in FORMS.items() if name in declared(kind)]
+    return [form for form, kind in FORMS.items() if name in declared_options(kind)]
 
 
 def _fitting(name: str, given: Iterable[str]) -> list[str]:
@@ -122,7 +122,7 @@ def _fitting(name: str, given: Iterable[str]) -> list[str]:
     having = _having(name)
     if len(having) < 2 or not isinstance(given, Mapping):
         return having
-    return [form for form in having if declared(FORMS[form])[name].accepts(given[name])]
+    return [form for form in having if declared_options(FORMS[form])[name].accepts(given[name])]
 
 
 def _deciding(given: Mapping[str, Any]) -> str:
@@ -134,8 +134,10 @@ def _deciding(given: Mapping[str, Any]) -> str:
 
 def every_option() -> dict[str, Option]:
     """Return the options of all forms, and those that they share, by their names; accepted is what one form accepts."""
-    found = dict(declared(Options))
+    found = dict(declared_options(Options))
     for kind in FORMS.values():
-        for name, one in declared(kind).items():
-            found[name] = either(found[name], one) if name in found and name not in declared(Options) else one
+        for name, one in declared_options(kind).items():
+            found[name] = (
+                either_option(found[name], one) if name in found and name not in declared_options(Options) else one
+            )
     return found

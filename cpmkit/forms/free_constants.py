@@ -213,8 +213,8 @@ _KNOWN: WeakKeyDictionary[Border, list[_Told]] = WeakKeyDictionary()
 
 def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and what of b has no solution there."""
-    u, means = operator.border.centred(u)
-    indicator, carried = operator.border.indicator.toarray(), operator.border.carried
+    u, means = operator.border.remove_means(u)
+    indicator, carried = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
     values = operator.shift * (means.T * ((indicator * carried.toarray()).sum(axis=0) / measure)).T
     if operator.border not in _KNOWN:

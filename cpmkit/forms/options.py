@@ -9,15 +9,15 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.options import OPTION_KEY, Declared, Option, option
+from cpmkit.runtime.options import OPTION_KEY, DeclaredOptions, Option, option
 
-Own = TypeVar("Own", bound=Declared)
+Own = TypeVar("Own", bound=DeclaredOptions)
 #: In place of a form's name: the one that fits the scene.
 AUTO = "auto"
 
 
 @dataclass(frozen=True, eq=False)
-class Options(Declared, Generic[Own]):
+class Options(DeclaredOptions, Generic[Own]):
     """How a scene is discretised; ``own`` are the options that belong to the form, ``reason`` why it is that form."""
 
     spacing: float = field(

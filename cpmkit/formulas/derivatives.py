@@ -12,11 +12,11 @@ from functools import cached_property
 from itertools import chain
 
 from cpmkit.errors import SceneError
-from cpmkit.formulas.steps import MOST_STAGED_POINTS, Program, StagedProgram, Steps, program, staged
+from cpmkit.formulas.steps import MAX_STAGED_POINTS, Program, StagedProgram, Steps, make_program, stage_program
 from cpmkit.protocols import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
-MOST_FORMULA_STEPS = 4_000
+MAX_FORMULA_STEPS = 4_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,21 +38,21 @@ class FormulaJets:
     def rows(self, order: int, columns: Floats) -> Floats:
         """Return the rows (r, n) up to derivatives of ``order``, at the variables' values ``columns`` (m, n)."""
         count = columns.shape[1]
-        programs = self._staged if count <= MOST_STAGED_POINTS else self.programs
+        programs = self._staged if count <= MAX_STAGED_POINTS else self.programs
         return programs[order](dict(zip(self.names, columns, strict=True)), count)
 
     @cached_property
     def _staged(self) -> tuple[StagedProgram, ...]:
-        return tuple(staged(one) for one in self.programs)
+        return tuple(stage_program(one) for one in self.programs)
 
 
-def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> FormulaJets:
+def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
     """Return formulas, checked syntax trees in the variables ``names``, with their derivatives.
 
     Raises
     ------
     SceneError
-        If they need more than :data:`MOST_FORMULA_STEPS` steps; ``what`` names them.
+        If they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` names them.
     """
     steps = Steps()
     zero = steps.number(0.0)
@@ -66,11 +66,11 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], what: str) -> 
     slopes = [along(values, name) for name in names]
     curvatures = [along(slopes[i], name) for i in range(len(names)) for name in names[i:]]
     first = [*values, *chain(*slopes)]
-    programs = tuple(program(steps, outputs) for outputs in (values, first, [*first, *chain(*curvatures)]))
+    programs = tuple(make_program(steps, outputs) for outputs in (values, first, [*first, *chain(*curvatures)]))
     needed = len(programs[2].instructions)
-    if needed > MOST_FORMULA_STEPS:
+    if needed > MAX_FORMULA_STEPS:
         raise SceneError(
-            f"{what} takes {needed} operations with its first two derivatives; at most {MOST_FORMULA_STEPS} are "
+            f"{label} takes {needed} operations with its first two derivatives; at most {MAX_FORMULA_STEPS} are "
             "accepted, use a shorter formula, or give a function from Python."
         )
     return FormulaJets(tuple(names), (programs[0], programs[1], programs[2]))

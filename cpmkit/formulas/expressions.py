@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.formulas.steps import Program, Steps, program
+from cpmkit.formulas.steps import Program, Steps, make_program
 from cpmkit.formulas.trees import COORDINATES, formula_tree
 from cpmkit.protocols import Floats
 
@@ -47,7 +47,7 @@ class Formula:
     @cached_property
     def _program(self) -> Program:
         steps = Steps()
-        return program(steps, [steps.add_tree(formula_tree(self.text, self._names))])
+        return make_program(steps, [steps.add_tree(formula_tree(self.text, self._names))])
 
     def _values(self, points: Floats, **others: Any) -> Floats:
         """Return the values (n,) at points (n, d)."""
@@ -187,4 +187,4 @@ class ReactionExpression:
         own = tuple(f"u{k}" for k in range(1, self.channels + 1))
         names = (*(("u", *own) if len(own) == 1 else own), *COORDINATES[: self.dim], "t")
         steps = Steps()
-        return program(steps, [steps.add_tree(formula_tree(text, names)) for text in self.texts])
+        return make_program(steps, [steps.add_tree(formula_tree(text, names)) for text in self.texts])

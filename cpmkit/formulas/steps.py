@@ -25,7 +25,7 @@ KERNELS: dict[str, Callable[..., Any]] = {
         "add", "subtract", "multiply", "divide", "power", "mod", "negative",
     )
 } | {
-    "less": lambda a, b: np.less(a, b) * 1.0, "less_equal": lambda a, b: np.less_equal(a, b) * 1.0,
+    "less": lambda a, b: (a < b) * 1.0, "less_equal": lambda a, b: (a <= b) * 1.0,
     "where": lambda condition, a, b: np.where(condition != 0, a, b),
 }  # fmt: skip
 #: The kernel of an operator; a > b is b < a.
@@ -59,8 +59,8 @@ class Steps:
 
     def value(self, place: int) -> float | None:
         """Return the number at a place, None where there is something else."""
-        kind, *what = self.steps[place]
-        return float.fromhex(what[0]) if kind == "number" else None
+        kind, *label = self.steps[place]
+        return float.fromhex(label[0]) if kind == "number" else None
 
     def apply(self, kernel: str, *operands: int) -> int:
         """Return the place of a kernel's result; that of numbers is a number."""
@@ -183,7 +183,7 @@ class Program:
             row[:] = values[place]
 
 
-def program(steps: Steps, outputs: Sequence[int]) -> Program:
+def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
     """Return what computes ``outputs``."""
     cone = steps.cone(outputs)
     numbers = {place: np.float64(value) for place in cone if (value := steps.value(place)) is not None}
@@ -201,7 +201,7 @@ def program(steps: Steps, outputs: Sequence[int]) -> Program:
 #: What ``run_arithmetic`` knows, in its order; rounding leaves each but one result, so that it is NumPy's to the bit.
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt")
 #: For more points than these, NumPy's own loops are the faster ones.
-MOST_STAGED_POINTS = 1024
+MAX_STAGED_POINTS = 1024
 
 #: A run of arithmetic (k, 4), or a kernel's name, the rows of its operands, and that of its result.
 Stage = Ints | tuple[str, list[int], int]
@@ -247,7 +247,7 @@ class StagedProgram:
         return results
 
 
-def staged(program: Program) -> StagedProgram:
+def stage_program(program: Program) -> StagedProgram:
     """Return the same program in stages; rows whose values are not needed any more are used again."""
     fixed = [*program.numbers, *program.variables.values()]
     row = {place: k for k, place in enumerate(fixed)}

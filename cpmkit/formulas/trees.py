@@ -25,12 +25,12 @@ OPERATIONS = (
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
 #: A longer formula is refused before it is parsed.
-MOST_FORMULA_CHARACTERS = 20_000
+MAX_FORMULA_CHARACTERS = 20_000
 #: A formula of more numbers, names and operations is refused.
 MOST_FORMULA_PARTS = 4_000
 
 
-def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> ast.expr:
+def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") -> ast.expr:
     """Return the syntax tree of a formula in the variables ``names``.
 
     Parameters
@@ -38,7 +38,7 @@ def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> 
     text : str
     names : sequence of str
         The variables that it may use, beside the constants pi and e.
-    what : str
+    label : str
         Its name in messages.
 
     Raises
@@ -48,12 +48,12 @@ def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> 
         of arguments or a number that is not offered.
     """
     if not isinstance(text, str):
-        raise SceneError(f"{what} must be a formula such as 'x**2 + y', got {shown(text)}.")
-    tree = parse(text, what)
+        raise SceneError(f"{label} must be a formula such as 'x**2 + y', got {shown(text)}.")
+    tree = parse(text, label)
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
     if len(parts) > MOST_FORMULA_PARTS:
         raise SceneError(
-            f"{what} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_FORMULA_PARTS} are "
+            f"{label} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_FORMULA_PARTS} are "
             "accepted, give such data by the vertex or from Python."
         )
     called = {id(node.func) for node in parts if isinstance(node, ast.Call)}
@@ -61,11 +61,11 @@ def formula_tree(text: Any, names: Sequence[str], what: str = "the formula") -> 
         reason = None if id(node) in called else _refusal(node, names)
         if reason:
             part = ast.get_source_segment(text.strip(), node) or ""
-            raise SceneError(f"{what} {shown(text)} {reason.format(part=shown(part))}")
+            raise SceneError(f"{label} {shown(text)} {reason.format(part=shown(part))}")
     return tree
 
 
-def parse(text: str, what: str = "the formula") -> ast.expr:
+def parse(text: str, label: str = "the formula") -> ast.expr:
     """Return the syntax tree of any expression of Python that is not too long.
 
     Raises
@@ -73,21 +73,21 @@ def parse(text: str, what: str = "the formula") -> ast.expr:
     SceneError
         If it is too long or nested too deeply, or does not parse.
     """
-    if len(text) > MOST_FORMULA_CHARACTERS:
+    if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(
-            f"{what} {shown(text)} has {len(text)} characters; at most {MOST_FORMULA_CHARACTERS} are accepted, give "
+            f"{label} {shown(text)} has {len(text)} characters; at most {MAX_FORMULA_CHARACTERS} are accepted, give "
             "such data by the vertex or from Python."
         )
     if "#" in text:
-        raise SceneError(f"{what} {shown(text)} holds a #; comments stand outside of the quotes.")
+        raise SceneError(f"{label} {shown(text)} holds a #; comments stand outside of the quotes.")
     try:
         return ast.parse(text.strip(), mode="eval").body
     except (RecursionError, MemoryError) as error:  # both are how the parser says that its stack is full
-        raise SceneError(f"{what} {shown(text)} is nested too deeply; use fewer signs and parentheses.") from error
+        raise SceneError(f"{label} {shown(text)} is nested too deeply; use fewer signs and parentheses.") from error
     except (SyntaxError, ValueError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
         reason = "a number has too many digits" if "digits" in reason else reason
-        raise SceneError(f"{what} {shown(text)} does not parse: {reason.rstrip('.')}.") from error
+        raise SceneError(f"{label} {shown(text)} does not parse: {reason.rstrip('.')}.") from error
 
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:

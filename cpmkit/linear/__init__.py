@@ -1,1 +1,1 @@
-"""Linear operators and solvers, which know no equation."""
+"""Linear operators and solvers; they know no equation and no form."""

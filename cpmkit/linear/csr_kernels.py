@@ -1,6 +1,7 @@
-"""Compiled: products of a sparse matrix with vectors of several channels, and what a smoother does along with them.
+"""Compiled: products and sweeps with sparse matrices, whole or symmetric by the upper halves of their rows.
 
-Pointers and columns are unsigned, so that no index is tested for its sign; vectors are (n, channels) and contiguous.
+Pointers and columns are unsigned, so that no index is tested for its sign. Vectors are contiguous, (n, channels), and
+(channels, n) for symmetric matrices, whose rows begin with the entry on the diagonal.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from cpmkit.runtime.compilation import compiled, inlined
 
 @inlined
 def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
-    """Return row i of ``A x``, channel m, in four sums: one would wait for itself at every entry."""
+    """Return row i of ``A x``, channel m, by four sums: additions to a single sum would wait for each other."""
     one, two, three, four = 0.0, 0.0, 0.0, 0.0
     k, stop = pointers[i], pointers[i + 1]
     last = stop - (stop - k) % np.uint64(4)
@@ -52,16 +53,16 @@ def step(
     x: Floats,
     b: Floats,
     inverse: Floats,
-    kept: float,
-    added: float,
+    momentum: float,
+    factor: float,
     move: Floats,
     out: Floats,
 ) -> None:
-    """Set ``move = kept move + added D^-1 (b - A x)``, ``out = x + move``, with ``inverse`` D^-1, (n,)."""
+    """Set ``move = momentum move + factor D^-1 (b - A x)``, ``out = x + move``, with ``inverse`` D^-1, (n,)."""
     for i in range(start, stop):
         for m in range(x.shape[1]):
             rest = b[i, m] - _row(pointers, columns, entries, i, x, m)
-            move[i, m] = kept * move[i, m] + added * inverse[i] * rest
+            move[i, m] = momentum * move[i, m] + factor * inverse[i] * rest
             out[i, m] = x[i, m] + move[i, m]
 
 
@@ -84,7 +85,7 @@ def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, co
 
 @compiled
 def multiply(
-    wanted: Bools,
+    needed: Bools,
     pointers: Any,
     columns: Any,
     entries: Floats,
@@ -98,9 +99,9 @@ def multiply(
 ) -> tuple[Any, Any, Floats]:
     """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
 
-    Rows that are not ``wanted`` (n,) are empty, and of others only the ``upper`` halves may be asked for, the diagonal
-    before all else; the ``first`` entries of A's rows count so much. ``room`` is about the number of entries: what is
-    not needed costs no memory, what is lacking some time.
+    Rows that are not ``needed`` (n,) are empty. With ``upper`` rows have only the entry on the diagonal and those right
+    of it. The first entry of each row of A is multiplied by ``first``. ``room`` is about the number of entries of the
+    product: room that is not used takes no memory, further room some time.
     """
     met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # the last row with each column, its entry there
     starts = np.zeros(len(pointers), dtype=np.uint64)
@@ -108,7 +109,7 @@ def multiply(
     used = np.uint64(0)
     for i in range(len(pointers) - 1):
         begin = used
-        if not wanted[i]:
+        if not needed[i]:
             starts[i + 1] = used
             continue
         if used + np.uint64(width) >= np.uint64(len(sums)):
@@ -130,7 +131,7 @@ def multiply(
                 if column < least:
                     continue
                 total[column] += entry * other_entries[at]
-                found[used] = column  # and stays where it is new: no branch, which would often be guessed wrongly
+                found[used] = column  # stays if it is new: a branch would often be mispredicted
                 used += np.uint64(met[column] != i)
                 met[column] = i
         for at in range(begin, used):
@@ -142,9 +143,9 @@ def multiply(
 
 @compiled
 def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns and entries of the upper half of a matrix, whose rows need not be sorted.
+    """Return pointers, columns and entries of the upper half of a matrix with rows in any order.
 
-    The latter have the type of ``entries``, which is empty.
+    The entries have the type of the empty array ``entries``.
     """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
@@ -170,7 +171,7 @@ def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[A
 
 @compiled
 def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
-    """Subtract ``A x`` from ``out``, both (channels, n): an entry that is read serves its row and its column."""
+    """Subtract ``A x`` from ``out``, both (channels, n); each entry is used for its row and its column."""
     one = np.uint64(1)
     for channel in range(len(x)):
         own, rest = x[channel], out[channel]
@@ -184,7 +185,7 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
                 even += entry * own[j]
                 rest[j] -= entry * here
                 k += one
-            while k < stop:  # two sums: one would wait for itself at every entry
+            while k < stop:  # two sums, which do not wait for each other
                 entry, j = np.float64(entries[k]), columns[k]
                 even += entry * own[j]
                 rest[j] -= entry * here
@@ -196,20 +197,20 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
 
 
 @compiled
-def move_by(rest: Floats, inverse: Floats, kept: float, added: float, x: Floats, move: Floats) -> None:
-    """Set ``move = kept move + added D^-1 rest`` and ``rest = x + move``, with ``inverse`` D^-1, (n,)."""
+def move_by(rest: Floats, inverse: Floats, momentum: float, factor: float, x: Floats, move: Floats) -> None:
+    """Set ``move = momentum move + factor D^-1 rest`` and ``rest = x + move``, with ``inverse`` D^-1, (n,)."""
     for i in range(len(inverse)):
-        factor = added * inverse[i]
+        scale = factor * inverse[i]
         for m in range(rest.shape[1]):
-            move[i, m] = kept * move[i, m] + factor * rest[i, m]
+            move[i, m] = momentum * move[i, m] + scale * rest[i, m]
             rest[i, m] = x[i, m] + move[i, m]
 
 
 @compiled
 def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
-    """Solve the equations one by one from the last on, where ``inverse`` (n,), of the diagonal, is not zero.
+    """Gauss-Seidel sweep from the last equation to the first, where ``inverse`` (n,), of the diagonal, is not zero.
 
-    ``rest``, which is b - A x, is kept so; it and x are (channels, n).
+    x and its residual ``rest`` = b - A x, both (channels, n), are updated.
     """
     one = np.uint64(1)
     for channel in range(len(x)):
@@ -230,7 +231,7 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 
 @compiled
 def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
-    """Solve the equations ``A x = b`` one by one from the first on, where ``inverse`` is not zero; b is overwritten."""
+    """Gauss-Seidel sweep from the first equation of ``A x = b`` on, where ``inverse`` is not zero; b is overwritten."""
     one = np.uint64(1)
     for channel in range(len(x)):
         own, left = x[channel], b[channel]
@@ -244,7 +245,7 @@ def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Fl
 
 @inlined
 def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the product of the entries from k to ``stop`` with x, in four sums: one would wait for itself."""
+    """Return the product of the entries from k to ``stop`` with x, by four sums, which do not wait for each other."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     while (stop - k) % np.uint64(4):
         a += np.float64(entries[k]) * x[columns[k]]
@@ -260,7 +261,7 @@ def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float
 
 
 @compiled
-def folded(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
+def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
     """Return pointers, columns and entries of the upper half of ``T + T'``, T square."""
     n, one = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
@@ -278,16 +279,16 @@ def folded(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floa
                 at = free[columns[k]]
                 rows[at], turned[at] = i, entries[k]
                 free[columns[k]] += one
-    place = np.zeros(n, dtype=np.uint64)  # one above where a column stands, in this row or an earlier one
+    place = np.zeros(n, dtype=np.uint64)  # one above the position of a column, in this row or an earlier one
     sums = np.zeros(n + 1, dtype=np.uint64)
-    room = len(columns) + n  # of each row the diagonal, and no more than it has on both sides
+    room = len(columns) + n  # the diagonal of each row, and at most all its entries of T and T'
     found, both = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
     for i in range(n):
         begin = used
         found[used], both[used] = i, 0.0
         used += one
-        for k in range(pointers[i], pointers[i + 1]):  # no column twice
+        for k in range(pointers[i], pointers[i + 1]):  # each column is there once
             if columns[k] == i:
                 both[begin] = 2.0 * entries[k]
             elif columns[k] > i:
@@ -306,8 +307,8 @@ def folded(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floa
 
 
 @compiled
-def unfolded(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns (ascending) and entries of the whole of a matrix by its upper half."""
+def full_matrix(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
+    """Return pointers, columns (ascending) and entries of the full matrix from its upper half."""
     n, one = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
     for i in range(n):
@@ -321,7 +322,7 @@ def unfolded(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
     for i in range(n):
         for k in range(pointers[i], pointers[i + 1]):
             j = columns[k]
-            if j != i:  # of row i itself what is left of the diagonal is there already
+            if j != i:  # the entries of row i left of the diagonal are there already
                 found[free[j]], whole[free[j]] = i, entries[k]
                 free[j] += one
             found[free[i]], whole[free[i]] = j, entries[k]

@@ -1,4 +1,4 @@
-"""Sparse matrices as compiled kernels take them, cut into parcels of rows for all threads."""
+"""Sparse matrices for compiled kernels, whole with products on all threads, or symmetric by their upper half."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: Matrices with fewer entries are multiplied by one thread: handing out parcels takes as long as one or two of them.
-LEAST_SHARED_ENTRIES = 1 << 22
+#: Least entries of a matrix whose products use all threads: starting them takes as long as one or two such products.
+MIN_SHARED_ENTRIES = 1 << 22
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +27,7 @@ class UnsignedCsr:
     Attributes
     ----------
     pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
-        As SciPy's; the columns are shared with it where it has 32 bits for them, the entries always.
+        As SciPy's ``indptr``, ``indices`` and ``data``; the entries, and columns of 32 bits, are the same memory.
     width : int
         Number of columns, m.
     """
@@ -39,19 +39,19 @@ class UnsignedCsr:
 
     @classmethod
     def of(cls, matrix: csr_array) -> UnsignedCsr:
-        """Return the same matrix."""
+        """Return a matrix of SciPy in this form."""
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
         return cls(matrix.indptr.astype(np.uint64), columns, matrix.data, int(matrix.shape[1]))
 
-    def rounded(self, most: int | None = None) -> UnsignedCsr:
-        """Return the same matrix with entries of 32 bits, whose products take less time; itself beyond ``most``."""
+    def in_float32(self, most: int | None = None) -> UnsignedCsr:
+        """Return the matrix with entries in float32, whose products are faster; itself if it has more than ``most``."""
         if most is not None and len(self.entries) > most:
             return self
         return replace(self, entries=self.entries.astype(np.float32, copy=False))
 
     def to_csr(self) -> csr_array:
-        """Return the same matrix as SciPy has it; rows are not sorted."""
+        """Return the matrix in SciPy's form; the entries of a row are in no order."""
         from scipy.sparse import csr_array
 
         kind = np.int32 if len(self.entries) < 2**31 else np.int64
@@ -63,19 +63,19 @@ class UnsignedCsr:
         return self.times(other)
 
     def times(
-        self, other: UnsignedCsr, wanted: Bools | None = None, upper: bool = False, first: float = 1.0
+        self, other: UnsignedCsr, needed: Bools | None = None, upper: bool = False, first: float = 1.0
     ) -> UnsignedCsr:
-        """Return ``A B`` with the ``wanted`` (n,) rows, all unless given, and nothing in others.
+        """Return ``A B``, with empty rows but for those that are ``needed`` (n,).
 
-        ``upper``: only what is on the diagonal, which comes first in each row, and right of it. The ``first`` entries
-        of A's rows count so much.
+        With ``upper`` only the entries on the diagonal, first in each row, and right of it are computed. The first
+        entry of each row of A is multiplied by ``first``.
         """
         from cpmkit.linear.csr_kernels import multiply
 
-        wanted = np.ones(len(self), dtype=bool) if wanted is None else wanted
-        one, two = ((own.pointers, own.columns, own.entries) for own in (self, other))
-        room = int(max(len(self.entries), len(other.entries)) * wanted.mean()) if len(wanted) else 0
-        pointers, columns, entries = multiply(wanted, *one, *two, other.width, room, upper, first)
+        needed = np.ones(len(self), dtype=bool) if needed is None else needed
+        left, right = ((factor.pointers, factor.columns, factor.entries) for factor in (self, other))
+        room = int(max(len(self.entries), len(other.entries)) * needed.mean()) if len(needed) else 0
+        pointers, columns, entries = multiply(needed, *left, *right, other.width, room, upper, first)
         return UnsignedCsr(pointers, columns, entries, other.width)
 
     def __len__(self) -> int:
@@ -86,7 +86,7 @@ class UnsignedCsr:
         from cpmkit.linear.csr_kernels import subtract
 
         out = np.empty_like(b)
-        self._parcels(subtract, x, b, out)
+        self._run_on_parcels(subtract, x, b, out)
         return out
 
     def apply(self, x: Floats) -> Floats:
@@ -94,21 +94,21 @@ class UnsignedCsr:
         out = self.residual(x, np.zeros((len(self), x.shape[1])))
         return np.negative(out, out=out)
 
-    def step(self, x: Floats, b: Floats, inverse: Floats, kept: float, added: float, move: Floats) -> Floats:
-        """Return ``x + move`` with the new ``move``, ``kept move + added D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
+    def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
+        """Return ``x + move`` after ``move = momentum move + factor D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
         from cpmkit.linear.csr_kernels import step
 
         out = np.empty_like(x)
-        self._parcels(step, x, b, inverse, kept, added, move, out)
+        self._run_on_parcels(step, x, b, inverse, momentum, factor, move, out)
         return out
 
-    def add_to(self, fine: Floats, coarse: Floats) -> None:
+    def add_product(self, fine: Floats, coarse: Floats) -> None:
         """Add ``A coarse`` to ``fine``."""
         from cpmkit.linear.csr_kernels import prolong
 
-        self._parcels(prolong, coarse, fine)
+        self._run_on_parcels(prolong, coarse, fine)
 
-    def transposed(self, fine: Floats) -> Floats:
+    def apply_transposed(self, fine: Floats) -> Floats:
         """Return ``A' fine``."""
         from cpmkit.linear.csr_kernels import restrict
 
@@ -116,30 +116,32 @@ class UnsignedCsr:
         restrict(self.pointers, self.columns, self.entries, fine, coarse)
         return coarse
 
-    def _parcels(self, kernel: Callable[..., Any], *arguments: Any) -> None:
+    def _run_on_parcels(self, kernel: Callable[..., Any], *arguments: Any) -> None:
         rows = max(PARCEL_ENTRIES * len(self) // max(len(self.entries), 1), 1)
 
         def work(start: int, stop: int) -> None:
             kernel(start, stop, self.pointers, self.columns, self.entries, *arguments)
 
-        if len(self.entries) < LEAST_SHARED_ENTRIES:
+        if len(self.entries) < MIN_SHARED_ENTRIES:
             work(0, len(self))
         else:
             run_parcels(work, len(self), rows)
 
 
-#: Coarser matrices are made in so many parts, of so many rows at least: what is made twice is a tenth of the work.
-COARSE_PARTS, LEAST_COARSE_ROWS = 16, 1 << 12
+#: Parts in which a large coarser matrix is computed, and least rows of a part: a tenth of A P is computed twice.
+COARSE_PARTS, MIN_COARSE_ROWS = 16, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
 class SymmetricCsr:
-    """A symmetric matrix (n, n), with the methods of :class:`UnsignedCsr` that a smoother asks for.
+    """A symmetric matrix (n, n) by the upper halves of its rows, with the methods of :class:`UnsignedCsr`.
+
+    A product reads half as many entries, but writes to rows that others write to as well: for one thread.
 
     Attributes
     ----------
     pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
-        Of each row the entry on the diagonal, and behind it those right of it.
+        Of each row the entry on the diagonal, then the entries right of it.
     """
 
     pointers: Any
@@ -148,13 +150,13 @@ class SymmetricCsr:
 
     @classmethod
     def of(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
-        """Return the same matrix, with entries of this ``kind``."""
+        """Return a matrix of SciPy in this form, with entries of the type ``kind``."""
         from cpmkit.linear.csr_kernels import upper_half
 
         return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data, np.empty(0, dtype=kind)))
 
-    def rounded(self) -> SymmetricCsr:
-        """Return the same matrix with entries of 32 bits, whose products take less time."""
+    def in_float32(self) -> SymmetricCsr:
+        """Return the matrix with entries in float32, whose products are faster."""
         return replace(self, entries=self.entries.astype(np.float32, copy=False))
 
     def __len__(self) -> int:
@@ -162,14 +164,14 @@ class SymmetricCsr:
 
     @property
     def diagonal(self) -> Floats:
-        """(n,) that of the matrix."""
+        """The diagonal (n,)."""
         return np.asarray(self.entries[self.pointers[:-1]], dtype=np.float64)
 
     def residual(self, x: Floats, b: Floats) -> Floats:
         """Return ``b - A x``."""
-        return np.ascontiguousarray(self._rest(x, b).T)
+        return np.ascontiguousarray(self._transposed_residual(x, b).T)
 
-    def _rest(self, x: Floats, b: Floats) -> Floats:
+    def _transposed_residual(self, x: Floats, b: Floats) -> Floats:
         """Return ``b - A x``, (channels, n)."""
         from cpmkit.linear.csr_kernels import subtract_product
 
@@ -182,57 +184,57 @@ class SymmetricCsr:
         out = self.residual(x, np.zeros_like(x))
         return np.negative(out, out=out)
 
-    def step(self, x: Floats, b: Floats, inverse: Floats, kept: float, added: float, move: Floats) -> Floats:
-        """Return ``x + move`` with the new ``move``, ``kept move + added D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
+    def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
+        """Return ``x + move`` after ``move = momentum move + factor D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
         from cpmkit.linear.csr_kernels import move_by
 
         out = self.residual(x, b)
-        move_by(out, inverse, kept, added, x, move)
+        move_by(out, inverse, momentum, factor, x, move)
         return out
 
-    def solved_upwards(self, x: Floats | None, b: Floats, inverse: Floats, sweeps: int) -> tuple[Floats, Floats]:
-        """Return x, from zero where it is None, and ``b - A x``, after ``sweeps`` through the equations from the last.
+    def sweep_backward(self, x: Floats | None, b: Floats, inverse: Floats, sweeps: int) -> tuple[Floats, Floats]:
+        """Return x, zero if None, and ``b - A x``, after Gauss-Seidel ``sweeps`` from the last equation to the first.
 
-        Each is solved in its turn where ``inverse`` (n,), of the diagonal, is not zero (Gauss and Seidel).
+        Equations are solved where ``inverse`` (n,), of the diagonal, is not zero.
         """
         from cpmkit.linear.csr_kernels import sweep_up
 
-        rest = np.array(b.T, order="C") if x is None else self._rest(x, b)
-        found = np.zeros_like(rest) if x is None else np.array(x.T, order="C")
+        rest = np.array(b.T, order="C") if x is None else self._transposed_residual(x, b)
+        u = np.zeros_like(rest) if x is None else np.array(x.T, order="C")
         for _ in range(sweeps):
-            sweep_up(self.pointers, self.columns, self.entries, inverse, rest, found)
-        return np.ascontiguousarray(found.T), np.ascontiguousarray(rest.T)
+            sweep_up(self.pointers, self.columns, self.entries, inverse, rest, u)
+        return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
 
-    def solved_downwards(self, x: Floats, b: Floats, inverse: Floats, sweeps: int) -> Floats:
-        """Return x after as many sweeps from the first equation on: the adjoint of `solved_upwards`."""
+    def sweep_forward(self, x: Floats, b: Floats, inverse: Floats, sweeps: int) -> Floats:
+        """Return x after ``sweeps`` from the first equation to the last: the adjoint of ``sweep_backward``."""
         from cpmkit.linear.csr_kernels import sweep_down
 
-        found = np.array(x.T, order="C")
+        u = np.array(x.T, order="C")
         for _ in range(sweeps):
-            sweep_down(self.pointers, self.columns, self.entries, inverse, np.array(b.T, order="C"), found)
-        return np.ascontiguousarray(found.T)
+            sweep_down(self.pointers, self.columns, self.entries, inverse, np.array(b.T, order="C"), u)
+        return np.ascontiguousarray(u.T)
 
-    def coarser(self, prolongation: csr_array) -> SymmetricCsr:
-        """Return P' A P: as A = U + U', with half of the diagonal in each, it is T + T' of T = P' U P."""
-        from cpmkit.linear.csr_kernels import folded
+    def galerkin_product(self, prolongation: csr_array) -> SymmetricCsr:
+        """Return P' A P = T + T' with T = P' U P, where A = U + U' and U has half of the diagonal."""
+        from cpmkit.linear.csr_kernels import symmetric_sum
 
         upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self))
         T = UnsignedCsr.of(prolongation.T.tocsr()) @ upper.times(UnsignedCsr.of(prolongation), first=0.5)
-        return SymmetricCsr(*folded(T.pointers, T.columns, T.entries))
+        return SymmetricCsr(*symmetric_sum(T.pointers, T.columns, T.entries))
 
-    def whole(self) -> UnsignedCsr:
-        """Return the same matrix with all of its entries."""
-        from cpmkit.linear.csr_kernels import unfolded
+    def full(self) -> UnsignedCsr:
+        """Return the matrix with the entries of both halves."""
+        from cpmkit.linear.csr_kernels import full_matrix
 
-        return UnsignedCsr(*unfolded(self.pointers, self.columns, self.entries), len(self))
+        return UnsignedCsr(*full_matrix(self.pointers, self.columns, self.entries), len(self))
 
-    def shared(self) -> SymmetricCsr | UnsignedCsr:
-        """Return the whole matrix where all threads have a share in its products, and itself where not."""
-        shared = 2 * len(self.entries) - len(self) >= LEAST_SHARED_ENTRIES and thread_count() > 1
-        return self.whole() if shared else self
+    def for_threads(self) -> SymmetricCsr | UnsignedCsr:
+        """Return the full matrix where its products use all threads, else the matrix itself."""
+        shared = 2 * len(self.entries) - len(self) >= MIN_SHARED_ENTRIES and thread_count() > 1
+        return self.full() if shared else self
 
     def rows_of(self, unknowns: Ints) -> csr_array:
-        """Return some rows of the matrix, (k, n)."""
+        """Return the rows (k, n) of some unknowns."""
         from scipy.sparse import csr_array
 
         upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self)).to_csr()
@@ -241,43 +243,46 @@ class SymmetricCsr:
         return (upper[unknowns] + left - diagonal).tocsr()
 
 
-def halved(matrix: csr_array) -> SymmetricCsr | None:
-    """Return a symmetric matrix by its upper half; None where all threads have a share in its products."""
-    return SymmetricCsr.of(matrix) if matrix.nnz < LEAST_SHARED_ENTRIES else None
+def as_symmetric_csr(matrix: csr_array) -> SymmetricCsr | None:
+    """Return a symmetric matrix by its upper half; None if its products are to use all threads."""
+    return SymmetricCsr.of(matrix) if matrix.nnz < MIN_SHARED_ENTRIES else None
 
 
-def rounded(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
-    """Return a large symmetric matrix with entries of 32 bits, by its upper half if one thread works.
+def in_float32(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
+    """Return a large symmetric matrix in float32, by its upper half if there is one thread.
 
-    Beyond ``most`` entries it is whole, and has 64.
+    With more than ``most`` entries it is full, and in float64.
     """
     if matrix.nnz > most or thread_count() > 1:
-        return UnsignedCsr.of(matrix).rounded(most)
+        return UnsignedCsr.of(matrix).in_float32(most)
     return SymmetricCsr.of(matrix, np.float32)
 
 
 def coarse_operator(matrix: csr_array, prolongation: csr_array) -> SymmetricCsr:
     """Return P' A P of a large symmetric matrix, by its upper half.
 
-    Some rows at a time: of A P only what these need is made, and let go. The rows of a lattice's unknowns that follow
-    each other lie in a slab, so that little of A P is made twice.
+    It is computed in parts, each from the rows of A P that it needs. Consecutive unknowns of a lattice lie in a slab,
+    so that few rows of A P are computed twice.
     """
     fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())
     size = len(back)
-    at_once = max(LEAST_COARSE_ROWS, -(-size // COARSE_PARTS))
-    pointers, room = np.zeros(size + 1, dtype=np.uint64), len(fine.entries) // 4  # what is not written to takes none
+    at_once = max(MIN_COARSE_ROWS, -(-size // COARSE_PARTS))
+    pointers, room = (
+        np.zeros(size + 1, dtype=np.uint64),
+        len(fine.entries) // 4,
+    )  # memory is taken where it is written to
     columns, entries, used = np.empty(room, dtype=np.uint32), np.empty(room), 0
     for start in range(0, size, at_once):
         stop = min(start + at_once, size)
-        target, wanted = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
-        target[back.columns[back.pointers[start] : back.pointers[stop]]] = True
-        wanted[start:stop] = True
-        some = back.times(fine.times(P, target), wanted, upper=True)
+        fine_rows, rows = np.zeros(len(fine), dtype=bool), np.zeros(size, dtype=bool)
+        fine_rows[back.columns[back.pointers[start] : back.pointers[stop]]] = True
+        rows[start:stop] = True
+        some = back.times(fine.times(P, fine_rows), rows, upper=True)
         pointers[start + 1 : stop + 1] = some.pointers[start + 1 : stop + 1] + np.uint64(used)
         before, used = used, used + len(some.entries)
         for whole, part in ((columns, some.columns), (entries, some.entries)):
             if used > len(whole):
-                whole.resize(2 * used, refcheck=False)  # no view of it is anywhere
+                whole.resize(2 * used, refcheck=False)  # there is no view of it
             whole[before:used] = part
         del some, part
     for whole in (columns, entries):

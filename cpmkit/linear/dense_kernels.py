@@ -1,7 +1,7 @@
-"""Compiled: Cholesky's factor of a dense matrix, and solves with it, by one thread.
+"""Compiled: the Cholesky factor of a dense matrix, and solves with it, by one thread.
 
-As quick as LAPACK's with one thread up to some hundred unknowns, which with several waits for them, and where other
-programs run takes fifty times as long.
+Up to some hundred unknowns this is as fast as LAPACK with one thread. LAPACK with several threads waits for them, and
+takes fifty times as long where other programs run.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ from cpmkit.runtime.compilation import compiled_reordered
 
 
 @compiled_reordered
-def factorized(a: Floats) -> bool:
+def factorize_cholesky(a: Floats) -> bool:
     """Write L over the lower triangle of ``a`` (n, n) with A = L L'; False where a pivot is not above zero.
 
-    The upper triangle is not read. Four entries of a row are made together, so that the row is read once for four.
+    The upper triangle is not read. Four entries of a row are computed together, so that the row is read once for all.
     """
     for i in range(len(a)):
         j = 0
@@ -35,31 +35,31 @@ def factorized(a: Floats) -> bool:
             a[i, j], a[i, j + 1], a[i, j + 2], a[i, j + 3] = p, q, r, s / a[j + 3, j + 3]
             j += 4
         while j < i:
-            one = 0.0
+            total = 0.0
             for k in range(j):
-                one += a[i, k] * a[j, k]
-            a[i, j] = (a[i, j] - one) / a[j, j]
+                total += a[i, k] * a[j, k]
+            a[i, j] = (a[i, j] - total) / a[j, j]
             j += 1
         squares = 0.0
         for k in range(i):
             squares += a[i, k] * a[i, k]
         pivot = a[i, i] - squares
-        if not pivot > 0:  # nor where it is no number
+        if not pivot > 0:  # NaN is refused too
             return False
         a[i, i] = np.sqrt(pivot)
     return True
 
 
 @compiled_reordered
-def solved(lower: Floats, u: Floats) -> None:
+def solve_cholesky(lower: Floats, u: Floats) -> None:
     """Write ``(L L')^-1 u`` over u (channels, n)."""
     n = len(lower)
     for channel in range(len(u)):
         for i in range(n):
-            one = 0.0
+            total = 0.0
             for k in range(i):
-                one += lower[i, k] * u[channel, k]
-            u[channel, i] = (u[channel, i] - one) / lower[i, i]
+                total += lower[i, k] * u[channel, k]
+            u[channel, i] = (u[channel, i] - total) / lower[i, i]
         for i in range(n - 1, -1, -1):
             u[channel, i] /= lower[i, i]
             for k in range(i):

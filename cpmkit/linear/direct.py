@@ -1,4 +1,4 @@
-"""Factors of an operator; a border is an update of low rank, because its dense rows would fill sparse factors."""
+"""Direct solvers: sparse and dense factors of a matrix, factors of an operator with a border, the solver ``direct``."""
 
 from __future__ import annotations
 
@@ -9,64 +9,138 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern, placing
-from cpmkit.linear.solve_report import SolveReport, judge
+from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern, scatter_matrix
+from cpmkit.linear.residuals import judge
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: Up to so many unknowns a dense matrix is factorised (of surfaces in .8 ms for 3.7 of SuperLU with 342 unknowns, 4 for
-#: 17 with 630, 11 for 19 with 990). Beyond, each solve with the factors would read more than caches hold.
+#: Up to so many unknowns a dense matrix is factorised: for surfaces in 0.8 ms where SuperLU takes 3.7 with 342
+#: unknowns, 4 and 17 with 630, 11 and 19 with 990. A larger factor would not fit the cache in each solve.
 DENSE_UNKNOWNS = 640
-#: Where fewer entries than this share are not zero, as of curves, sparse factors are quicker.
+#: Least share of entries that are not zero for a dense factor; sparser matrices, as of curves, have sparse factors.
 DENSE_SHARE = 0.08
+#: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
+#: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
+PIVOT_SHARE = 1e-3
+#: A residual below this share of the tolerance is not refined: by default 1e-14, which is rounding.
+REFINED_SHARE = 1e-4
+
+
+class IndefiniteError(ArithmeticError):
+    """A symmetric matrix, or its preconditioner, has an eigenvalue that is not positive; the message says where."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cholesky:
-    """The factor L (n, n) of A = L L', whose upper triangle is not read."""
+    """The factor L (n, n) of A = L L'; the upper triangle of ``lower`` is not read."""
 
     lower: Floats
 
     def solve(self, b: Floats) -> Floats:
         """Return u (n, channels), or (n,), with ``A u = b``."""
-        from cpmkit.linear.dense_kernels import solved
+        from cpmkit.linear.dense_kernels import solve_cholesky
 
         if np.iscomplexobj(b):
             return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
         u = np.array(b.T, dtype=np.float64, order="C", ndmin=2)
-        solved(self.lower, u)
+        solve_cholesky(self.lower, u)
         return np.ascontiguousarray(u.T).reshape(b.shape)
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the factor of a symmetric matrix; None where it is large, sparse, or has an eigenvalue not above zero.
+    """Return the dense Cholesky factor of a symmetric matrix.
 
-    Nor where it is complex: symmetric, of shifts, and not Hermitian.
+    None where the matrix is large, sparse, complex (complex shifts are symmetric, not Hermitian), or not positive.
     """
     n = matrix.shape[0]
     if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n or np.iscomplexobj(matrix.data):
         return None
-    from cpmkit.linear.dense_kernels import factorized
+    from cpmkit.linear.dense_kernels import factorize_cholesky
 
     lower = np.ascontiguousarray(matrix.toarray(), dtype=np.float64)
-    return Cholesky(lower) if factorized(lower) else None
+    return Cholesky(lower) if factorize_cholesky(lower) else None
 
 
-#: Of a symmetric matrix the pivot is the diagonal entry, unless it is below this share of the largest in its column: a
-#: matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
-PIVOT = 1e-3
+def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: float = PIVOT_SHARE) -> Any:
+    """Return SuperLU's factors of a matrix.
+
+    Where the pattern is symmetric and the diagonal has usable pivots, as for a positive symmetric part, the elimination
+    order is that of a symmetric matrix, and the factors have half as many entries.
+
+    Raises
+    ------
+    RuntimeError
+        If a pivot is zero.
+    """
+    from scipy.sparse.linalg import splu
+
+    if not symmetric_pattern:
+        return splu(matrix.tocsc())
+    options = {"SymmetricMode": True}
+    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot_share, options=options)
 
 
 @dataclass(frozen=True, eq=False)
-class Update:
-    """What ``U V`` adds to a factorised matrix P: ``(P + U V)^-1 = P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``.
+class SymmetricFactors:
+    """Factors ``lu``, SuperLU's or Cholesky's, of a symmetric matrix with eigenvalues of either sign."""
+
+    lu: Any
+
+    @classmethod
+    def of(cls, matrix: csr_array, where: str) -> Self:
+        """Factorise a symmetric matrix.
+
+        Raises
+        ------
+        IndefiniteError
+            If the matrix is singular; the message ends with ``where``, the part of the system that it belongs to.
+        """
+        return cls(_symmetric_lu(matrix, where, PIVOT_SHARE))
+
+    def solve(self, b: Floats) -> Floats:
+        """Return u (n, channels) with ``A u = b``."""
+        return np.ascontiguousarray(self.lu.solve(b))
+
+
+class PositiveFactors(SymmetricFactors):
+    """Factors of a symmetric positive definite matrix, with all pivots on the diagonal."""
+
+    @classmethod
+    def of(cls, matrix: csr_array, where: str) -> Self:
+        """Factorise a symmetric matrix and check that it is positive definite.
+
+        Raises
+        ------
+        IndefiniteError
+            If a pivot is not positive; the message ends with ``where``.
+        """
+        dense = cholesky(matrix)
+        if dense is not None:
+            return cls(dense)
+        lu = _symmetric_lu(matrix, where, 0.0)
+        negative = int(np.count_nonzero(~(lu.U.diagonal() > 0)))
+        if negative or (lu.perm_r != lu.perm_c).any():
+            raise IndefiniteError(f"it has {max(negative, 1)} eigenvalues of the wrong sign {where}")
+        return cls(lu)
+
+
+def _symmetric_lu(matrix: csr_array, where: str, pivot_share: float) -> Any:
+    try:
+        return factorize_matrix(matrix, True, pivot_share)
+    except RuntimeError as error:  # a pivot is exactly zero
+        raise IndefiniteError(f"it is singular {where}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class LowRankUpdate:
+    """Inverse of ``P + U V`` for a factorised matrix P: ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``.
 
     Attributes
     ----------
-    solved : (n, r) float64
+    solved_columns : (n, r) float64
         ``P^-1 U``.
     rows : csr_array (r, n)
         V.
@@ -74,29 +148,29 @@ class Update:
         ``(1 + V P^-1 U)^-1``.
     """
 
-    solved: Floats
+    solved_columns: Floats
     rows: csr_array
     inverse: Floats
 
     def apply(self, u: Floats) -> Floats:
         """Return ``(P + U V)^-1 b`` from ``u = P^-1 b`` (n, channels)."""
-        return np.asarray(u - self.solved @ (self.inverse @ (self.rows @ u)))
+        return np.asarray(u - self.solved_columns @ (self.inverse @ (self.rows @ u)))
 
 
 @dataclass(frozen=True, eq=False)
-class Factors:
-    """Factors of an operator, its border included.
+class OperatorFactors:
+    """Factors of an operator, with its border.
 
     Attributes
     ----------
     lu : SuperLU or Cholesky
-        Of A; where there is a border, of A with one node of each piece held.
-    update : Update or None
-        From there to ``A + s F W``.
+        Factors of A; with a border, of :func:`pinned_matrix`.
+    update : LowRankUpdate or None
+        Turns the latter into ``A + s F W``: the dense rows of a border would fill sparse factors.
     """
 
     lu: Any
-    update: Update | None
+    update: LowRankUpdate | None
 
     def solve(self, b: Floats) -> Floats:
         """Return u with ``A u = b``, or ``(A + s F W) u = b``, for b of shape (n, channels)."""
@@ -104,7 +178,7 @@ class Factors:
         return u if self.update is None else self.update.apply(u)
 
 
-def factorize(operator: Operator) -> Factors:
+def factorize_operator(operator: Operator) -> OperatorFactors:
     """Return the factors of an operator.
 
     Raises
@@ -113,128 +187,48 @@ def factorize(operator: Operator) -> Factors:
         If the matrix is singular.
     """
     if not isinstance(operator, Bordered):
-        return Factors(_quicker(operator.to_csr(), operator), None)
-    lu = _quicker(held_matrix(operator), operator.operator)
-    return Factors(lu, _update(lu, operator.border, _heaviest(operator.border), operator.shift))
+        return OperatorFactors(_dense_or_sparse_factors(operator.to_csr(), operator), None)
+    lu = _dense_or_sparse_factors(pinned_matrix(operator), operator.operator)
+    return OperatorFactors(lu, _unpinning_update(lu, operator))
 
 
-def _quicker(matrix: csr_array, operator: Operator) -> Any:
-    """Return dense factors of a small symmetric positive matrix, SuperLU's of others."""
+def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
+    """Return the factors of an operator's matrix that are faster: dense if small, symmetric and positive."""
     dense = cholesky(matrix) if operator.symmetric else None
-    return factors_of(matrix, has_symmetric_pattern(operator)) if dense is None else dense
+    return factorize_matrix(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 
-def held_matrix(operator: Bordered) -> csr_array:
-    """Return A with one node of each piece held where a constant is free: regular, as ``A + s F W`` is."""
-    held = _heaviest(operator.border)
-    return (operator.to_csr() + operator.shift * (held @ held.T)).tocsr()
+def pinned_matrix(operator: Bordered) -> csr_array:
+    """Return A with one unknown of each piece pinned on which constants are free: regular, as ``A + s F W`` is."""
+    pinned = _pinned_unknowns(operator.border)
+    return (operator.to_csr() + operator.shift * (pinned @ pinned.T)).tocsr()
 
 
-def factors_of(matrix: csr_array, symmetric_pattern: bool) -> Any:
-    """Return SuperLU's factors, in the order that suits the matrix.
-
-    Where the pattern is symmetric and the diagonal carries pivots, as of a positive symmetric part, the order is that
-    of a symmetric matrix: half the entries.
-    """
-    from scipy.sparse.linalg import splu
-
-    if not symmetric_pattern:
-        return splu(matrix.tocsc())
-    return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options={"SymmetricMode": True})
+def _pinned_unknowns(border: Border) -> csr_array:
+    """Return the unit vectors (n, k) of one unknown of each piece, the one with the largest weight in its mean."""
+    return scatter_matrix(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
 
 
-def _heaviest(border: Border) -> csr_array:
-    """Return the unit vectors (n, k) of one node on each piece, that with the largest weight in its mean."""
-    return placing(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
-
-
-def _update(lu: Any, border: Border, held: csr_array, scale: float) -> Update:
-    """Return the update by ``s F W - s H H'``, which lets the ``held`` nodes H go and lifts the constants."""
+def _unpinning_update(lu: Any, operator: Bordered) -> LowRankUpdate:
+    """Return the update by ``s F W - s H H'`` from the pinned matrix, with pinned unknowns H, to ``A + s F W``."""
     from scipy.sparse import hstack, vstack
 
-    columns = scale * hstack([border.carried, -held]).toarray()
-    stacked: Any = vstack([border.mean, held.T])
+    border, pinned = operator.border, _pinned_unknowns(operator.border)
+    columns = operator.shift * hstack([border.constant_load, -pinned]).toarray()
+    stacked: Any = vstack([border.mean, pinned.T])
     rows = stacked.tocsr()
     solved = lu.solve(columns)
-    return Update(solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))
-
-
-class Indefinite(ArithmeticError):
-    """A symmetric system, or what preconditions it, has an eigenvalue that is not positive; says where that showed."""
-
-
-@dataclass(frozen=True, eq=False)
-class SymmetricFactors:
-    """Factors of a symmetric matrix, with eigenvalues of either sign.
-
-    Attributes
-    ----------
-    lu : SuperLU or Cholesky
-        They.
-    """
-
-    lu: Any
-
-    @classmethod
-    def of(cls, matrix: csr_array, where: str) -> Self:
-        """Factorise.
-
-        Raises
-        ------
-        Indefinite
-            If the matrix is singular; the message says ``where``.
-        """
-        return cls(_factors(matrix, where, PIVOT))
-
-    def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels) with ``A u = b``."""
-        return np.ascontiguousarray(self.lu.solve(b))
-
-
-class PositiveFactors(SymmetricFactors):
-    """Factors of a symmetric positive definite matrix, with pivots from the diagonal."""
-
-    @classmethod
-    def of(cls, matrix: csr_array, where: str) -> Self:
-        """Factorise.
-
-        Raises
-        ------
-        Indefinite
-            If a pivot is not positive; the message says ``where``.
-        """
-        dense = cholesky(matrix)
-        if dense is not None:
-            return cls(dense)
-        lu = _factors(matrix, where, 0.0)
-        negative = int(np.count_nonzero(~(lu.U.diagonal() > 0)))
-        if negative or (lu.perm_r != lu.perm_c).any():
-            raise Indefinite(f"it has {max(negative, 1)} eigenvalues of the wrong sign {where}")
-        return cls(lu)
-
-
-def _factors(matrix: csr_array, where: str, pivot: float) -> Any:
-    from scipy.sparse.linalg import splu
-
-    options = {"SymmetricMode": True}
-    try:
-        return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot, options=options)
-    except RuntimeError as error:  # an exactly zero pivot
-        raise Indefinite(f"it is singular {where}") from error
-
-
-#: A residual below this share of the tolerance is not refined: by default one of 1e-14, where nothing is to be won.
-REFINED_SHARE = 1e-4
+    return LowRankUpdate(solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))
 
 
 @dataclass(frozen=True)
-class Direct:
-    """SuperLU, or dense Cholesky factors of what is small, symmetric and positive."""
+class DirectSolver:
+    """The solver ``direct``: SuperLU, or dense Cholesky factors of small symmetric positive matrices."""
 
     takes_levels: ClassVar[bool] = False
 
-    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Factorized:
-        """Factorise.
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedDirect:
+        """Factorise an operator.
 
         Raises
         ------
@@ -243,7 +237,7 @@ class Direct:
         """
         del levels
         try:
-            return Factorized(operator, factorize(operator))
+            return PreparedDirect(operator, factorize_operator(operator))
         except RuntimeError as error:
             raise SceneError(
                 f"The linear system is singular ({error}): nothing fixes the solution somewhere."
@@ -251,16 +245,16 @@ class Direct:
 
 
 @dataclass(frozen=True, eq=False)
-class Factorized:
+class PreparedDirect:
     """An operator with its factors."""
 
     operator: Operator
-    factors: Factors
+    factors: OperatorFactors
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve for all channels.
+        """Return u (n, channels) with ``A u = b``, and a report; one step of refinement where the residual is large.
 
         Raises
         ------
@@ -270,9 +264,9 @@ class Factorized:
         del guess
         progress("solve", 0.0)
         u = self.factors.solve(b)
-        rest = b - self.operator.apply(u)
-        if np.linalg.norm(rest) > REFINED_SHARE * tolerance * np.linalg.norm(b):
-            u += self.factors.solve(rest)
+        residual = b - self.operator.apply(u)
+        if np.linalg.norm(residual) > REFINED_SHARE * tolerance * np.linalg.norm(b):
+            u += self.factors.solve(residual)
         progress("solve", 1.0)
         remedy = "ask for a larger solver_tolerance: rounding limits a direct solve"
         return u, judge(self.operator, b, u, "direct", tolerance, 0, 1, remedy)

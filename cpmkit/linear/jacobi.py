@@ -1,9 +1,9 @@
-"""Conjugate gradients with the diagonal as preconditioner, and an exact solve on what conditions tie.
+"""The solver ``jacobi``: conjugate gradients preconditioned by the diagonal and an exact solve beside conditions.
 
-It is for matrices that a mass dominates, such as M + factor A of short steps in time: their iterations are those of M,
-90 to 100 for splines, and each takes an eighth of the time of one with a multigrid cycle. Penalties and couplings of
-conditions make eigenvalues large that only the unknowns beside them see; without the exact solve there a circle that
-holds values takes 440 to 620.
+It is for matrices in which the mass dominates, such as M + factor A of short steps in time: their iterations are those
+of M, 90 to 100 for splines, each in an eighth of the time of a multigrid cycle. Penalties and couplings of conditions
+make eigenvalues large whose eigenvectors are zero but beside the conditions; without the exact solve there, a circle
+with Dirichlet values takes 440 to 620 iterations.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError
 from cpmkit.linear.csr_matrices import UnsignedCsr
-from cpmkit.linear.direct import Indefinite, PositiveFactors
-from cpmkit.linear.multigrid.solver import Multigrid
-from cpmkit.linear.preconditioned import Preconditioned, indefinite, without_border
+from cpmkit.linear.direct import IndefiniteError, PositiveFactors
+from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.preconditioned import PreconditionedCG, indefinite_error, split_border
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
 
 if TYPE_CHECKING:
@@ -28,26 +28,25 @@ if TYPE_CHECKING:
     from cpmkit.linear.solve_report import SolveReport
     from cpmkit.protocols import Ints
 
-#: Where the median row of a matrix sums to at least this share of its diagonal entry, its mass dominates: iterations
-#: are then 140 at most, and the multigrid's 16 to 20 take as long. Of -Lap that is a step up to some 140 spacings
-#: squared.
-LEAST_ROW_SHARE = 1 / 64
-#: After so many iterations the multigrid would have been quicker: it goes on from the start.
-MOST_BESIDE_MULTIGRID = 200
+#: The mass dominates a matrix whose median row sums to at least this share of its diagonal entry: there are at most 140
+#: iterations then, which take as long as 16 to 20 of multigrid. For -Lap those are steps up to 140 spacings squared.
+MIN_ROW_SHARE = 1 / 64
+#: Iterations after which multigrid would have been faster, and takes over.
+MAX_BEFORE_MULTIGRID = 200
 
 
 @dataclass(frozen=True, eq=False)
-class Diagonal:
-    """Division by the diagonal, and the exact solution on a strip of unknowns.
+class JacobiPreconditioner:
+    """Division by the diagonal, and an exact solve on the unknowns beside conditions.
 
     Attributes
     ----------
     inverse : (n, 1) float64
-        One over the diagonal.
+        Inverse of the diagonal.
     strip : (k,) int64
-        The unknowns that are solved for together.
+        The unknowns beside conditions, which are solved together.
     factors : PositiveFactors, optional
-        Of A among them; None where there are none.
+        Of the rows and columns of the strip; None where it is empty.
     """
 
     inverse: Floats
@@ -55,8 +54,8 @@ class Diagonal:
     factors: PositiveFactors | None
 
     @classmethod
-    def of(cls, matrix: csr_array, strip: Ints) -> Diagonal:
-        """Return that of a matrix.
+    def of(cls, matrix: csr_array, strip: Ints) -> JacobiPreconditioner:
+        """Return the preconditioner of a matrix with these unknowns beside conditions.
 
         Raises
         ------
@@ -65,17 +64,17 @@ class Diagonal:
         """
         diagonal = matrix.diagonal()[:, None]
         if not (diagonal > 0).all():
-            raise Indefinite("it has entries on the diagonal that are not above zero")
-        among = PositiveFactors.of(matrix[strip][:, strip].tocsr(), "beside boundaries") if len(strip) else None
-        return cls(1 / diagonal, strip, among)
+            raise IndefiniteError("it has entries on the diagonal that are not above zero")
+        block = PositiveFactors.of(matrix[strip][:, strip].tocsr(), "beside boundaries") if len(strip) else None
+        return cls(1 / diagonal, strip, block)
 
     @property
     def products(self) -> int:
-        """None with the whole matrix."""
+        """Number of products with the matrix: none."""
         return 0
 
     def apply(self, b: Floats) -> Floats:
-        """Return x (n, channels)."""
+        """Return the preconditioned vectors (n, channels)."""
         x = b * self.inverse
         if self.factors is not None:
             x[self.strip] = self.factors.solve(b[self.strip])
@@ -83,19 +82,13 @@ class Diagonal:
 
 
 @dataclass(frozen=True)
-class Jacobi:
-    """Conjugate gradients, preconditioned by the diagonal.
-
-    Attributes
-    ----------
-    max_iterations : int
-        At most.
-    """
+class JacobiSolver:
+    """Conjugate gradients, preconditioned by the diagonal, with ``max_iterations`` at most."""
 
     max_iterations: int = 5000
 
-    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Preconditioned:
-        """Return the iteration; of ``levels`` the finest tells what conditions tie.
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
+        """Return the iteration; the first of ``levels`` names the unknowns beside conditions.
 
         Raises
         ------
@@ -104,61 +97,57 @@ class Jacobi:
         ConvergenceError
             If it turns out to have an eigenvalue of the wrong sign.
         """
-        inner, bordered = without_border(operator, "jacobi")
+        inner, bordered = split_border(operator, "jacobi")
         matrix = inner.to_csr()
-        tied = levels[0].strip if levels and bordered is None else np.zeros(0, dtype=np.int64)
+        strip = levels[0].strip if levels and bordered is None else np.zeros(0, dtype=np.int64)
         try:
-            diagonal = Diagonal.of(matrix, tied)
-        except Indefinite as error:
-            raise indefinite("jacobi", error, 0, np.nan) from error
-        return Preconditioned(operator, UnsignedCsr.of(matrix), bordered, diagonal, self.max_iterations, "jacobi")
+            diagonal = JacobiPreconditioner.of(matrix, strip)
+        except IndefiniteError as error:
+            raise indefinite_error("jacobi", error, 0, np.nan) from error
+        return PreconditionedCG(operator, UnsignedCsr.of(matrix), bordered, diagonal, self.max_iterations, "jacobi")
 
 
 @dataclass(frozen=True)
-class Quicker:
-    """The diagonal where a mass dominates the matrix, and else the multigrid's cycle.
+class JacobiOrMultigrid:
+    """The diagonal as preconditioner where the mass dominates the matrix, else a ``multigrid`` cycle."""
 
-    Attributes
-    ----------
-    multigrid : Multigrid
-        With its most iterations.
-    """
-
-    multigrid: Multigrid
+    multigrid: MultigridSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return what is quicker for an operator by the rows of its matrix."""
+        """Return the iteration that is faster for an operator, by the row sums of its matrix."""
         if operator.symmetric and mass_dominates(operator.to_csr()):
-            return Tried(Jacobi(MOST_BESIDE_MULTIGRID).prepare(operator, levels), self.multigrid, operator, levels)
+            return JacobiThenMultigrid(
+                JacobiSolver(MAX_BEFORE_MULTIGRID).prepare(operator, levels), self.multigrid, operator, levels
+            )
         return self.multigrid.prepare(operator, levels)
 
 
 def mass_dominates(matrix: csr_array) -> bool:
-    """Tell whether conjugate gradients with the diagonal are quicker than with a cycle.
+    """Return True if conjugate gradients with the diagonal are faster than with a multigrid cycle.
 
-    Row sums see the mass alone where A 1 = 0, diagonal entries the mass and A: whatever the unit of length, the step
-    and the diffusivity, the share of the one in the other tells the condition number.
+    As A 1 = 0, the row sums of M + factor A are those of M alone, and diagonal entries are those of both: their ratio
+    determines the condition number for any unit of length, step and diffusivity.
     """
     sums = matrix @ np.ones(matrix.shape[1])
-    return bool(np.median(sums / matrix.diagonal()) >= LEAST_ROW_SHARE)
+    return bool(np.median(sums / matrix.diagonal()) >= MIN_ROW_SHARE)
 
 
 @dataclass(frozen=True, eq=False)
-class Tried:
-    """The diagonal, and the cycle for each right-hand side with which that takes too long.
+class JacobiThenMultigrid:
+    """Iterations with the diagonal, and multigrid for each right-hand side for which these do not converge.
 
-    Nothing is remembered from one to the next: a run in time that goes on from a checkpoint does the same.
+    Each right-hand side starts with the diagonal again, so that a run in time repeats itself from a checkpoint.
     """
 
-    diagonal: Preconditioned
-    multigrid: Multigrid
+    diagonal: PreconditionedCG
+    multigrid: MultigridSolver
     operator: Operator
     levels: Sequence[Any]
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve for all channels.
+        """Return u (n, channels) with ``A u = b``, and a report that counts the work of both.
 
         Raises
         ------
@@ -168,12 +157,12 @@ class Tried:
         try:
             return self.diagonal.solve(b, tolerance, guess, progress)
         except ConvergenceError as error:
-            wasted = error.report
-        u, report = self._cycle.solve(b, tolerance, guess, progress)
-        iterations = report.iterations + wasted.iterations
-        products = report.operator_applications + wasted.operator_applications
+            failed = error.report
+        u, report = self._prepared_multigrid.solve(b, tolerance, guess, progress)
+        iterations = report.iterations + failed.iterations
+        products = report.operator_applications + failed.operator_applications
         return u, replace(report, iterations=iterations, operator_applications=products)
 
     @cached_property
-    def _cycle(self) -> PreparedSolver:
+    def _prepared_multigrid(self) -> PreparedSolver:
         return self.multigrid.prepare(self.operator, self.levels)

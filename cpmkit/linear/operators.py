@@ -1,7 +1,4 @@
-"""Operators: one sparse matrix, and those made of others, with constants moved out of the kernel or a complex shift.
-
-What a form assembles keeps :class:`cpmkit.protocols.Operator`; solvers see nothing else.
-"""
+"""Operators that forms assemble and solvers take: a sparse matrix, one with a border, one with a complex shift."""
 
 from __future__ import annotations
 
@@ -19,24 +16,20 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: Share of the largest diagonal entry by which the constants are moved out of the kernel.
-KERNEL_SHIFT = 0.1
-
-
 @dataclass(frozen=True, eq=False)
 class CsrOperator:
-    """One sparse matrix as an operator, a form's A or M.
+    """A sparse matrix as an operator, A or M of a form.
 
     Attributes
     ----------
     matrix : csr_array (n, n)
         The matrix.
     symmetric : bool
-        Whether it is surely symmetric.
+        True if the matrix is known to be symmetric.
     indefinite : bool
-        Whether eigenvalues of both signs are expected, as of standing waves.
+        True if eigenvalues of both signs are expected, as for standing waves.
     symmetric_pattern : bool
-        Whether, where it is not, its pattern is, and its symmetric part surely positive but for constants.
+        True if the pattern of an unsymmetric matrix is symmetric, and its symmetric part positive except for constants.
     """
 
     matrix: csr_array
@@ -51,12 +44,12 @@ class CsrOperator:
 
     @property
     def nonzeros(self) -> int:
-        """Entries stored."""
+        """Number of entries."""
         return int(self.matrix.nnz)
 
     @cached_property
     def diagonal(self) -> Floats:
-        """(n, 1) of the matrix."""
+        """The diagonal (n, 1) of the matrix."""
         return np.asarray(self.matrix.diagonal()[:, None])
 
     def apply(self, u: Floats) -> Floats:
@@ -72,29 +65,30 @@ class CsrOperator:
         return self.matrix
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return how many sets of unknowns it couples among themselves alone, and the set of each unknown (n,)."""
-        return coupled(self.size, [(self.matrix, 0, 0)])
+        """Return the number of connected components of the matrix, and the component of each unknown (n,)."""
+        return connected_unknowns(self.size, [(self.matrix, 0, 0)])
 
-    def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
+    def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``M + factor A``, M the identity where no mass is given."""
         return _sum_of(1.0, mass, factor, self)
 
-    def less(self, shift: float, mass: Operator | None = None) -> CsrOperator:
+    def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``A - shift M``, M the identity where no mass is given."""
         return _sum_of(-shift, mass, 1.0, self)
 
 
-def coupled(count: int, matrices: Iterable[tuple[csr_array, int, int]]) -> tuple[int, Ints]:
-    """Return how many sets of ``count`` unknowns are coupled among themselves alone, and the set of each.
+def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]]) -> tuple[int, Ints]:
+    """Return the number of connected components of ``count`` unknowns, and the component of each unknown (count,).
 
-    Each matrix couples its rows with its columns, both numbered from a number of its own.
+    Each of ``matrices``, (matrix, first_row, first_column), connects the unknown ``first_row + i`` with the unknown
+    ``first_column + j`` where it has an entry (i, j).
     """
-    from cpmkit.runtime.disjoint_sets import numbered, unite_rows
+    from cpmkit.runtime.disjoint_sets import label_sets, unite_rows
 
     parent = np.arange(count)
     for matrix, first_row, first_column in matrices:
         unite_rows(parent, matrix.indptr, matrix.indices, first_row, first_column)
-    return numbered(parent)
+    return label_sets(parent)
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
@@ -119,26 +113,26 @@ def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
 
 
 def has_symmetric_pattern(operator: Operator) -> bool:
-    """Tell whether an operator is symmetric, or nearly so: in its pattern, with a positive symmetric part."""
+    """Return True if an operator is symmetric, or has a symmetric pattern and a positive symmetric part."""
     return operator.symmetric or bool(getattr(operator, "symmetric_pattern", False))
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """What makes a system regular whose solution is fixed up to a constant only, on some pieces of the manifold.
+    """Border of a system whose solution is determined up to a constant on some pieces of the manifold.
 
-    With the means W u of the pieces, their indicators B, and what a constant f on each adds to b, F,
-    ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b that has no solution. As A B = 0 and W B = 1, the
-    solution of ``(A + s F W) u = b`` is the same but for its means ``lambda / s``.
+    With the means W u of the pieces, their indicators B, and the load F of a constant f = 1 on each, the bordered
+    system is ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b that has no solution. As A B = 0 and W B = 1,
+    the solution of ``(A + s F W) u = b`` is the same up to its means ``lambda / s``.
 
     Attributes
     ----------
     indicator : csr_array (n, k)
-        B: ones at the unknowns of each piece.
+        B, one at the unknowns of each piece.
     mean : csr_array (k, n)
-        W: the mean over each piece.
+        W, the mean over each piece.
     load : csr_array (n, k), optional
-        F, in any scale; B where the form's mass is the identity.
+        F, in any scale; B if None, as for a form whose mass matrix is the identity.
     """
 
     indicator: csr_array
@@ -146,19 +140,19 @@ class Border:
     load: csr_array | None = None
 
     @property
-    def carried(self) -> csr_array:
-        """F."""
+    def constant_load(self) -> csr_array:
+        """F, the load of a constant on each piece."""
         return self.indicator if self.load is None else self.load
 
-    def centred(self, u: Floats) -> tuple[Floats, Floats]:
-        """Return u less its mean on each piece, and the means (k, channels)."""
+    def remove_means(self, u: Floats) -> tuple[Floats, Floats]:
+        """Return u minus its mean on each piece, and the means (k, channels)."""
         means = self.mean @ u
         return np.asarray(u - self.indicator @ means), np.asarray(means)
 
 
 @dataclass(frozen=True, eq=False)
-class _MadeOfOne:
-    """What is made of one ``operator`` A has its size, and what is stored for it."""
+class _DerivedOperator:
+    """Base of operators that are derived from one ``operator`` A."""
 
     operator: Operator
 
@@ -169,17 +163,17 @@ class _MadeOfOne:
 
     @property
     def nonzeros(self) -> int:
-        """Entries stored for A."""
+        """Number of entries of A."""
         return self.operator.nonzeros
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return how many sets of unknowns A couples among themselves alone, and the set of each unknown (n,)."""
+        """Return the number of connected components of A, and the component of each unknown (n,)."""
         return self.operator.pieces()
 
 
 @dataclass(frozen=True, eq=False)
-class Bordered(_MadeOfOne):
-    """``A + s F W``: an operator whose kernel, constants on some pieces, is moved away from zero.
+class Bordered(_DerivedOperator):
+    """``A + s F W``, regular where constants on some pieces are the kernel of A.
 
     Attributes
     ----------
@@ -193,40 +187,40 @@ class Bordered(_MadeOfOne):
 
     @property
     def symmetric(self) -> bool:
-        """Not known to be: F W is symmetric only where W weighs the unknowns as F does."""
+        """False: F W is symmetric only where W is proportional to F'."""
         return False
 
     @property
     def diagonal(self) -> float | Floats:
-        """Of A."""
+        """The diagonal of A."""
         return self.operator.diagonal
 
     @cached_property
     def shift(self) -> float:
-        """How far from zero the constants are moved, s: among the eigenvalues, a tenth of the largest.
+        """The eigenvalue s of constants: a tenth of the largest diagonal entry.
 
-        BiCGSTAB takes the same iterations at a tenth of it and up to twice as many far below; the rounding of the
-        means, times this shift, limits the residual of a direct solve.
+        BiCGSTAB takes as many iterations with a tenth of it, and up to twice as many with far less; the rounding of the
+        means, times s, limits the residual of a direct solve.
         """
-        return KERNEL_SHIFT * float(np.max(np.abs(self.diagonal)))
+        return 0.1 * float(np.max(np.abs(self.diagonal)))
 
     def apply(self, u: Floats) -> Floats:
         """Return ``(A + s F W) u`` for u of shape (n,) or (n, channels)."""
-        return np.asarray(self.operator.apply(u) + self.shift * (self.border.carried @ (self.border.mean @ u)))
+        return np.asarray(self.operator.apply(u) + self.shift * (self.border.constant_load @ (self.border.mean @ u)))
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
         """Return the entries ``rows`` of :meth:`apply`."""
-        moved = self.border.carried[rows] @ (self.border.mean @ u)
-        return np.asarray(self.operator.apply_rows(u, rows) + self.shift * moved)
+        of_means = self.border.constant_load[rows] @ (self.border.mean @ u)
+        return np.asarray(self.operator.apply_rows(u, rows) + self.shift * of_means)
 
     def to_csr(self) -> csr_array:
-        """Return A, singular: F W has full rows, and would fill it."""
+        """Return A, which is singular: F W has full rows, and would fill the matrix."""
         return self.operator.to_csr()
 
 
 @dataclass(frozen=True, eq=False)
-class ComplexShift(_MadeOfOne):
-    """``A - i s M`` for complex vectors: real and imaginary part are two columns of one product with A and M.
+class ComplexShift(_DerivedOperator):
+    """``A - i s M`` for complex vectors; their real and imaginary parts are columns of one product with A and with M.
 
     Attributes
     ----------
@@ -235,7 +229,7 @@ class ComplexShift(_MadeOfOne):
     s : float
         The shift.
     mass : Operator, optional
-        M; the identity unless given.
+        M; the identity if None.
     """
 
     s: float
@@ -243,21 +237,21 @@ class ComplexShift(_MadeOfOne):
 
     @property
     def symmetric(self) -> bool:
-        """As A and M are."""
+        """True if A and M are symmetric."""
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
     def diagonal(self) -> Any:
-        """Of A, shifted."""
+        """The complex diagonal."""
         return self.operator.diagonal - 1j * self.s * (1.0 if self.mass is None else self.mass.diagonal)
 
     def apply(self, u: Any) -> Any:
         """Return the product with u of shape (n,) or (n, channels), complex."""
         columns = u.reshape(len(u), -1)
         parts = np.concatenate([columns.real, columns.imag], axis=1)
-        weighed = parts if self.mass is None else self.mass.apply(parts)
+        masses = parts if self.mass is None else self.mass.apply(parts)
         real, imaginary = np.split(self.operator.apply(parts), 2, axis=1)
-        shifted = self.s * weighed
+        shifted = self.s * masses
         real, imaginary = real + shifted[:, columns.shape[1] :], imaginary - shifted[:, : columns.shape[1]]
         return (real + 1j * imaginary).reshape(u.shape)
 
@@ -269,14 +263,14 @@ class ComplexShift(_MadeOfOne):
         """Return the complex matrix."""
         return _sum(1.0, self.operator, -1j * self.s, self.mass)
 
-    def companion(self) -> csr_array:
-        """Return ``A + s M``, real: all eigenvalues of ``(A + s M)^-1 (A - i s M)`` lie between 1 and -i."""
+    def positive_matrix(self) -> csr_array:
+        """Return the real matrix ``A + s M``: the eigenvalues of ``(A + s M)^-1 (A - i s M)`` are between 1 and -i."""
         return _sum(1.0, self.operator, self.s, self.mass)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """A u = b for all channels.
+    """The linear system ``A u = b`` of all channels.
 
     Attributes
     ----------
@@ -295,12 +289,12 @@ class LinearSystem:
         return len(self.right_side)
 
 
-#: Entries of a parcel: a few milliseconds of work.
+#: Entries of the matrix in a parcel of rows: a few milliseconds of work for a thread.
 PARCEL_ENTRIES = 1 << 19
 
 
 def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
-    """Return the matrix (n, count) whose row k has ``weights[k]`` (w,) at ``columns[k]``, in that order."""
+    """Return the matrix (n, count) whose row k has the entries ``weights[k]`` (w,) in the columns ``columns[k]``."""
     from scipy.sparse import csr_array
 
     n, width = columns.shape
@@ -308,7 +302,7 @@ def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
     return csr_array((weights.ravel(), columns.ravel(), starts), shape=(n, count))
 
 
-def placing(rows: Ints, count: int) -> csr_array:
+def scatter_matrix(rows: Ints, count: int) -> csr_array:
     """Return the matrix (count, k) that adds k entries to the ``rows`` (k,) of a vector."""
     from scipy.sparse import csr_array
 
@@ -317,25 +311,22 @@ def placing(rows: Ints, count: int) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class ThreadedProduct:
-    """A matrix whose products with vectors run on all threads, equal to SciPy's bit by bit.
+    """A ``matrix`` (n, m) whose products with vectors run on all threads, equal to SciPy's bit by bit.
 
-    Attributes
-    ----------
-    matrix : csr_array (n, m)
-        The matrix, whose rows all have about the same number of entries.
+    Its rows have about the same number of entries.
     """
 
     matrix: csr_array
 
     @cached_property
     def rows(self) -> int:
-        """Rows of a parcel."""
+        """Number of rows of a parcel."""
         per_row = max(self.matrix.nnz // max(self.matrix.shape[0], 1), 1)
         return int(max(PARCEL_ENTRIES // per_row, 1))
 
     @cached_property
     def blocks(self) -> list[csr_array]:
-        """The matrix cut into blocks of rows, which share its entries."""
+        """Blocks of rows of the matrix, which share its memory."""
         from scipy.sparse import csr_array
 
         matrix, blocks = self.matrix, []
@@ -343,7 +334,7 @@ class ThreadedProduct:
             pointers = matrix.indptr[start : start + self.rows + 1]
             entries = slice(pointers[0], pointers[-1])
             block = csr_array((len(pointers) - 1, matrix.shape[1]), dtype=matrix.dtype)
-            # Set one by one: given at once, SciPy copies parts of larger arrays, and there are two matrices in memory.
+            # The constructor would copy the arrays, and there would be two matrices in memory.
             block.data, block.indices = matrix.data[entries], matrix.indices[entries]
             block.indptr = pointers - pointers[0]
             blocks.append(block)
@@ -354,7 +345,7 @@ class ThreadedProduct:
         return self.product(x, lambda *block: block[-1])
 
     def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
-        """Return ``finish(start, stop, rows)`` of each block of rows of the product, while it is in the cache."""
+        """Return the product after ``finish(start, stop, rows)`` of each block of rows, while it is in the cache."""
         result = np.empty((self.matrix.shape[0], *x.shape[1:]))
 
         def multiply(start: int, stop: int) -> None:

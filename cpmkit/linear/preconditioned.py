@@ -1,7 +1,7 @@
-"""Conjugate gradients for symmetric operators, with a step of whatever kind as preconditioner.
+"""Conjugate gradients for symmetric operators with any preconditioner, and preconditioners shared by similar operators.
 
-Where constants are free on pieces of the manifold, the iteration runs in the complement of the pieces' indicators, and
-what the border adds is added after.
+Where constants are free on pieces of the manifold, the iteration runs in the orthogonal complement of the indicators of
+these pieces; the means that the border fixes are added after it.
 """
 
 from __future__ import annotations
@@ -15,39 +15,36 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
-from cpmkit.linear.direct import Indefinite
-from cpmkit.linear.krylov import conjugate_gradients
+from cpmkit.linear.direct import IndefiniteError
+from cpmkit.linear.krylov import REMEDY, conjugate_gradients, solve_by_corrections
 from cpmkit.linear.operators import Bordered
-from cpmkit.linear.solve_report import SolveReport, judge
+from cpmkit.linear.residuals import judge
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
 
-#: The recursive residual is driven this much below the tolerance, because it drifts from the true one, a little.
-RECURSION_SHARE = 0.9
-#: At most this many fresh starts from the true residual.
-FRESH_STARTS = 3
-#: Where nothing is asked for: the preconditioned residual falls to this share, the residual to so many times as much.
-#: It leaves less than .05 percent of a discretisation's error, with conditions on curves too.
+#: Accuracy where no tolerance is given: the preconditioned residual falls to this share, and the residual to so many
+#: times as much. It leaves less than 0.05 percent of a discretisation's error, with conditions on curves too.
 PRECONDITIONED_SHARE, RESIDUAL_SLACK = 1e-8, 100.0
 
 
-class Step(Protocol):
-    """What preconditions: linear, symmetric and positive."""
+class Preconditioner(Protocol):
+    """A linear, symmetric and positive approximation of the inverse of A."""
 
     @property
     def products(self) -> int:
-        """How many products with the matrix it takes."""
+        """Number of products with A that one application takes."""
 
     def apply(self, b: Floats, /) -> Floats:
         """Return x (n, channels), about the solution of ``A x = b``."""
 
 
-def without_border(operator: Operator, solver: str) -> tuple[Operator, Bordered | None]:
-    """Return a real symmetric operator, and its border where it has one.
+def split_border(operator: Operator, solver: str) -> tuple[Operator, Bordered | None]:
+    """Return a real symmetric operator without its border, and the operator with its border if it has one.
 
     Raises
     ------
     SceneError
-        If it is another one; ``solver`` is named.
+        If the operator is not real and symmetric; the message names the ``solver``.
     """
     bordered = operator if isinstance(operator, Bordered) else None
     inner = operator if bordered is None else bordered.operator
@@ -57,42 +54,42 @@ def without_border(operator: Operator, solver: str) -> tuple[Operator, Bordered 
 
 
 @dataclass(frozen=True, eq=False)
-class Preconditioned:
-    """An operator with what preconditions it.
+class PreconditionedCG:
+    """An operator with a preconditioner, for conjugate gradients.
 
     Attributes
     ----------
     operator : Operator
-        What is solved with.
+        A, with its border where constants are free.
     matrix : UnsignedCsr or SymmetricCsr
-        A.
+        A without its border.
     bordered : Bordered, optional
         ``A + s F W`` where constants are free.
-    preconditioner : Step
+    preconditioner : Preconditioner
         Of A.
     max_iterations : int
-        At most.
+        Most iterations.
     solver : str
-        The solver's name, for reports.
+        Name of the solver, for reports.
     slack : float
-        How many times the preconditioned residual has to fall below the tolerance, which is the residual's.
+        How many times the preconditioned residual has to fall below the tolerance, which is that of the residual.
     more_exact : callable, optional
-        Returns a preconditioner with less rounding, to be tried before a system is refused.
+        Returns a preconditioner with less rounding, which is tried before a system is refused.
     """
 
     operator: Operator
     matrix: UnsignedCsr | SymmetricCsr
     bordered: Bordered | None
-    preconditioner: Step
+    preconditioner: Preconditioner
     max_iterations: int
     solver: str
     slack: float = 1.0
-    more_exact: Callable[[], Step] | None = None
+    more_exact: Callable[[], Preconditioner] | None = None
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve for all channels.
+        """Return u (n, channels) with ``A u = b``, and a report.
 
         Raises
         ------
@@ -107,61 +104,59 @@ class Preconditioned:
         return self._with_less_rounding.solve(b, tolerance, guess, progress)
 
     @cached_property
-    def _with_less_rounding(self) -> Preconditioned:
+    def _with_less_rounding(self) -> PreconditionedCG:
         assert self.more_exact is not None
         return replace(self, preconditioner=self.more_exact(), more_exact=None)
 
     def _solve(
         self, b: Floats, tolerance: float, guess: Floats | None, progress: Progress
     ) -> tuple[Floats, SolveReport]:
-        size = np.linalg.norm(b, axis=0)
-        u = np.zeros_like(b) if guess is None else guess.copy()
-        u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at
         compatible, means = self._compatible(b)
-        iterations = products = 0
-        for started in range(FRESH_STARTS):
-            residual = self.matrix.residual(u, compatible)
-            products += b.shape[1]
-            accepted = tolerance if started else tolerance / self.slack  # a guess has no preconditioned residual yet
-            open_ = np.flatnonzero(np.linalg.norm(residual, axis=0) > accepted * size)
-            if not len(open_) or iterations >= self.max_iterations:
-                break
-            left, target = self.max_iterations - iterations, RECURSION_SHARE * tolerance * size[open_]
-            residual = np.ascontiguousarray(residual[:, open_])
+
+        def correct(residual: Floats, target: Floats, most: int) -> tuple[Floats, int, int]:
             try:
                 step, taken = conjugate_gradients(
-                    self.matrix.apply, self.precondition, residual, target, left, progress, self.slack
+                    self.matrix.apply, self.precondition, residual, target, most, progress, self.slack
                 )
-            except Indefinite as error:
-                raise indefinite(self.solver, error, iterations, tolerance) from error
-            u[:, open_] += step
-            iterations += taken
-            products += (taken + (taken + 1) * self.preconditioner.products) * len(open_)
+            except IndefiniteError as error:
+                raise indefinite_error(self.solver, error, self.max_iterations - most, tolerance) from error
+            return step, taken, (taken + (taken + 1) * self.preconditioner.products) * residual.shape[1]
+
+        u, iterations, products = solve_by_corrections(
+            lambda u: self.matrix.residual(u, compatible),
+            b,
+            guess,
+            tolerance,
+            correct,
+            max_iterations=self.max_iterations,
+            target_share=0.9,
+            rounds=3,
+            first_slack=self.slack,  # nothing is known of the preconditioned residual of a guess
+        )
         if self.bordered is not None:
             border = self.bordered.border
             u += border.indicator @ (means - border.mean @ u)
         progress("solve", 1.0)
-        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct'"
-        return u, judge(self.operator, b, u, self.solver, tolerance, iterations, products, remedy)
+        return u, judge(self.operator, b, u, self.solver, tolerance, iterations, products, REMEDY)
 
     def _compatible(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return b less what has no solution on free pieces, and the means (k, channels) that this is moved to."""
+        """Return b without the part that has no solution on free pieces, and the means (k, channels) for it."""
         if self.bordered is None:
             return b, np.zeros((0, b.shape[1]))
-        indicator, carried = self.bordered.border.indicator, self.bordered.border.carried
-        excess = np.linalg.solve((indicator.T @ carried).toarray(), indicator.T @ b)
-        return b - carried @ excess, excess / self.bordered.shift
+        indicator, load = self.bordered.border.indicator, self.bordered.border.constant_load
+        excess = np.linalg.solve((indicator.T @ load).toarray(), indicator.T @ b)
+        return b - load @ excess, excess / self.bordered.shift
 
     @property
     def step_products(self) -> int:
-        """How many products with A the preconditioner takes, a channel."""
+        """Number of products with A of one application of the preconditioner, for each channel."""
         return self.preconditioner.products
 
     def precondition(self, residual: Floats) -> Floats:
-        """Return one step from a residual (n, channels)."""
-        return self._centred(self.preconditioner.apply(self._centred(residual)))
+        """Return the preconditioned residual (n, channels), orthogonal to free constants."""
+        return self._without_constants(self.preconditioner.apply(self._without_constants(residual)))
 
-    def _centred(self, vector: Floats) -> Floats:
+    def _without_constants(self, vector: Floats) -> Floats:
         """Return the part of a vector that is orthogonal to the free pieces' indicators."""
         if self.bordered is None:
             return vector
@@ -170,18 +165,19 @@ class Preconditioned:
         return np.asarray(vector - indicator @ (sums / members[:, None]))
 
 
-def followed_by_error(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
-    """Return the solver that looks at its preconditioned residual first, and its tolerance; None where it is no better.
+def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
+    """Return a solver that stops by the preconditioned residual first, and the tolerance of its residual.
 
-    With a multigrid's cycle that residual follows the error of u, whatever the spacing; with a diagonal it does not.
+    With a multigrid cycle the preconditioned residual is proportional to the error of u, whatever the spacing; with the
+    diagonal it is not. None for other solvers than multigrid.
     """
-    if not isinstance(prepared, Preconditioned) or prepared.solver != "multigrid":
+    if not isinstance(prepared, PreconditionedCG) or prepared.solver != "multigrid":
         return None
     return replace(prepared, slack=RESIDUAL_SLACK), RESIDUAL_SLACK * PRECONDITIONED_SHARE
 
 
-def indefinite(solver: str, error: Indefinite, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return what tells that a system is indefinite, and where that showed."""
+def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
+    """Return the error of a solve whose system turned out to be indefinite."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
@@ -191,27 +187,27 @@ def indefinite(solver: str, error: Indefinite, iterations: int, tolerance: float
 
 
 @runtime_checkable
-class Lends(PreparedSolver, Protocol):
+class ReusablePreconditioner(PreparedSolver, Protocol):
     """A prepared solver whose preconditioner serves other operators of its size, with more iterations."""
 
     @property
     def operator(self) -> Operator:
-        """That it was made for."""
+        """The operator that it was prepared for."""
 
     def for_operator(self, operator: Operator, /) -> PreparedSolver:
         """Return the iteration for another operator with the same preconditioner."""
 
 
 @dataclass(frozen=True, eq=False)
-class Lent:
-    """The iteration with what another one lends, and what prepares its own should that not do.
+class SharedPreconditioner:
+    """An operator solved with the preconditioner of a similar operator, or with its own where that does not converge.
 
     Attributes
     ----------
     iteration : PreparedSolver
-        With the preconditioner that was lent.
+        With the preconditioner of the other operator.
     prepare : callable
-        Returns the one with its own.
+        Returns the iteration with a preconditioner of its own.
     """
 
     iteration: PreparedSolver
@@ -220,7 +216,7 @@ class Lent:
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve for all channels.
+        """Return u (n, channels) with ``A u = b``, and a report.
 
         Raises
         ------

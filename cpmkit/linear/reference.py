@@ -1,9 +1,9 @@
-"""BiCGSTAB with the diagonal of M, on E and L kept apart, as King et al. (2024), section 5.4, solve.
+"""The solver ``reference``: BiCGSTAB as King et al. (2024), section 5.4, use it, with E and L as separate tables.
 
-It is the reference that faster solvers are measured against: its iterations double when the spacing
-halves. All channels advance in lockstep, each with its own scalars, so that a product reads the tables
-once for all of them. The diagonal of A is the same in every row: preconditioning by it scales all of
-the system alike, which BiCGSTAB does not see, and it is left out.
+Faster solvers are measured against it: its iterations double when the spacing halves. All channels advance in lockstep,
+each with its own scalars, so that a product reads the tables once for all of them. King et al. precondition by the
+diagonal of A; that is the same in every row, which scales the whole system and does not change BiCGSTAB, so it is left
+out.
 """
 
 from __future__ import annotations
@@ -14,43 +14,35 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.linear.solve_report import SolveReport, judge
+from cpmkit.linear.krylov import REMEDY, solve_by_corrections
+from cpmkit.linear.residuals import judge
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.threads import run_parcels
 
-#: The recursive residual is driven this much below the tolerance, because it drifts from the true one.
-RECURSIVE_TOLERANCE_SHARE = 0.5
-#: The recursion starts afresh where its shadow residual is orthogonal to the residual to this relative accuracy.
+#: The recursion breaks down where the cosine between its shadow residual and its residual is below this: rounding.
 BREAKDOWN_COSINE = 1e-14
 #: Rows of the vectors that a thread works on at a time: they fit its cache.
 REFERENCE_PARCEL_ROWS = 1 << 14
-#: At most this many fresh starts from the true residual.
-MOST_RESTARTS = 8
 
 
 @dataclass(frozen=True)
-class Reference:
-    """BiCGSTAB, preconditioned by the diagonal.
-
-    Attributes
-    ----------
-    max_iterations : int
-        At most.
-    """
+class ReferenceSolver:
+    """BiCGSTAB, with ``max_iterations`` at most."""
 
     takes_levels: ClassVar[bool] = False
 
     max_iterations: int = 20_000
 
-    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> Iterated:
-        """Return the iteration for an operator; nothing is made."""
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedReference:
+        """Return the iteration for an operator; there is nothing to compute before the solve."""
         del levels
-        return Iterated(operator, self.max_iterations)
+        return PreparedReference(operator, self.max_iterations)
 
 
 @dataclass(frozen=True, eq=False)
-class Iterated:
-    """An operator and its iteration."""
+class PreparedReference:
+    """An operator and the most iterations."""
 
     operator: Operator
     max_iterations: int
@@ -58,44 +50,35 @@ class Iterated:
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve all channels.
+        """Return u (n, channels) with ``A u = b``, and a report.
 
         Raises
         ------
         ConvergenceError
             If a channel's recomputed residual is above the tolerance.
         """
-        size = np.linalg.norm(b, axis=0)
-        u = np.zeros_like(b) if guess is None else guess.copy()
-        u[:, size == 0] = 0.0  # the solution there; no guess gets nearer, and there is no relative residual to aim at
-        iterations = products = 0
-        for _ in range(MOST_RESTARTS):
-            residual = b - self.operator.apply(u)
-            open_ = np.flatnonzero(np.linalg.norm(residual, axis=0) > tolerance * size)
-            products += b.shape[1]
-            if not len(open_) or iterations >= self.max_iterations:
-                break
-            target, left = RECURSIVE_TOLERANCE_SHARE * tolerance * size[open_], self.max_iterations - iterations
-            start = np.ascontiguousarray(residual[:, open_])
-            step, taken, applied = _bicgstab(self.operator, start, target, left, progress)
-            u[:, open_] += step
-            iterations, products = iterations + taken, products + applied
-        progress("solve", 1.0)
-        remedy = (
-            "ask for a larger solver_tolerance or more max_iterations, or use solver='direct' if the scene is small"
+        u, iterations, products = solve_by_corrections(
+            lambda u: b - self.operator.apply(u),
+            b,
+            guess,
+            tolerance,
+            lambda residual, target, most: _bicgstab(self.operator, residual, target, most, progress),
+            max_iterations=self.max_iterations,
+            target_share=0.5,
+            rounds=8,
         )
+        progress("solve", 1.0)
+        remedy = f"{REMEDY} if the scene is small"
         return u, judge(self.operator, b, u, "reference", tolerance, iterations, products, remedy)
 
 
 def _bicgstab(
     operator: Operator, residual: Floats, target: Floats, max_iterations: int, progress: Progress
 ) -> tuple[Floats, int, int]:
-    """Run BiCGSTAB on A x = residual until every channel is below its target, or one breaks down.
+    """Return x (n, channels) with about ``A x = residual``, the iterations, and the products with A.
 
-    Returns
-    -------
-    x : (n, channels) float64
-    iterations, products : int
+    It stops where every channel is below its ``target`` (channels,), or where one breaks down; ``residual`` is
+    overwritten.
     """
     shadow, direction = residual.copy(), residual.copy()
     x = np.zeros_like(residual)
@@ -115,20 +98,20 @@ def _bicgstab(
         before = rho
         rho, square = _dots((shadow, residual), (residual, residual))
         size = np.sqrt(square.real)
-        done = size <= target
+        finished = size <= target
         progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
         broken = np.abs(rho) <= BREAKDOWN_COSINE * shadow_size * size
-        if done.all() or np.any(broken & ~done) or not np.isfinite(size).all():
+        if finished.all() or np.any(broken & ~finished) or not np.isfinite(size).all():
             break
         beta = _ratio(rho, before) * _ratio(alpha, omega)
-        _turn(direction, residual, beta, omega, image)
-        if done.any():  # a finished channel would divide zero by zero; it stands still
-            direction[:, done], residual[:, done] = 0.0, 0.0
+        _update_direction(direction, residual, beta, omega, image)
+        if finished.any():  # a finished channel would divide zero by zero; it does not change any more
+            direction[:, finished], residual[:, finished] = 0.0, 0.0
     return x, iteration, 2 * iteration * x.shape[1]
 
 
 def _dots(*pairs: tuple[Floats, Floats]) -> Floats:
-    """Return the scalar products a* b (pairs, channels), summed parcel by parcel in a fixed order."""
+    """Return the scalar products a* b (pairs, channels), summed over parcels of rows in a fixed order."""
     rows, channels = pairs[0][0].shape
     parts = np.empty((-(-rows // REFERENCE_PARCEL_ROWS), len(pairs), channels), dtype=pairs[0][0].dtype)
 
@@ -158,7 +141,7 @@ def _advance(x: Floats, alpha: Floats, direction: Floats, omega: Floats, half: F
     run_parcels(work, len(x), REFERENCE_PARCEL_ROWS)
 
 
-def _turn(direction: Floats, residual: Floats, beta: Floats, omega: Floats, image: Floats) -> None:
+def _update_direction(direction: Floats, residual: Floats, beta: Floats, omega: Floats, image: Floats) -> None:
     """Set ``direction = residual + beta * (direction - omega * image)``."""
 
     def work(start: int, stop: int) -> None:
@@ -169,5 +152,5 @@ def _turn(direction: Floats, residual: Floats, beta: Floats, omega: Floats, imag
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:
-    """Return a / b, zero where b is zero: a channel that is finished or has broken down stands still."""
+    """Return a / b, zero where b is zero: there a channel is finished or has broken down, and does not change."""
     return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

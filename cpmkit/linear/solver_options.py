@@ -1,4 +1,4 @@
-"""Which linear solver it is: by name, or the quicker one."""
+"""Choice of the linear solver: by name, or the faster one, with its options."""
 
 from __future__ import annotations
 
@@ -7,95 +7,92 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from cpmkit.errors import InputError, shown
-from cpmkit.linear.direct import Direct
-from cpmkit.linear.jacobi import Jacobi, Quicker
-from cpmkit.linear.multigrid.solver import Multigrid
-from cpmkit.linear.reference import Reference
+from cpmkit.linear.direct import DirectSolver
+from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver
+from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.reference import ReferenceSolver
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.protocols import LinearSolver
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.messages import did_you_mean
-from cpmkit.runtime.options import Declared, declared, option
+from cpmkit.runtime.options import DeclaredOptions, declared_options, option
 
-#: Up to this many unknowns, by dimension of the manifold, a direct factorisation is the quicker one.
+#: Up to this many unknowns, by dimension of the manifold, the direct solver is faster than the reference solver.
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 600, 3: 300}
-#: The same where a form has coarser levels for a multigrid.
+#: The same where a form has levels for multigrid.
 DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
-#: Relative residual of linear systems where none is asked for.
+#: Relative residual of linear systems where the user sets none.
 DEFAULT_RESIDUAL = 1e-10
 SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
-    "direct": Direct,
-    "multigrid": Multigrid,
-    "jacobi": Jacobi,
-    "reference": Reference,
+    "direct": DirectSolver,
+    "multigrid": MultigridSolver,
+    "jacobi": JacobiSolver,
+    "reference": ReferenceSolver,
 }
-#: Options of the built-in solvers.
-SOLVER_OPTIONS = {
-    "auto": ("max_iterations",),
-    "direct": (),
-    "multigrid": ("max_iterations",),
-    "jacobi": ("max_iterations",),
-    "reference": ("max_iterations",),
+#: Names of the options of the built-in solvers.
+SOLVER_OPTIONS: dict[str, tuple[str, ...]] = {
+    name: () if name == "direct" else ("max_iterations",) for name in ("auto", *SOLVERS)
 }
 
 
 def choose_solver(
     name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, iterative: str = "reference"
 ) -> str:
-    """Return the solver that ``name`` means for this many unknowns; ``auto`` takes the quicker one.
+    """Return the solver for a number of unknowns: ``name``, or the faster one for ``auto``.
 
-    A ``factor`` above one is for what an iterative solver does slowly or not at all. ``iterative`` is the one for large
-    systems: ``multigrid`` where a form has symmetric operators and coarser levels for them, ``direct`` where none is.
+    A ``factor`` above one favours the direct solver, for problems that iterative solvers solve slowly. ``iterative`` is
+    the solver of large systems: ``multigrid`` where the form has symmetric operators and levels, ``direct`` where no
+    iterative solver is suitable.
     """
     if name != "auto":
         return name
-    most = DIRECT_BESIDE_MULTIGRID if iterative == "multigrid" else DIRECT_UNKNOWNS
-    return "direct" if unknowns <= factor * most.get(manifold_dim, 0) else iterative
+    limits = DIRECT_BESIDE_MULTIGRID if iterative == "multigrid" else DIRECT_UNKNOWNS
+    return "direct" if unknowns <= factor * limits.get(manifold_dim, 0) else iterative
 
 
-def _check_tolerance(tolerance: Any, what: str) -> float | None:
+def _check_tolerance(tolerance: Any, label: str) -> float | None:
     if tolerance is None:
         return None
-    value = positive(tolerance, what)
-    if value >= 1:  # nothing would be solved
-        raise InputError(f"{what} must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
+    value = positive(tolerance, label)
+    if value >= 1:  # u = 0 would be accepted
+        raise InputError(f"{label} must be below 1, got {value:g}: u = 0 has a relative residual of 1; use 1e-10.")
     return value
 
 
 def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
-    """Return the built-in solver ``name``, or the one that a plugin makes, with its options.
+    """Return the built-in solver ``name``, or a plugin's solver of that kind, with its options.
 
     Raises
     ------
     SceneError
-        If an option is not one of the plugin's solver.
+        If the plugin's solver has no such option.
     PluginError
-        If ``name`` is the kind of something else.
+        If ``name`` is the kind of a source, a condition or a back end.
     """
     if name in SOLVERS:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
-    made: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
-    return made
+    solver: LinearSolver = call(factory(name, "cpmkit_solvers"), f"the solver {name!r}", options)
+    return solver
 
 
-def solver_of_steps(target: SolverOptions, chosen: str) -> LinearSolver:
-    """Return the solver of systems M + factor A, which steps in time pose, where ``chosen`` is that of others.
+def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
+    """Return the solver of the systems M + factor A of time steps; ``chosen`` is the solver of other systems.
 
-    With ``auto`` the multigrid's cycle gives way to the diagonal where M dominates: what was chosen is told by reports.
+    With ``auto``, multigrid is replaced by conjugate gradients with the diagonal where M dominates; reports name it.
     """
-    made = make_solver(chosen, target.further)
-    return Quicker(made) if target.solver == "auto" and isinstance(made, Multigrid) else made
+    solver = make_solver(chosen, options.further)
+    return JacobiOrMultigrid(solver) if options.solver == "auto" and isinstance(solver, MultigridSolver) else solver
 
 
 @dataclass(frozen=True)
-class SolverOptions(Declared):
-    """How linear systems are solved; ``further`` are options of the solver's own, ``auto`` takes all built-in ones'.
+class SolverOptions(DeclaredOptions):
+    """How linear systems are solved; ``further`` are the options of the solver itself.
 
     Raises
     ------
     InputError
         If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
-        or not what is accepted.
+        or has a value that is not accepted.
     """
 
     solver: str = option(
@@ -128,27 +125,27 @@ class SolverOptions(Declared):
 
     @property
     def residual(self) -> float:
-        """Relative residual of linear systems, asked for or not."""
+        """Relative residual of linear systems, the default if the user sets none."""
         return DEFAULT_RESIDUAL if self.solver_tolerance is None else self.solver_tolerance
 
     @classmethod
-    def of(cls, given: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
-        """Return the options among keyword arguments; all that are not declared are the solver's own.
+    def of(cls, keywords: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:
+        """Return the options from ``keywords``; those that are not declared here are options of the solver itself.
 
-        One that a built-in solver lacks is answered with the one that may be meant, ``others`` among them.
+        The error for an unknown option suggests a similar name, among those of ``others`` too.
         """
-        own = {name: given[name] for name in declared(cls) if name in given}
-        further = {name: value for name, value in given.items() if name not in own}
-        _check_further(given.get("solver", cls.solver), further, (*others, *declared(cls)))
+        own = {name: keywords[name] for name in declared_options(cls) if name in keywords}
+        further = {name: value for name, value in keywords.items() if name not in own}
+        _check_further(keywords.get("solver", cls.solver), further, (*others, *declared_options(cls)))
         return cls(**own, further=further)
 
 
 def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str] = ()) -> None:
-    """Refuse options that a built-in solver lacks; a plugin's checks its own."""
+    """Refuse options that a built-in solver does not have; a plugin's solver checks its own."""
     accepted = SOLVER_OPTIONS.get(solver) if isinstance(solver, str) else None
     unknown = [] if accepted is None else [key for key in further if key not in accepted]
     if accepted is not None and unknown:
-        near = did_you_mean(unknown[0], (*accepted, *others))
+        hint = did_you_mean(unknown[0], (*accepted, *others))
         raise InputError(
-            f"the solver {solver!r} has no option {unknown[0]!r}{near}; accepted are {', '.join(accepted) or 'none'}."
+            f"the solver {solver!r} has no option {unknown[0]!r}{hint}; accepted are {', '.join(accepted) or 'none'}."
         )

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find, unite
+from cpmkit.runtime.disjoint_sets import find_root, unite
 
 
 @compiled
@@ -74,7 +74,7 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
     number = np.empty((len(cells), 3), np.int64)
     found = 0
     for place in range(3 * len(cells)):
-        root = find(parent, place)
+        root = find_root(parent, place)
         if root == place:
             number[place // 3, place % 3] = found
             found += 1

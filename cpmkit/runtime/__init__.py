@@ -1,1 +1,1 @@
-"""What a process has: memory, threads, compiled kernels, arrays as they come in, progress and warnings."""
+"""Services of the process: checked input, options, memory, threads, compiled kernels, progress, messages."""

@@ -1,4 +1,4 @@
-"""What comes in at the door: arrays are checked once here and trusted afterwards."""
+"""Checks of numbers, arrays and colours that users give: done once, where they enter the library."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean
 
-#: Coordinates and lengths are at most this, and lengths at least one over this: fourth powers of them are numbers.
+#: Largest coordinate and length, and inverse of the least length, in any unit: fourth powers do not overflow.
 LARGEST_LENGTH = 1e50
 
 
-def as_points(x: Any, dim: int, what: str = "points") -> Floats:
+def as_points(x: Any, dim: int, label: str = "points") -> Floats:
     """Return ``x`` as a C-contiguous (n, dim) float64 array of finite numbers.
 
     Raises
@@ -24,69 +24,69 @@ def as_points(x: Any, dim: int, what: str = "points") -> Floats:
     InputError
         If the shape is not (n, dim), or an entry is not a finite number.
     """
-    points = np.ascontiguousarray(_as_floats(x, f"{what} must be numbers of shape (n, {dim})"))
+    points = np.ascontiguousarray(_as_floats(x, f"{label} must be numbers of shape (n, {dim})"))
     if points.ndim != 2 or points.shape[1] != dim:
-        raise InputError(f"{what} must have shape (n, {dim}), got {np.shape(x)}.")
+        raise InputError(f"{label} must have shape (n, {dim}), got {np.shape(x)}.")
     bad = np.flatnonzero(~np.isfinite(points).all(axis=1))
     if len(bad):
         raise InputError(
-            f"{what} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}."
+            f"{label} must be finite: {len(bad)} of {len(points)} rows hold NaN or infinity, first row {bad[0]}."
         )
     return points
 
 
-def as_positions(x: Any, dim: int, what: str = "points") -> Floats:
-    """Return ``x`` as :func:`as_points` does, if areas and volumes between such points can be computed.
+def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
+    """Return ``x`` as :func:`as_points` does, after :func:`check_size`.
 
     Raises
     ------
     InputError
-        If they cannot, or ``x`` is not (n, dim) finite numbers.
+        If ``x`` is not (n, dim) finite numbers, or too large or too small to compute areas and volumes.
     """
-    points = as_points(x, dim, what)
-    check_size(points, what)
+    points = as_points(x, dim, label)
+    check_size(points, label)
     return points
 
 
-def check_size(points: Floats, what: str) -> None:
+def check_size(points: Floats, label: str) -> None:
     """Refuse ``points`` (n, d) whose coordinates are too large, or too close together, to compute with.
 
     Raises
     ------
     InputError
-        If they are.
+        If a coordinate is above :data:`LARGEST_LENGTH`, or the extent below its inverse but not zero.
     """
     farthest = float(np.abs(points).max(initial=0.0))
     if farthest > LARGEST_LENGTH:
         raise InputError(
-            f"{what} must lie within {LARGEST_LENGTH:g} of zero, got {farthest:.3g}; choose a larger unit of length."
+            f"{label} must lie within {LARGEST_LENGTH:g} of zero, got {farthest:.3g}; choose a larger unit of length."
         )
     extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
     if 0.0 < extent < 1.0 / LARGEST_LENGTH:
         raise InputError(
-            f"{what} must be at least {1.0 / LARGEST_LENGTH:g} across, got {extent:.3g}; choose a smaller unit of "
+            f"{label} must be at least {1.0 / LARGEST_LENGTH:g} across, got {extent:.3g}; choose a smaller unit of "
             "length."
         )
 
 
-def length(x: Any, what: str) -> float:
-    """Return ``x`` as a float if it is a number above zero that lengths may have.
+def length(x: Any, label: str) -> float:
+    """Return ``x`` as a float if it is an accepted length, from 1 / :data:`LARGEST_LENGTH` to that.
 
     Raises
     ------
     InputError
-        If it is not.
+        If ``x`` is not such a number.
     """
-    value = positive(x, what)
+    value = positive(x, label)
     if not 1.0 / LARGEST_LENGTH <= value <= LARGEST_LENGTH:
         raise InputError(
-            f"{what} must be from {1.0 / LARGEST_LENGTH:g} to {LARGEST_LENGTH:g}, got {shown(x)}; choose another unit "
+            f"{label} must be from {1.0 / LARGEST_LENGTH:g} to {LARGEST_LENGTH:g}, got {shown(x)}; choose another unit "
             "of length."
         )
     return value
 
 
-def as_vector(x: Any, dim: int, what: str) -> Floats:
+def as_vector(x: Any, dim: int, label: str) -> Floats:
     """Return ``x`` as a (dim,) float64 array of finite numbers.
 
     Raises
@@ -94,23 +94,23 @@ def as_vector(x: Any, dim: int, what: str) -> Floats:
     InputError
         If ``x`` is not ``dim`` finite numbers.
     """
-    vector = np.array(_as_floats(x, f"{what} must be {dim} numbers"))
+    vector = np.array(_as_floats(x, f"{label} must be {dim} numbers"))
     if vector.shape != (dim,) or not np.isfinite(vector).all():
-        raise InputError(f"{what} must be {dim} finite numbers, got {shown(x)}.")
+        raise InputError(f"{label} must be {dim} finite numbers, got {shown(x)}.")
     return vector
 
 
 def _as_floats(x: Any, accepted: str) -> Floats:
-    """Return ``x`` as float64, or refuse what holds something else than numbers by the sentence that it begins with."""
+    """Return ``x`` as float64; raise an error that begins with ``accepted`` where it holds anything but numbers."""
     with suppress(TypeError, ValueError, OverflowError):
         array = np.asarray(x, dtype=np.float64)
-        if not _holds_no_numbers(x):
+        if not _contains_text_or_flags(x):
             return array
     raise InputError(f"{accepted}, got {shown(x)}.")
 
 
-def _holds_no_numbers(x: Any) -> bool:
-    """Tell whether what NumPy would make numbers of is, or holds, text or true and false."""
+def _contains_text_or_flags(x: Any) -> bool:
+    """Return True if an entry is text, a date or a truth value, of which NumPy would make numbers."""
     if isinstance(x, np.ndarray):
         return x.dtype.kind in "bUSmM"
     rows = x if isinstance(x, (list, tuple)) else ()
@@ -118,36 +118,36 @@ def _holds_no_numbers(x: Any) -> bool:
     return any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in entries)
 
 
-def number(x: Any, what: str) -> float:
-    """Return ``x`` as a float if it is a finite number; true, false and text are none.
+def number(x: Any, label: str) -> float:
+    """Return ``x`` as a float if it is a finite number; truth values and text are refused.
 
     Raises
     ------
     InputError
-        If it is not.
+        If ``x`` is not a finite number.
     """
     value = _as_float(x)
     if not np.isfinite(value):
-        raise InputError(f"{what} must be a finite number, got {shown(x)}.")
+        raise InputError(f"{label} must be a finite number, got {shown(x)}.")
     return value
 
 
-def positive(x: Any, what: str) -> float:
-    """Return ``x`` as a float if it is a finite number above zero; true and text are none.
+def positive(x: Any, label: str) -> float:
+    """Return ``x`` as a float if it is a finite number above zero; truth values and text are refused.
 
     Raises
     ------
     InputError
-        If it is not.
+        If ``x`` is not such a number.
     """
     value = _as_float(x)
     if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{what} must be a finite number above zero, got {shown(x)}.")
+        raise InputError(f"{label} must be a finite number above zero, got {shown(x)}.")
     return value
 
 
 def _as_float(x: Any) -> float:
-    """Return a real number, or an array that holds one, as a float; NaN for anything else."""
+    """Return a real number, or an array of shape () with a real number, as a float; NaN for anything else."""
     if isinstance(x, np.ndarray) and x.ndim == 0:
         x = x[()]
     if isinstance(x, bool) or not isinstance(x, (int, float, np.integer, np.floating)):
@@ -158,32 +158,32 @@ def _as_float(x: Any) -> float:
         return np.inf
 
 
-def whole(x: Any, what: str, least: int = 0, most: int | None = None) -> int:
-    """Return ``x`` as an int if it is a whole number from ``least`` to ``most``; true, text and 2.0 are none.
+def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
+    """Return ``x`` as an int if it is a whole number from ``least`` to ``most``; True, text and 2.0 are refused.
 
     Raises
     ------
     InputError
-        If it is not.
+        If ``x`` is not such a number.
     """
     accepted = isinstance(x, (int, np.integer)) and not isinstance(x, bool)
     if not accepted or x < least or (most is not None and x > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
-        raise InputError(f"{what} must be a whole number {bounds}, got {shown(x)}.")
+        raise InputError(f"{label} must be a whole number {bounds}, got {shown(x)}.")
     return int(x)
 
 
-def one_row_each(values: Any, count: int, what: str) -> Floats:
-    """Return ``values`` as float64 if they have one row for each of ``count`` things.
+def one_row_each(values: Any, count: int, label: str) -> Floats:
+    """Return ``values`` as float64 if they have ``count`` rows, one for each of the things that ``label`` names.
 
     Raises
     ------
     InputError
-        If they have not.
+        If the number of rows differs.
     """
     array = np.asarray(values, dtype=np.float64)
     if array.ndim == 0 or len(array) != count:
-        raise InputError(f"values must have one row for each of the {count} {what}, got shape {array.shape}.")
+        raise InputError(f"values must have one row for each of the {count} {label}, got shape {array.shape}.")
     return array
 
 
@@ -213,25 +213,23 @@ seashell fff5ee sienna a0522d silver c0c0c0 skyblue 87ceeb slateblue 6a5acd slat
 snow fffafa springgreen 00ff7f steelblue 4682b4 tan d2b48c teal 008080 thistle d8bfd8 tomato ff6347 turquoise
 40e0d0 violet ee82ee wheat f5deb3 white ffffff whitesmoke f5f5f5 yellow ffff00 yellowgreen 9acd32
 """
-_WORDS = _NAMES.split()
-NAMED_COLOURS = dict(zip(_WORDS[::2], _WORDS[1::2], strict=True))
-_HEX = re.compile(r"#(?:[0-9a-fA-F]{3}|[0-9a-fA-F]{6})")
+NAMED_COLOURS = dict(zip(_NAMES.split()[::2], _NAMES.split()[1::2], strict=True))
 
 
-def as_colour(given: Any, what: str = "a colour") -> Floats:
-    """Return red, green and blue (3,), each from 0 to 1, of sRGB as screens show them.
+def as_colour(colour: Any, label: str = "a colour") -> Floats:
+    """Return a colour as red, green and blue (3,) in sRGB, each from 0 to 1.
 
     Parameters
     ----------
-    given : str or three numbers
+    colour : str or three numbers
         A name of CSS, ``"#f80"``, ``"#ff8800"``, or numbers from 0 to 1.
-    what : str
-        Named in errors.
+    label : str
+        Name of the colour in errors.
 
     Raises
     ------
     InputError
-        If it is none of these.
+        If ``colour`` is none of these.
 
     Examples
     --------
@@ -241,28 +239,29 @@ def as_colour(given: Any, what: str = "a colour") -> Floats:
     Traceback (most recent call last):
     cpmkit.errors.InputError: a colour must be a name of CSS or #rrggbb, got 'navvy' (did you mean 'navy'?).
     """
-    if not isinstance(given, str):
-        return np.asarray(as_colours([given], what)[0])
-    word = given.strip().lower()
-    digits = NAMED_COLOURS.get(word) or (word[1:] if _HEX.fullmatch(word) else "")
+    if not isinstance(colour, str):
+        return np.asarray(as_colours([colour], label)[0])
+    word = colour.strip().lower()
+    is_hexadecimal = re.fullmatch(r"#(?:[0-9a-f]{3}|[0-9a-f]{6})", word)
+    digits = NAMED_COLOURS.get(word) or (word[1:] if is_hexadecimal else "")
     if not digits:
         raise InputError(
-            f"{what} must be a name of CSS or #rrggbb, got {shown(given)}{did_you_mean(word, NAMED_COLOURS)}."
+            f"{label} must be a name of CSS or #rrggbb, got {shown(colour)}{did_you_mean(word, NAMED_COLOURS)}."
         )
     pairs = [2 * digit for digit in digits] if len(digits) == 3 else re.findall("..", digits)
     return np.array([int(pair, 16) / 255 for pair in pairs])
 
 
-def as_colours(given: Any, what: str = "colours") -> Floats:
-    """Return colours (k, 3) of numbers from 0 to 1.
+def as_colours(colours: Any, label: str = "colours") -> Floats:
+    """Return colours (k, 3) in sRGB, numbers from 0 to 1.
 
     Raises
     ------
     InputError
-        If they are of another shape, or a number lies outside.
+        If the shape differs, or a number is outside of this range.
     """
-    colours = as_points(given, 3, what)
-    outside = colours[(colours < 0) | (colours > 1)]
+    checked = as_points(colours, 3, label)
+    outside = checked[(checked < 0) | (checked > 1)]
     if len(outside):
-        raise InputError(f"{what} must be numbers from 0 to 1, got {outside[0]:g}; divide those up to 255 by it.")
-    return colours
+        raise InputError(f"{label} must be numbers from 0 to 1, got {outside[0]:g}; divide those up to 255 by it.")
+    return checked

@@ -1,4 +1,4 @@
-"""What is large and quickly made again: kept as long as somebody holds it, and no longer."""
+"""Caches: values that live as long as somebody uses them, and the state of an object without cached properties."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ Made = TypeVar("Made")
 
 
 @dataclass(eq=False)
-class Weakly(Generic[Made]):
-    """One thing that all who hold it at the same time share."""
+class WeakCache(Generic[Made]):
+    """One large value, quickly computed again, that all users share as long as one of them refers to it."""
 
-    _held: ReferenceType[Any] | None = None
+    _reference: ReferenceType[Any] | None = None
 
     def get(self, make: Callable[[], Made]) -> Made:
-        """Return what others hold, or make it."""
-        found: Made | None = None if self._held is None else self._held()
-        if found is None:
-            found = make()
-            self._held = ref(found)
-        return found
+        """Return the value that others refer to, or that of ``make()``."""
+        value: Made | None = None if self._reference is None else self._reference()
+        if value is None:
+            value = make()
+            self._reference = ref(value)
+        return value
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"_held": None}  # a weak reference does not pickle
+        return {"_reference": None}  # a weak reference does not pickle
 
 
-def without_cached(made: object) -> dict[str, Any]:
-    """Return the state of an object without its cached properties: factors and weak references do not pickle."""
-    kind = type(made)
+def state_without_cached(instance: object) -> dict[str, Any]:
+    """Return the attributes of an object to pickle: without cached properties, such as factors of a matrix."""
+    kind = type(instance)
     return {
         name: value
-        for name, value in vars(made).items()
+        for name, value in vars(instance).items()
         if not isinstance(getattr_static(kind, name, None), cached_property)
     }

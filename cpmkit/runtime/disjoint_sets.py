@@ -1,6 +1,6 @@
-"""Compiled: sets of numbers that are united pair by pair.
+"""Compiled: disjoint sets of the numbers 0 to n - 1 (union-find), stored as the parent (n,) of each number.
 
-Roots are the smallest of their set, so that numbers do not depend on the order of unions.
+The root of a set is its smallest member, so that labels of sets do not depend on the order of unions.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from cpmkit.runtime.compilation import compiled
 
 
 @compiled
-def find(parent: Any, i: int) -> int:
-    """Return the root of ``i``, halving the path to it."""
+def find_root(parent: Any, i: int) -> int:
+    """Return the root of the set that contains ``i``, and halve the path to it."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -24,8 +24,8 @@ def find(parent: Any, i: int) -> int:
 
 @compiled
 def unite(parent: Any, i: int, j: int) -> None:
-    """Make the sets of ``i`` and ``j`` one."""
-    i, j = find(parent, i), find(parent, j)
+    """Unite the sets that contain ``i`` and ``j``."""
+    i, j = find_root(parent, i), find_root(parent, j)
     if i < j:
         parent[j] = i
     else:
@@ -34,26 +34,29 @@ def unite(parent: Any, i: int, j: int) -> None:
 
 @compiled
 def unite_pairs(parent: Any, pairs: Any) -> None:
-    """Make one set of each of ``pairs`` (t, 2)."""
+    """Unite the sets of the two numbers of each of ``pairs`` (t, 2)."""
     for t in range(len(pairs)):
         unite(parent, pairs[t, 0], pairs[t, 1])
 
 
 @compiled
 def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_column: int) -> None:
-    """Make one set of each row of a sparse matrix and of the columns in it, from these numbers on."""
+    """Unite each row of a sparse matrix, by its CSR arrays, with the columns in which it has entries.
+
+    Row i is the number ``first_row + i``, column j the number ``first_column + j``.
+    """
     for i in range(len(starts) - 1):
         for k in range(starts[i], starts[i + 1]):
             unite(parent, first_row + i, first_column + columns[k])
 
 
 @compiled
-def numbered(parent: Any) -> tuple[int, Ints]:
-    """Return how many sets there are, and the number of each member's set."""
+def label_sets(parent: Any) -> tuple[int, Ints]:
+    """Return the number of sets, and the label (n,) of the set that each number is in."""
     label = np.empty(len(parent), dtype=np.int64)
     sets = 0
     for i in range(len(parent)):
-        root = find(parent, i)
+        root = find_root(parent, i)
         if root == i:
             label[i] = sets
             sets += 1

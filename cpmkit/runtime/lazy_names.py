@@ -1,4 +1,4 @@
-"""Names of a package that are imported on first use: one table, beside imports that type checkers alone read."""
+"""Public names of a package that are imported on first use, from a table of the modules that define them."""
 
 from __future__ import annotations
 
@@ -16,21 +16,21 @@ def lazy_names(
     Parameters
     ----------
     package : str
-        Its name.
+        Name of the package.
     modules : mapping
-        The module that holds each name, relative to ``inside``.
+        The module that defines each name, relative to ``inside``.
     inside : str
-        A package.
+        Name of the package that contains these modules.
     advice : str
-        Said of a name that is not offered.
+        End of the error's message for a name that is not in the table.
     """
-    held = vars(sys.modules[package])
+    namespace = vars(sys.modules[package])
 
     def get(name: str) -> Any:
         if name not in modules:
-            told = f"module {package!r} has no attribute {name!r}{advice}"
-            raise AttributeError(told, name=name, obj=sys.modules[package])
-        held[name] = getattr(import_module(f"{inside}.{modules[name]}"), name)
-        return held[name]
+            message = f"module {package!r} has no attribute {name!r}{advice}"
+            raise AttributeError(message, name=name, obj=sys.modules[package])
+        namespace[name] = getattr(import_module(f"{inside}.{modules[name]}"), name)
+        return namespace[name]
 
-    return get, lambda: sorted({*held, *modules})
+    return get, lambda: sorted({*namespace, *modules})

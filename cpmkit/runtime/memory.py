@@ -1,4 +1,4 @@
-"""How much memory a solve needs, and how much this process may have."""
+"""Memory: what this process may have, what it has at most, what a solve needs, and freed memory given back."""
 
 from __future__ import annotations
 
@@ -15,92 +15,87 @@ from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
 ENTRY_BYTES = 12
-#: Where the kernel shows control groups.
-CONTROL_GROUPS = Path("/sys/fs/cgroup")
-OWN_CONTROL_GROUPS = Path("/proc/self/cgroup")
-#: What control groups say is read anew after so many seconds.
-FRESH_SECONDS = 0.2
-#: Limits that ``ulimit`` sets: their names, its option, and the row of /proc/self/status that counts against each.
-ULIMITS = (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData"))
-#: What errors of other types say where memory ran out.
+#: Parts of the messages by which errors other than MemoryError say that memory ran out.
 OUT_OF_MEMORY_PHRASES: dict[type[BaseException], tuple[str, ...]] = {
     ImportError: ("failed to map segment", "Cannot allocate memory"),
     RuntimeError: ("can't start new thread",),
 }
+#: Smaller processes keep freed memory: pages that are given back must be allocated and cleared anew.
+MIN_RELEASING_BYTES = 2**29
 
 
 @dataclass(frozen=True)
-class Limit:
-    """Memory that this process may have, and how a sentence says who sets that limit."""
+class MemoryLimit:
+    """Memory in bytes that this process may have, and the beginning of a sentence that says what limits it."""
 
     bytes: int
-    says: str
+    subject: str
 
     def __str__(self) -> str:
-        return f"{self.says} {self.bytes / 2**30:.3g} GiB"
+        return f"{self.subject} {self.bytes / 2**30:.3g} GiB"
 
 
 def machine_bytes() -> int:
-    """Return the physical memory of the machine in bytes; a number that refuses nothing where the system tells none."""
+    """Return the physical memory of the machine in bytes, ``sys.maxsize`` where the system does not report it."""
     if "SC_PHYS_PAGES" not in getattr(os, "sysconf_names", {}):
         return sys.maxsize
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
-def memory_limit() -> Limit:
+def memory_limit() -> MemoryLimit:
     """Return the tightest limit: of the machine, the control groups (containers), or ``ulimit``."""
-    groups = _group_limits(OWN_CONTROL_GROUPS, CONTROL_GROUPS, int(time.monotonic() / FRESH_SECONDS))
-    limits = [Limit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
+    fifth_of_second = int(time.monotonic() / 0.2)
+    groups = _group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"), fifth_of_second)
+    limits = [MemoryLimit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
     return min(limits, key=lambda limit: limit.bytes)
 
 
 def available_bytes() -> int:
-    """Return the memory that this process may have in bytes."""
+    """Return the bytes of memory that this process may have."""
     return memory_limit().bytes
 
 
-def ran_out(error: BaseException) -> bool:
-    """Return whether an error says that memory ran out: an allocation, a thread, or a library that found no room."""
+def is_out_of_memory(error: BaseException) -> bool:
+    """Return True if an error says that memory ran out: for an array, for a thread, or for a library to load."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    return any(sign in str(error) for sign in OUT_OF_MEMORY_PHRASES.get(type(error), ()))
+    return any(phrase in str(error) for phrase in OUT_OF_MEMORY_PHRASES.get(type(error), ()))
 
 
-def _process_limits() -> Iterator[Limit]:
-    """Yield what ``ulimit`` leaves to this process beside what it has already."""
+def _process_limits() -> Iterator[MemoryLimit]:
+    """Yield the memory that ``ulimit -v`` and ``ulimit -d`` still leave to this process."""
     try:
         import resource
     except ImportError:  # Windows
         return
-    for name, option, row in ULIMITS:
+    for name, option, row in (("RLIMIT_AS", "-v", "VmSize"), ("RLIMIT_DATA", "-d", "VmData")):
         soft, _ = resource.getrlimit(getattr(resource, name, resource.RLIMIT_DATA))
         if soft != resource.RLIM_INFINITY:
-            yield Limit(max(soft - _in_use(row), 0), f"`ulimit {option}` leaves this process")
+            yield MemoryLimit(max(soft - (_status_bytes(row) or 0), 0), f"`ulimit {option}` leaves this process")
 
 
-def _in_use(row: str) -> int:
-    """Return a row of /proc/self/status in bytes, 0 where there is none."""
+def _status_bytes(row: str) -> int | None:
+    """Return a row of /proc/self/status in bytes, None where there is no such row."""
     lines = _text_of(Path("/proc/self/status")).splitlines()
-    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), 0)
+    return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), None)
 
 
 @lru_cache(maxsize=1)
-def _group_limits(own: Path, groups: Path, moment: int) -> list[Limit]:
-    """Return the limits of this process's control groups, version 1 and 2, and of those that they are in.
+def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
+    """Return the limits of this process's control groups, version 1 and 2, and of the groups that contain them.
 
-    Small solves ask several times within a ``moment``, and a twentieth of their time would go into reading.
+    ``moment`` is a part of the cache's key alone: within it the files are read once. Small solves ask several times,
+    and reading would take a twentieth of their time.
     """
     del moment
     texts = [_text_of(file).strip() for file in _group_files(own, groups)]
-    # what is no number is no such file, or says max
-    return [
-        Limit(int(text), "the control group of this process (its container) has") for text in texts if text.isdecimal()
-    ]
+    subject = "the control group of this process (its container) has"
+    return [MemoryLimit(int(text), subject) for text in texts if text.isdecimal()]  # a file may say "max"
 
 
 @cache
 def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
-    """Return the files that may hold these limits, listed once: they are asked time and again."""
+    """Return the files that may hold the limits of the control groups; listed once a process."""
     files: list[Path] = []
     lines = _text_of(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
@@ -112,29 +107,29 @@ def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
             continue
         inner = Path(path.lstrip("/"))
         files += [root / part / file for root in roots for part in (inner, *inner.parents)]
-    return tuple(one for one in files if one.parent.exists())
+    return tuple(file for file in files if file.parent.exists())
 
 
 def _text_of(file: Path) -> str:
-    """Return what a file of the kernel says, nothing where there is none."""
+    """Return the text of a file of the kernel, empty where there is no such file."""
     try:
-        with file.open("rb", buffering=0) as read:  # a few lines, asked for a dozen times a solve
+        with file.open("rb", buffering=0) as read:  # a few lines, which a solve reads a dozen times
             return read.readall().decode("utf-8", errors="replace")
     except OSError:
         return ""
 
 
 def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: int, solver: str) -> float:
-    """Return the bytes of tables and vectors at the peak of a solve.
+    """Return the bytes of tables and vectors at the peak of a solve by the collocation form.
 
     Parameters
     ----------
     rows : float
         Rows of E: outer nodes, and ghosts where E u is needed.
     unknowns : float
-        Rows of N.
+        Rows of the operator.
     dim, degree, channels : int
-        Of the space, the interpolation, and the right-hand sides.
+        Dimension of the space, degree of the interpolation, number of right-hand sides.
     solver : str
         ``direct`` assembles the matrix and factorises it.
     """
@@ -157,70 +152,57 @@ def rows_per_unknown(dim: int) -> float:
     return 1.3 if dim == 3 else 1.5
 
 
-#: A process that holds less keeps it: what is handed back must be asked for, and cleared, anew.
-LEAST_BYTES = 2**29
-#: What the system tells of this process, in pages: the second number is what it holds in memory.
-PAGES = Path("/proc/self/statm")
+def release_memory() -> None:
+    """Give freed memory of a large process back to the system, where the C library can (glibc's).
 
-
-def hand_back() -> None:
-    """Hand freed memory of a large process back to the system, where the C library can (glibc's)."""
-    if _held() >= LEAST_BYTES:
-        trim()
-
-
-def trim() -> None:
-    """Hand freed memory back to the system, however little there is, where the C library can."""
-    found = _trim()
-    if found is not None:
-        found(0)
-
-
-def _held() -> int:
+    The C library keeps freed memory for later allocations, in gaps between what is in use that larger arrays do not
+    fit: after tables of many sizes it keeps a tenth as much as is in use.
+    """
     try:
-        with PAGES.open("rb", buffering=0) as read:
-            return int(read.readall().split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (OSError, ValueError, IndexError):  # no system that tells it
-        return 0
+        resident = int(_text_of(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    except (ValueError, IndexError):  # not on Linux
+        return
+    if resident >= MIN_RELEASING_BYTES:
+        trim_heap()
+
+
+def trim_heap() -> None:
+    """Give all freed memory back to the system, where the C library can."""
+    malloc_trim = _malloc_trim()
+    if malloc_trim is not None:
+        malloc_trim(0)
 
 
 @cache
-def _trim() -> Callable[[int], int] | None:
-    """Return the C library's ``malloc_trim``; None where it has none."""
+def _malloc_trim() -> Callable[[int], int] | None:
+    """Return the C library's function ``malloc_trim``, None where it has none."""
     if not sys.platform.startswith("linux"):
         return None
     try:
-        trim: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
+        function: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
     except OSError:  # a program that was linked without shared libraries
         return None
-    return trim
+    return function
 
 
-#: What the kernel tells of this process, and where it is asked to forget the peak so far.
-STATUS, CLEAR_REFS = Path("/proc/self/status"), Path("/proc/self/clear_refs")
-FORGET_PEAK = "5"
+def reset_peak_memory() -> int | None:
+    """Let the peak of this process's memory start from what is in use now.
 
-
-def forget_peak() -> int | None:
-    """Let the peak start from what is in use now, freed memory handed back; return that in bytes, None if untold."""
+    Returns
+    -------
+    int or None
+        The bytes in use, freed memory given back; None where the system does not report a peak (it is Linux that does).
+    """
     gc.collect()
-    trim()
+    trim_heap()
     try:
-        CLEAR_REFS.write_text(FORGET_PEAK)
+        Path("/proc/self/clear_refs").write_text("5")
     except OSError:
         return None
-    return _row("VmRSS")
+    return _status_bytes("VmRSS")
 
 
-def bytes_since(before: int | None) -> int | None:
-    """Return by how many bytes the peak since :func:`forget_peak` is above what was in use then, None if untold."""
-    peak = None if before is None else _row("VmHWM")
+def peak_growth_bytes(before: int | None) -> int | None:
+    """Return how far the peak since :func:`reset_peak_memory` is above ``before``, the bytes that it returned."""
+    peak = None if before is None else _status_bytes("VmHWM")
     return None if peak is None or before is None else max(peak - before, 0)
-
-
-def _row(name: str) -> int | None:
-    try:
-        lines = STATUS.read_text(encoding="utf-8", errors="replace").splitlines()
-    except OSError:
-        return None
-    return next((1024 * int(line.split()[1]) for line in lines if line.startswith(f"{name}:")), None)

@@ -1,4 +1,4 @@
-"""Showing a person how far a solve has come."""
+"""Progress of a solve: the callback in use, and bars that show it on a terminal or in a notebook."""
 
 from __future__ import annotations
 
@@ -12,25 +12,29 @@ from typing import Any, TextIO
 from cpmkit.errors import InputError, shown
 from cpmkit.protocols import Progress, no_progress
 
-#: Stages shorter than so many seconds are not shown.
-QUIET_SECONDS = 1.0
-
-#: Seconds between two drawings of the bar.
+#: A callback, ``False`` for no progress, ``True`` for a bar; None for a bar where a person sees it and work takes long.
+ShownProgress = Progress | bool | None
+#: Seconds after which a bar appears that was not asked for: shorter work needs none.
+SILENT_SECONDS = 2.0
+#: Seconds between two drawings of the bar: the eye sees no more.
 REDRAWING_SECONDS = 0.1
-
+#: Width of the bar.
 BAR_CHARACTERS = 30
+
+#: The callbacks in use, the innermost last; compilers, which have no callback as an argument, report to it.
+_callbacks: list[Progress] = []
 
 
 class ProgressLine:
     """A :data:`~cpmkit.protocols.Progress` callback that writes to a stream; a context manager.
 
-    On a terminal the stage at work is a bar that redraws itself. Elsewhere nothing moves. Either
-    way a stage that took longer than a second leaves one line with its seconds.
+    On a terminal the current stage is a bar that redraws itself. On any stream a stage that took longer than a second
+    leaves one line with its seconds.
 
     Parameters
     ----------
     stream : text stream
-        Where to write, as a rule ``sys.stderr``.
+        Where to write, usually ``sys.stderr``.
     clock : callable
         Returns seconds.
     """
@@ -38,18 +42,18 @@ class ProgressLine:
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.perf_counter) -> None:
         self._stream = stream
         self._clock = clock
-        self._moves = stream.isatty()
+        self._is_terminal = stream.isatty()
         self._stage: str | None = None
         self._since = clock()
         self._drawn = self._since - REDRAWING_SECONDS
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Note that ``fraction`` of ``stage`` is done; 1, or another stage than before, ends a stage."""
+        """Show that ``fraction`` of ``stage`` is done; a fraction of 1, or another stage than before, ends a stage."""
         if stage != self._stage:
             self.finish()
             self._stage = stage
         now = self._clock()
-        if self._moves and now - self._drawn >= REDRAWING_SECONDS:
+        if self._is_terminal and now - self._drawn >= REDRAWING_SECONDS:
             self._drawn = now
             share = min(max(fraction, 0.0), 1.0)
             bar = "#" * round(share * BAR_CHARACTERS)
@@ -58,13 +62,13 @@ class ProgressLine:
             self.finish()
 
     def finish(self) -> None:
-        """End the stage at work; the next one counts from here."""
+        """End the current stage; the time of the next stage counts from here."""
         if self._stage is None:
             return
         now = self._clock()
-        if self._moves:
+        if self._is_terminal:
             self._write("\r\x1b[K")
-        if now - self._since > QUIET_SECONDS:
+        if now - self._since > 1.0:
             self._write(f"{self._stage:<12} {now - self._since:.1f} s\n")
         self._stage, self._since, self._drawn = None, now, now - REDRAWING_SECONDS
 
@@ -75,61 +79,52 @@ class ProgressLine:
         self.finish()
 
     def _write(self, text: str) -> None:
-        with suppress(OSError):  # nobody reads, or the disk is full: that ends no solve
+        with suppress(OSError):  # no reader, or a full disk, must not end a solve
             self._stream.write(text)
             self._stream.flush()
 
 
-#: A callback, ``False`` for no progress, ``True`` for a bar; None for one where a person looks on, if it takes long.
-ShownProgress = Progress | bool | None
-#: Of what takes less than so many seconds no bar is shown unless one is asked for.
-SILENT_SECONDS = 2.0
-
-#: The callbacks of the work under way, the innermost last: compilers, which nobody hands one, tell it what they do.
-_under_way: list[Progress] = []
-
-
 @contextmanager
 def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
-    """Yield a callback for the progress of the work in the block, as it was asked for.
+    """Yield the progress callback of the work in the block: the ``target`` itself, a bar, or one that does nothing.
 
     Raises
     ------
     InputError
-        If it is asked for in another way.
+        If ``target`` is not a callable, True, False or None.
     """
     if not callable(target) and target is not None and not isinstance(target, bool):
         raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(target)}.")
     if callable(target):
         show: Progress = target
-    elif target is False or sys.stderr is None or not (target or _someone_looks()):
+    elif target is False or sys.stderr is None or not (target or _is_interactive()):
         show = no_progress
     else:
-        show = LateBar(0.0 if target else SILENT_SECONDS, clock)
-    _under_way.append(show)
+        show = DelayedBar(0.0 if target else SILENT_SECONDS, clock)
+    _callbacks.append(show)
     try:
         yield show
     finally:
-        _under_way.remove(show)
-        if isinstance(show, LateBar):
+        _callbacks.remove(show)
+        if isinstance(show, DelayedBar):
             show.close()
 
 
-def tell_under_way(stage: str, fraction: float) -> None:
-    """Tell the innermost work under way, if there is any, what is done for it."""
-    if _under_way:
-        _under_way[-1](stage, fraction)
+def report_progress(stage: str, fraction: float) -> None:
+    """Call the innermost callback in use, if there is any."""
+    if _callbacks:
+        _callbacks[-1](stage, fraction)
 
 
-class LateBar:
-    """A bar that appears when the work takes longer than ``silent`` seconds, and leaves no trace."""
+class DelayedBar:
+    """A bar that appears after ``silent`` seconds, and is removed at the end."""
 
     def __init__(self, silent: float, clock: Callable[[], float]) -> None:
         self._since, self._silent, self._clock = clock(), silent, clock
         self._bar: Any = None
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Note that ``fraction`` of ``stage`` is done."""
+        """Show that ``fraction`` of ``stage`` is done."""
         if self._bar is None:
             if self._clock() - self._since < self._silent:
                 return
@@ -137,31 +132,31 @@ class LateBar:
         if isinstance(self._bar, ProgressLine):
             self._bar(stage, fraction)
             return
-        with suppress(OSError):  # nobody reads: that ends no solve
+        with suppress(OSError):  # a missing reader must not end a solve
             self._bar.set_description_str(stage, refresh=False)
             self._bar.n = round(min(max(fraction, 0.0), 1.0), 3)
             self._bar.update(0)
             self._bar.refresh()
 
     def close(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             with suppress(OSError):
                 (self._bar.finish if isinstance(self._bar, ProgressLine) else self._bar.close)()
 
 
 def _tqdm_bar() -> Any:
-    """Return a bar of tqdm, in a notebook a widget; None where it is not installed."""
+    """Return a bar of tqdm, a widget in a notebook; None where tqdm is not installed."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of a notebook without widgets it says so, and takes text
+            warnings.simplefilter("ignore")  # it warns of a notebook without widgets, and writes text
             from tqdm.auto import tqdm
     except ImportError:
         return None
     return tqdm(total=1.0, leave=False, bar_format="{desc:<12} {percentage:3.0f}% |{bar}| {elapsed}", file=sys.stderr)
 
 
-def _someone_looks() -> bool:
-    """Tell whether a person reads the standard error stream: on a terminal, or in a notebook."""
+def _is_interactive() -> bool:
+    """Return True if a person reads the standard error stream: on a terminal, or in a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return type(shell).__name__ == "ZMQInteractiveShell" or sys.stderr.isatty()

@@ -1,8 +1,7 @@
-"""One pool of threads for the process, and work cut into parcels for it.
+"""One pool of threads for the process, and work divided into parcels for it.
 
-Parcels are small and handed out as threads become free, because halves of equal size stall where
-another process holds one core. What runs in them releases the interpreter's lock: compiled kernels, and
-SciPy's sparse products.
+Parcels are small and assigned to threads as these become free: parcels of half the work would stall where another
+process occupies one core. The work releases the interpreter's lock, as compiled kernels and SciPy's sparse products do.
 """
 
 from __future__ import annotations
@@ -14,29 +13,29 @@ from functools import cache
 
 from cpmkit.errors import InputError
 
-#: Queries in a parcel: few enough that a busy core does not hold up the rest.
+#: Closest point queries in a parcel: few enough that a busy core does not delay the others.
 THREAD_PARCEL_QUERIES = 4096
 
 
 def processors() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def thread_count() -> int:
-    """Return how many threads work: ``CPMKIT_THREADS``, or the number of cores this process may use.
+    """Return the number of threads: ``CPMKIT_THREADS``, or the number of cores that this process may use.
 
     Raises
     ------
     InputError
         If ``CPMKIT_THREADS`` is not a whole number above zero.
     """
-    target = os.environ.get("CPMKIT_THREADS")
-    if not target:
+    setting = os.environ.get("CPMKIT_THREADS")
+    if not setting:
         return processors()
-    if not target.isdecimal() or int(target) < 1:
-        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {target!r}.")
-    return int(target)
+    if not setting.isdecimal() or int(setting) < 1:
+        raise InputError(f"CPMKIT_THREADS must be a whole number above zero, got {setting!r}.")
+    return int(setting)
 
 
 @cache
@@ -49,9 +48,9 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 
 
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = THREAD_PARCEL_QUERIES) -> None:
-    """Call ``work(start, stop)`` for the parcels of ``range(count)``, each of at most ``size``, on all threads.
+    """Call ``work(start, stop)`` for consecutive ranges of ``range(count)``, each of at most ``size``, on all threads.
 
-    An exception in a parcel is raised here.
+    An exception in a parcel is raised to the caller.
     """
     starts = range(0, count, size)
     threads = thread_count()

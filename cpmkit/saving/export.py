@@ -14,7 +14,7 @@ from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import written_whole
 from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
-from cpmkit.runtime.messages import to_install
+from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
@@ -127,10 +127,10 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
             f"{path.name!r} would hold a curve, and PLY files hold no lines; accepted are .vtp, .obj, .csv, .npz."
         )
     if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
-        raise MissingDependencyError(f"{suffix} files are written by pyvista; {to_install('view')} adds it.")
+        raise MissingDependencyError(f"{suffix} files are written by pyvista; {install_command('view')} adds it.")
     if suffix == ".mp4" and (find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None):
         raise MissingDependencyError(
-            f".mp4 films are written by imageio and imageio-ffmpeg; {to_install('view')} adds them."
+            f".mp4 films are written by imageio and imageio-ffmpeg; {install_command('view')} adds them."
         )
 
 

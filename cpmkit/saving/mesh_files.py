@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import MissingDependencyError
 from cpmkit.protocols import Floats
-from cpmkit.runtime.messages import to_install
+from cpmkit.runtime.messages import install_command
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.colours import value_colours
 from cpmkit.view.drawing import in_space
@@ -125,7 +125,8 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
         import pyvista
     except ImportError as error_of_import:
         raise MissingDependencyError(
-            f"pyvista, which holds meshes for VTK, does not import: {error_of_import}; {to_install('view')} adds it."
+            f"pyvista, which holds meshes for VTK, does not import: {error_of_import}; "
+            f"{install_command('view')} adds it."
         ) from error_of_import
 
     parts = {"faces": mesh.triangles, "lines": mesh.segments, "verts": mesh.dots[:, None]}

@@ -28,7 +28,7 @@ class VertexNumbers:
     numbers: Ints
 
 
-def given_boundary(given: Any) -> Any:
+def as_boundary_source(given: Any) -> Any:
     """Return the source of points (k, d) or of one point, or the numbers of vertices; anything else as it is.
 
     One whole number, and whole numbers in one row, are numbers of vertices.
@@ -47,7 +47,7 @@ def given_boundary(given: Any) -> Any:
 
 
 #: What may be given for a side, and across.
-ONE = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
+ONE_SIDED_WORDS = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
 COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
 
@@ -122,12 +122,11 @@ class Boundary:
             one = getattr(self, side) if across else as_condition(getattr(self, side))
             object.__setattr__(self, side, one)
             if not isinstance(one, Condition) or one.couples != across:
-                raise SceneError(
-                    f"boundary {self.name!r}: `{side}` must be {COUPLING_WORDS if across else ONE}, got {shown(one)}."
-                )
+                accepted = COUPLING_WORDS if across else ONE_SIDED_WORDS
+                raise SceneError(f"boundary {self.name!r}: `{side}` must be {accepted}, got {shown(one)}.")
         if same_condition(self.left, self.right):  # equal data on both sides need no left
             object.__setattr__(self, "right", self.left)
-        object.__setattr__(self, "source", given_boundary(self.source))
+        object.__setattr__(self, "source", as_boundary_source(self.source))
         if isinstance(self.source, VertexNumbers):  # a scene knows their places
             return
         check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")

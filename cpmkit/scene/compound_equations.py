@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data
-from cpmkit.scene.diffusivities import diffusivity_of
+from cpmkit.scene.diffusivities import as_diffusivity
 from cpmkit.scene.equations import EigenFamily, Equation, Terms, check_factor
 
 #: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
@@ -70,7 +70,7 @@ class Coupled(Equation):
             raise InputError(
                 f"coupling must be a function of points that returns matrices, got {shown(self.coupling)}."
             )
-        diffusivity = diffusivity_of(self.diffusivity, "diffusivity of a coupled problem")
+        diffusivity = as_diffusivity(self.diffusivity, "diffusivity of a coupled problem")
         object.__setattr__(self, "diffusivity", diffusivity)
         check_factor(self.c, "c of a coupled problem")
 
@@ -128,7 +128,7 @@ class Eigen(Equation[EigenFamily]):
         whole(self.count, "count of an eigenvalue problem", 1)
         if self.near is not None:
             number(self.near, "near of an eigenvalue problem")
-        diffusivity = diffusivity_of(self.diffusivity, "diffusivity of an eigenvalue problem")
+        diffusivity = as_diffusivity(self.diffusivity, "diffusivity of an eigenvalue problem")
         object.__setattr__(self, "diffusivity", diffusivity)
         check_factor(self.c, "c of an eigenvalue problem")
 
@@ -146,9 +146,9 @@ class Eigen(Equation[EigenFamily]):
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
         """Refuse other conditions too, and data that are not zero."""
         super().check_conditions(conditions)
-        for what, condition in conditions:
+        for label, condition in conditions:
             if any(callable(one) or np.any(np.asarray(one, dtype=object) != 0) for _, one in condition.data()):
-                raise SceneError(f"{what} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
+                raise SceneError(f"{label} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from cpmkit.scene.equations import Equation
 
 
-def check_order(order: Any, what: str) -> int:
-    """Return the order of accuracy of a condition, which ``what`` names in errors.
+def check_order(order: Any, label: str) -> int:
+    """Return the order of accuracy of a condition, which ``label`` names in errors.
 
     Raises
     ------
@@ -32,8 +32,8 @@ def check_order(order: Any, what: str) -> int:
         If it is neither 1 nor 2; the Galerkin form has conditions of third order.
     """
     if order in (3, 4):
-        raise InputError(f'{what} must be 1 or 2, got {order}; use form="galerkin", with conditions of third order.')
-    return whole(order, what, 1, 2)
+        raise InputError(f'{label} must be 1 or 2, got {order}; use form="galerkin", with conditions of third order.')
+    return whole(order, label, 1, 2)
 
 
 class Condition(ABC):

@@ -36,7 +36,7 @@ class TensorOfEntries:
         return np.stack(entries, axis=1)
 
 
-def diffusivity_of(given: Any, what: str) -> Any:
+def as_diffusivity(given: Any, label: str) -> Any:
     """Return a diffusivity as equations keep it: a number, a (d, d) array, or a function of points.
 
     Raises
@@ -47,18 +47,18 @@ def diffusivity_of(given: Any, what: str) -> Any:
     if callable(given):
         return given
     if not isinstance(given, (list, tuple, np.ndarray)) or np.ndim(np.asarray(given, dtype=object)) == 0:
-        positive(given, what)
+        positive(given, label)
         return given
     rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in given]
     if (len(rows), *{len(row) for row in rows}) not in TENSOR_SHAPES:
         raise InputError(
-            f"{what} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
+            f"{label} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
             f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(given)}."
         )
     if any(callable(entry) for row in rows for entry in row):
         return TensorOfEntries(tuple(map(tuple, rows)))
     constant = TensorOfEntries(tuple(map(tuple, rows)))(np.zeros((1, len(rows))))
-    tensor = _symmetric(constant, what)[0]
+    tensor = _symmetric(constant, label)[0]
     tensor.flags.writeable = False
     return tensor
 
@@ -70,7 +70,7 @@ def is_tensor(diffusivity: Any, points: Floats) -> bool:
     return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
 
 
-def evaluate_diffusivity(diffusivity: Any, points: Floats, what: str) -> Floats:
+def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
     """Return a diffusivity at ``points`` (n, d): (n,) numbers or (n, d, d) symmetric tensors.
 
     Raises
@@ -81,17 +81,17 @@ def evaluate_diffusivity(diffusivity: Any, points: Floats, what: str) -> Floats:
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
         known: Data = (lambda _: values) if callable(diffusivity) else values
-        return evaluate_data(known, points, 1, what)[:, 0]
+        return evaluate_data(known, points, 1, label)[:, 0]
     n, d = points.shape
     tensors = np.asarray(values, dtype=np.float64)
     if tensors.shape not in ((d, d), (n, d, d)):
         raise InputError(
-            f"{what} must be numbers or tensors of shape ({n}, {d}, {d}) at {n} points in {d}D, got {tensors.shape}."
+            f"{label} must be numbers or tensors of shape ({n}, {d}, {d}) at {n} points in {d}D, got {tensors.shape}."
         )
-    return np.broadcast_to(_symmetric(tensors, what), (n, d, d))
+    return np.broadcast_to(_symmetric(tensors, label), (n, d, d))
 
 
-def size_of(diffusivity: Any, points: Floats) -> float:
+def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
     """Return the mean of a diffusivity over ``points`` (n, d), of a tensor that of its eigenvalues."""
     values = evaluate_diffusivity(diffusivity, points, "the diffusivity")
     return float(np.trace(values, axis1=1, axis2=2).mean() / points.shape[1] if values.ndim == 3 else values.mean())
@@ -116,16 +116,16 @@ def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
     return 0.5 * (trace - root), 0.5 * (trace + root)
 
 
-def _symmetric(tensors: Floats, what: str) -> Floats:
+def _symmetric(tensors: Floats, label: str) -> Floats:
     """Return the tensors (..., d, d), made symmetric to the last bit."""
     if not np.isfinite(tensors).all():
-        raise InputError(f"{what} must be finite, got NaN or infinity.")
+        raise InputError(f"{label} must be finite, got NaN or infinity.")
     across: Sequence[int] = (*range(tensors.ndim - 2), -1, -2)
     turned = np.transpose(tensors, [axis % tensors.ndim for axis in across])
     off, size = np.abs(tensors - turned).max(initial=0.0), np.abs(tensors).max(initial=0.0)
     if off > UNSYMMETRIC_SHARE * size:
         raise InputError(
-            f"{what} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
+            f"{label} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
             "unsymmetric one give the symmetric part, and what the rest carries as a velocity."
         )
     return np.asarray(0.5 * (tensors + turned))
@@ -168,7 +168,7 @@ class StateDiffusivity:
         raise SceneError("the diffusivity depends on u, and is not known before u is; use cpmkit.solve.")
 
     @property
-    def of_value(self) -> bool:
+    def depends_on_value(self) -> bool:
         """Whether a may change with u."""
         return self.by_value is not _zero
 
@@ -202,7 +202,7 @@ class StateDiffusivity:
         return np.asarray(rate[:, None] * slopes)
 
 
-def of_slope(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
+def slope_diffusivity(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
     """Return a(s), with its derivative."""
     return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
 
@@ -221,7 +221,7 @@ def _zero(u: Floats) -> Floats:
     return np.zeros_like(u)
 
 
-def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, what: str) -> Floats:
+def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
     """Return what a function of u, s and points, or of the first of them, gives, (k,).
 
     Raises
@@ -235,7 +235,7 @@ def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, 
     found = np.broadcast_to(found, u.shape) if found.ndim == 0 else found
     if found.shape != u.shape or not np.isfinite(found).all():
         raise InputError(
-            f"{what} must return {len(u)} finite numbers for as many values of u, got shape {found.shape}"
+            f"{label} must return {len(u)} finite numbers for as many values of u, got shape {found.shape}"
             f"{'' if np.isfinite(found).all() else ' with NaN or infinity'}."
         )
     return found

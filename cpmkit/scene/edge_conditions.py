@@ -14,7 +14,7 @@ from cpmkit.formulas.expressions import Expression
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.conditions import Condition, as_condition
-from cpmkit.scene.data import Data, evaluate_data, formula, takes_time
+from cpmkit.scene.data import Data, evaluate_data, read_formula, takes_time
 
 #: Where a part of the edge holds: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
 Where = str | Callable[[Floats], Any]
@@ -30,7 +30,7 @@ class Part:
     where: Callable[[Floats], Any] | None = None
 
     @property
-    def told(self) -> str:
+    def summary(self) -> str:
         """What holds where, in words."""
         if self.where is None:
             return f"{self.condition.kind} on the rest"
@@ -52,8 +52,8 @@ class ByPosition:
         number = np.full(len(points), -1)
         for k, part in enumerate(self.parts):
             left = np.flatnonzero(number < 0)
-            what = f"`where` of part {k} of the edge"
-            holds = True if part.where is None else evaluate_data(part.where, points[left], 1, what)[:, 0] != 0
+            label = f"`where` of part {k} of the edge"
+            holds = True if part.where is None else evaluate_data(part.where, points[left], 1, label)[:, 0] != 0
             number[left[np.broadcast_to(holds, len(left))]] = k
         return number
 
@@ -82,7 +82,7 @@ def is_by_position(given: Any) -> bool:
     )
 
 
-def parts_of(given: Any) -> ByPosition:
+def as_parts(given: Any) -> ByPosition:
     """Return the parts that are given: conditions, alone or in pairs with where they hold, or parts themselves.
 
     Raises
@@ -107,12 +107,12 @@ def parts_of(given: Any) -> ByPosition:
 
 
 def _where(given: Any, number: int) -> Callable[[Floats], Any] | None:
-    what = f"`where` of part {number} of the edge"
-    made: Any = formula(Expression, given, what) if isinstance(given, str) else given
+    label = f"`where` of part {number} of the edge"
+    made: Any = read_formula(Expression, given, label) if isinstance(given, str) else given
     if made is not None and not callable(made):
-        raise SceneError(f"{what} must be a formula such as 'x < 0', or a function of points, got {shown(given)}.")
+        raise SceneError(f"{label} must be a formula such as 'x < 0', or a function of points, got {shown(given)}.")
     if made is not None and takes_time(made):
-        raise SceneError(f"{what} depends on t, and parts of the edge stay where they are; leave t out.")
+        raise SceneError(f"{label} depends on t, and parts of the edge stay where they are; leave t out.")
     found: Callable[[Floats], Any] | None = made
     return found
 
@@ -124,7 +124,7 @@ LoopConditions = Condition | ByPosition
 #: What holds on the edge of a manifold: the same for all of it, or for each loop, by its number.
 EdgeConditions = LoopConditions | Mapping[int, LoopConditions]
 #: What may be given for an edge or a loop of it.
-GivenEdge = LoopConditions | Data | list[Condition | tuple[Condition | Data, Where]]
+EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Where]]
 
 
 def as_edge(given: Any) -> Any:
@@ -139,7 +139,7 @@ def as_edge(given: Any) -> Any:
         return {loop: as_edge(one) for loop, one in given.items()}
     if isinstance(given, ByPosition):
         return given
-    return parts_of(given) if is_by_position(given) else as_condition(given)
+    return as_parts(given) if is_by_position(given) else as_condition(given)
 
 
 def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
@@ -162,7 +162,7 @@ def shape_of_edge(edge: EdgeConditions) -> Any:
     return tuple(part.where for part in edge.parts) if isinstance(edge, ByPosition) else None
 
 
-def by_position(edge: EdgeConditions) -> list[ByPosition]:
+def position_parts(edge: EdgeConditions) -> list[ByPosition]:
     """Return what of an edge goes by position."""
     held = edge.values() if isinstance(edge, Mapping) else [edge]
     return [one for one in held if isinstance(one, ByPosition)]
@@ -196,7 +196,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     return [(condition, rows) for condition, rows in found if len(rows)]
 
 
-def check_parts_met(edge: EdgeConditions, met: list[Condition]) -> None:
+def check_parts_used(edge: EdgeConditions, met: list[Condition]) -> None:
     """Refuse parts by position that hold at no point of the edge.
 
     Raises
@@ -205,11 +205,11 @@ def check_parts_met(edge: EdgeConditions, met: list[Condition]) -> None:
         In one sentence.
     """
     known = {id(one) for one in met}
-    for number, part in ((k, part) for one in by_position(edge) for k, part in enumerate(one.parts)):
+    for number, part in ((k, part) for one in position_parts(edge) for k, part in enumerate(one.parts)):
         if id(part.condition) not in known:
             raise SceneError(
-                f"part {number} of `edge`, {part.told}, holds at no point of the edge that this spacing sees; correct "
-                "`where`, use a smaller spacing, or leave the part out."
+                f"part {number} of `edge`, {part.summary}, holds at no point of the edge that this spacing sees; "
+                "correct `where`, use a smaller spacing, or leave the part out."
             )
 
 
@@ -238,7 +238,7 @@ def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
     return edge[loop]
 
 
-def place_on_edge(source: ClosestPointSource, part: Part, beside: ByPosition | None) -> Floats:
+def sample_edge_point(source: ClosestPointSource, part: Part, beside: ByPosition | None) -> Floats:
     """Return a point (1, d) of the edge of ``source`` at which the data of a part of it can be asked.
 
     One where the part holds, if such a point is seen from around the bounds; data may be undefined elsewhere.

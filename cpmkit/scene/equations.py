@@ -19,7 +19,7 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, evaluate_data, read_formulas
-from cpmkit.scene.diffusivities import diffusivity_of
+from cpmkit.scene.diffusivities import as_diffusivity
 
 
 class EquationFamily:
@@ -91,34 +91,34 @@ class Terms:
         return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
-def check_conservative(conservative: Any, velocity: VectorField | None, what: str) -> None:
+def check_conservative(conservative: Any, velocity: VectorField | None, label: str) -> None:
     """Refuse ``conservative`` unless it is a flag, and unless there is a velocity where it is set.
 
     Raises
     ------
     InputError
-        Naming ``what``.
+        Naming ``label``.
     """
     if not isinstance(conservative, bool):
-        raise InputError(f"conservative of {what} must be True or False, got {shown(conservative)}.")
+        raise InputError(f"conservative of {label} must be True or False, got {shown(conservative)}.")
     if conservative and velocity is None:
-        raise InputError(f"conservative of {what} is about a velocity, and there is none; give one, or leave it out.")
+        raise InputError(f"conservative of {label} is about a velocity, and there is none; give one, or leave it out.")
 
 
-def check_factor(c: Data, what: str) -> None:
+def check_factor(c: Data, label: str) -> None:
     """Refuse a factor of u that is neither a finite number nor a function of points.
 
     Raises
     ------
     InputError
-        Naming ``what``.
+        Naming ``label``.
     """
     if not callable(c):
         try:
-            number(c, what)
+            number(c, label)
         except InputError as error:
             raise InputError(
-                f"{what} must be a finite number or a function of points such as ck.VertexData(surface, values), got "
+                f"{label} must be a finite number or a function of points such as ck.VertexData(surface, values), got "
                 f"{shown(c)}."
             ) from error
 
@@ -165,10 +165,10 @@ class Equation(ABC, Generic[Family]):
         SceneError
             Naming the first.
         """
-        for what, condition in conditions:
+        for label, condition in conditions:
             refusal = condition.refusal(self)
             if refusal:
-                raise SceneError(f"{what}: {condition.kind!r} {refusal}; {self.accepted}.")
+                raise SceneError(f"{label}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
         """Return what has channels, by the names that errors use."""
@@ -288,7 +288,7 @@ class Elliptic(Equation):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "diffusivity", diffusivity_of(self.diffusivity, "diffusivity of an elliptic problem"))
+        object.__setattr__(self, "diffusivity", as_diffusivity(self.diffusivity, "diffusivity of an elliptic problem"))
         check_factor(self.c, "c of an elliptic problem")
         check_conservative(self.conservative, self.velocity, "an elliptic problem")
 

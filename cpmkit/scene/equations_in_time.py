@@ -17,7 +17,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.data import Data, takes_time
-from cpmkit.scene.diffusivities import diffusivity_of
+from cpmkit.scene.diffusivities import as_diffusivity
 from cpmkit.scene.equations import Equation, Terms, TimeFamily, VectorField, check_conservative, check_factor
 from cpmkit.scene.pointwise import AfterStep, check_after_step
 
@@ -72,7 +72,7 @@ class Evolution(Equation[TimeFamily]):
         """How long the run lasts."""
         return self.until - self.t0
 
-    def settled(self, explicit_steps: bool) -> Self:
+    def with_scheme(self, explicit_steps: bool) -> Self:
         """Return the same with a scheme named, in a form that takes ``explicit_steps`` or not."""
         del explicit_steps
         return self
@@ -198,7 +198,7 @@ class Heat(Evolution):
     def __post_init__(self) -> None:
         super().__post_init__()
         self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
-        object.__setattr__(self, "kappa", diffusivity_of(self.kappa, "kappa of heat"))
+        object.__setattr__(self, "kappa", as_diffusivity(self.kappa, "kappa of heat"))
         check_factor(self.c, "c of heat")
         check_conservative(self.conservative, self.velocity, "heat")
         if self.start not in HEAT_STARTS:
@@ -277,7 +277,7 @@ class Wave(Evolution):
         self._check(WAVE_SCHEMES, {})
         object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
 
-    def settled(self, explicit_steps: bool) -> Wave:
+    def with_scheme(self, explicit_steps: bool) -> Wave:
         """Return the same with a scheme named: ``auto`` is leapfrog where steps may be explicit, else Newmark's."""
         default = "leapfrog" if explicit_steps else "newmark"
         return replace(self, scheme=default) if self.scheme == "auto" else self

@@ -158,19 +158,19 @@ def is_zero_neumann(law: Law) -> bool:
     return isinstance(law, Flux) and not callable(law.datum) and not np.any(np.asarray(law.datum, dtype=object))
 
 
-def beta_at(law: OneSided, points: Floats, what: str) -> Floats:
+def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
     """Return beta (n,) at ``points`` (n, d) of the boundary, in the scene's coordinates."""
-    return evaluate_data(law.beta, points, 1, f"beta of {what}")[:, 0]
+    return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]
 
 
-def fixes_constant(law: Law, points: Floats, what: str) -> Bools:
+def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
     """Tell at which ``points`` (n, d) of the boundary a law does not hold for u + constant if it does for u, (n,)."""
     if isinstance(law, (Interface, Nonlinear)):
         return np.full(len(points), isinstance(law, Nonlinear))
-    return np.asarray(beta_at(law, points, what) != 0)
+    return np.asarray(beta_at(law, points, label) != 0)
 
 
-def takes_nothing(law: Law) -> bool:
+def is_dissipative(law: Law) -> bool:
     """Tell whether a law surely takes nothing from the operator's sign: no eigenvalue falls below zero by it."""
     if isinstance(law, Mixed):
         return not callable(law.beta) and law.alpha * law.beta >= 0

@@ -39,7 +39,7 @@ NamedBy = Literal["source", "left_of", "rule", "nothing"]
 
 
 @dataclass(frozen=True, eq=False)
-class LeftPart:
+class OrientedPart:
     """A source that is no union, a boundary or a member of one, with signs along it."""
 
     source: LocalSource
@@ -58,7 +58,7 @@ class LeftPart:
     spacing: float
 
     @classmethod
-    def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> LeftPart:
+    def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> OrientedPart:
         """Return it sampled densely enough, signs carried."""
         for found, spacing in samplings(source, surface):
             part = cls._sampled(source, surface, dimension, _off_corners(source, found, 0.5 * spacing), spacing)
@@ -69,7 +69,7 @@ class LeftPart:
     @classmethod
     def _sampled(
         cls, source: LocalSource, surface: LocalSource, dimension: int, samples: ClosestPoints, spacing: float
-    ) -> LeftPart:
+    ) -> OrientedPart:
         step, on_surface = 0.5 * spacing, surface.closest_point(samples.points)
         wide = max(step, LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
         travel = unit_tangents(source, samples, step) if source.manifold_dim == 1 else None
@@ -97,7 +97,7 @@ class LeftPart:
         consistent, sure = (all(getattr(carried, name) for carried in found) for name in ("consistent", "sure"))
         return cls(source, surface, dimension, samples, on_surface, *signs, consistent, travels, sure, spacing)
 
-    def turned(self, left_of: Floats | None) -> tuple[LeftPart, set[NamedBy]]:
+    def turned(self, left_of: Floats | None) -> tuple[OrientedPart, set[NamedBy]]:
         """Return it with each piece's left chosen by a point (d,), where one is given, else by a rule."""
         flipped = np.ones(len(self.samples))
         named: set[NamedBy] = set()
@@ -223,7 +223,7 @@ class Left:
         Where a rule names the left: two points, one on each side, in the scene's coordinates.
     queries : tuple of int
         Closest points asked of the surface and of the boundary to find it.
-    contradicted : bool
+    contradicts_left_of : bool
         True where the sources' own left is not that of the boundary's ``left_of``.
     """
 
@@ -234,7 +234,7 @@ class Left:
     origin: Floats
     beside: Floats | None = None
     queries: tuple[int, int] = (0, 0)
-    contradicted: bool = False
+    contradicts_left_of: bool = False
 
     @property
     def known(self) -> bool:
@@ -246,7 +246,7 @@ class Left:
         """Those across and those along the boundary."""
         return self.across, self.along
 
-    def seen_from(self, origin: Floats) -> Left:
+    def relative_to(self, origin: Floats) -> Left:
         """Return the same relative to another origin (d,)."""
         offset = self.origin - origin
         return replace(self, across=self.across.moved(offset), along=self.along.moved(offset), origin=origin)
@@ -268,9 +268,9 @@ def find_left(
     if source.has_left or (travel and (dimension == source.dim or manifold.knows_directions(dimension))):
         against = boundary.left_of is not None and _contradicts(source, manifold, boundary.left_of - origin)
         queries = manifold.queries["points"], source.queries["points"]
-        return Left(AS_GIVEN, AS_GIVEN, "source", True, origin, queries=queries, contradicted=against)
+        return Left(AS_GIVEN, AS_GIVEN, "source", True, origin, queries=queries, contradicts_left_of=against)
     lacking = [number for number, member in enumerate(source.members) if not member.has_left]
-    parts = [LeftPart.of(source.members[number], manifold, dimension) for number in lacking]
+    parts = [OrientedPart.of(source.members[number], manifold, dimension) for number in lacking]
     named: set[NamedBy] = {"source"}
     points = [_left_points(boundary)[number] for number in lacking]
     ruled: int | None = None

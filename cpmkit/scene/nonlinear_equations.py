@@ -13,8 +13,8 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import StateExpression
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.data import Data, evaluate_data, formula
-from cpmkit.scene.diffusivities import StateDiffusivity, of_slope
+from cpmkit.scene.data import Data, evaluate_data, read_formula
+from cpmkit.scene.diffusivities import StateDiffusivity, slope_diffusivity
 from cpmkit.scene.equations import Equation, Terms, check_factor
 
 #: How the equations are solved: by tangents, or with the diffusivity of the step before.
@@ -36,7 +36,7 @@ class QuasilinearEquation(Equation):
 
     #: Whether terms of a form's own, such as penalties, are in units of one number, and not of a: then the steps of
     #: a lagged diffusivity lessen one energy, theirs included.
-    held_evenly: ClassVar[bool] = False
+    uniform_penalty: ClassVar[bool] = False
 
     @property
     def diffusivity_of_u(self) -> StateDiffusivity:
@@ -45,12 +45,12 @@ class QuasilinearEquation(Equation):
         return found
 
     @property
-    def starts_at(self) -> Data | None:
+    def initial_guess(self) -> Data | None:
         """Data that the iteration starts at; None for the solution with the diffusivity 1."""
         return None
 
     @property
-    def approach(self) -> Sequence[QuasilinearEquation]:
+    def continuation(self) -> Sequence[QuasilinearEquation]:
         """Equations nearer to a linear one, whose solutions are starts: each for the next, the last one for this."""
         return ()
 
@@ -107,7 +107,7 @@ class NonlinearDiffusion(QuasilinearEquation):
         super().__post_init__()
         for name in ("diffusivity", "by_value", "by_slope"):
             if isinstance(getattr(self, name), str):
-                made = formula(StateExpression, getattr(self, name), f"{name} of {self.kind}")
+                made = read_formula(StateExpression, getattr(self, name), f"{name} of {self.kind}")
                 object.__setattr__(self, name, made)
         if not callable(self.diffusivity):
             raise InputError(
@@ -174,7 +174,7 @@ class PLaplacian(QuasilinearEquation):
         return power_of_slope(self.p, self.regularization)
 
     @property
-    def approach(self) -> tuple[PLaplacian, ...]:
+    def continuation(self) -> tuple[PLaplacian, ...]:
         """The same with smaller p, from 4 on: Newton's method from the solution of the Laplacian leads no farther."""
         powers = FIRST_POWER * POWER_RATIO ** np.arange(1 + np.log(max(self.p / FIRST_POWER, 1)) / np.log(POWER_RATIO))
         return tuple(replace(self, p=float(p)) for p in powers if p < self.p)
@@ -216,7 +216,7 @@ class TotalVariation(QuasilinearEquation):
     regularization: float
     method: str = field(default="lagged", kw_only=True)
     kind: ClassVar[str] = "total-variation"
-    held_evenly: ClassVar[bool] = True
+    uniform_penalty: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -233,7 +233,7 @@ class TotalVariation(QuasilinearEquation):
         return power_of_slope(1.0, self.regularization)
 
     @property
-    def starts_at(self) -> Data:
+    def initial_guess(self) -> Data:
         """F, which is to be cleaned."""
         return self.f
 
@@ -259,7 +259,7 @@ class _Scaled:
 
 def power_of_slope(p: float, r: float) -> StateDiffusivity:
     """Return ``(s^2 + r^2)^((p - 2) / 2)``."""
-    return of_slope(partial(_power, p, r), partial(_slope_of_power, p, r))
+    return slope_diffusivity(partial(_power, p, r), partial(_slope_of_power, p, r))
 
 
 def _power(p: float, r: float, s: Floats) -> Floats:

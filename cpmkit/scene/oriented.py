@@ -59,9 +59,9 @@ class OrientedBoundary:
         """True where the boundary has sides, and which of them is left is the same all along it."""
         return self.has_sides and self.left.known
 
-    def seen_from(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
+    def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
         """Return the same relative to another origin (d,), from which ``source`` and ``surface`` are seen."""
-        return replace(self, source=source, surface=surface, left=self.left.seen_from(origin))
+        return replace(self, source=source, surface=surface, left=self.left.relative_to(origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
         """Return the closest points on the boundary of ``points`` (n, d), and the manifold's records of these, y."""
@@ -110,7 +110,7 @@ class OrientedBoundary:
         return " and ".join(lacking)
 
     @property
-    def left_in_words(self) -> str:
+    def left_description(self) -> str:
         """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
         if not self.has_sides or self.left.named_by == "source":
             return ""
@@ -183,7 +183,7 @@ def _check_sides(oriented: OrientedBoundary) -> None:
         )
     if not sides_differ(on_left, on_right):
         return
-    if oriented.left.contradicted:
+    if oriented.left.contradicts_left_of:
         raise SceneError(
             f"boundary {boundary.name!r} has left_of={shown(boundary.left_of)} on its right, as the surface's "
             "own normal and the boundary's own direction have it; leave left_of out, or exchange the conditions."

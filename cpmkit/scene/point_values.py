@@ -50,7 +50,7 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
     return bool((np.abs(total) <= ZERO_MEAN_SHARE * size).all())
 
 
-def holding_values(scene: Scene) -> list[str]:
+def valued_boundaries(scene: Scene) -> list[str]:
     """Return the names of the boundaries that hold a value on a side."""
     return [
         one.name
@@ -67,7 +67,7 @@ def point_value_warnings(
     ``points`` are how many points each boundary is that has no sides, two standing for more; ``samples`` as of
     :func:`has_limit`.
     """
-    valued = holding_values(scene)
+    valued = valued_boundaries(scene)
     pins = [name for name in valued if name in points]
     on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
     count = sum(points[name] for name in pins)
@@ -87,7 +87,7 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
     """
     if scene.surface.manifold_dim != 2:
         return ()
-    short = {name: sizes[name] for name in holding_values(scene) if sizes.get(name, least) < least}
+    short = {name: sizes[name] for name in valued_boundaries(scene) if sizes.get(name, least) < least}
     if not short or isinstance(scene.problem, Biharmonic):  # which feels points
         return ()
     return (

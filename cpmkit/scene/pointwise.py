@@ -14,7 +14,9 @@ from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import LARGEST_DATUM, takes_time
 
 
-def values_of(function: Callable[..., Any], given: tuple[Floats, ...], time: float, channels: int, what: str) -> Floats:
+def call_pointwise(
+    function: Callable[..., Any], given: tuple[Floats, ...], time: float, channels: int, label: str
+) -> Floats:
     """Return what a function makes of arrays ``given`` and, where it has a parameter ``t``, of the time.
 
     Where there is one channel, an array (p,) is taken as (p, 1). The shape is left to the caller to check.
@@ -22,7 +24,7 @@ def values_of(function: Callable[..., Any], given: tuple[Floats, ...], time: flo
     Raises
     ------
     InputError
-        If the function fails, or returns no numbers; it is named by ``what``.
+        If the function fails, or returns no numbers; it is named by ``label``.
     """
     timed = {"t": time} if takes_time(function) else {}
     try:
@@ -30,7 +32,7 @@ def values_of(function: Callable[..., Any], given: tuple[Floats, ...], time: flo
     except (TypeError, ValueError) as error:
         shape = (len(given[0]), channels)
         raise InputError(
-            f"{what} must return numbers of shape {shape} for values of that shape: {shown(str(error))}."
+            f"{label} must return numbers of shape {shape} for values of that shape: {shown(str(error))}."
         ) from error
     return found[:, None] if found.ndim == 1 and channels == 1 else found
 
@@ -57,7 +59,7 @@ def check_after_step(after_step: Any, rest: Any, kind: str) -> None:
         positive(rest, f"rest of {kind}")
 
 
-def changed_values(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
+def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
     """Return what ``after_step`` makes of ``values`` (p, channels) at ``points`` (p, d).
 
     Raises
@@ -65,7 +67,7 @@ def changed_values(after_step: AfterStep, points: Floats, values: Floats, time: 
     InputError
         If that is of another shape, or not finite.
     """
-    found = values_of(after_step, (points, values.copy()), time, values.shape[1], "after_step")
+    found = call_pointwise(after_step, (points, values.copy()), time, values.shape[1], "after_step")
     if found.shape != values.shape or not np.isfinite(found).all():
         raise InputError(
             f"after_step must return finite values of shape {values.shape}, got shape {found.shape}"
@@ -89,7 +91,7 @@ def takes_points(reaction: Reaction) -> bool:
     return sum(one.name != "t" for one in needed) > 1
 
 
-def rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
+def reaction_rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction at values u (p, channels), points (p, d) and a time.
 
     Raises
@@ -101,7 +103,7 @@ def rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: flo
     """
     given = (u.copy(), points) if takes_points(reaction) else (u.copy(),)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        found = values_of(reaction, given, time, u.shape[1], "the reaction")
+        found = call_pointwise(reaction, given, time, u.shape[1], "the reaction")
     if found.shape != u.shape:
         raise InputError(f"the reaction must return shape {u.shape} for values of u of that shape, got {found.shape}.")
     if not np.abs(found).max(initial=0.0) <= LARGEST_DATUM:

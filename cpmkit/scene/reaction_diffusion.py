@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, as_data, formula
+from cpmkit.scene.data import Data, as_data, read_formula
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.laws import Interface
@@ -86,7 +86,9 @@ class ReactionDiffusion(Evolution):
         super().__post_init__()
         if isinstance(self.reaction, (str, list, tuple)):
             texts = (self.reaction,) if isinstance(self.reaction, str) else tuple(self.reaction)
-            object.__setattr__(self, "reaction", formula(ReactionExpression, texts, "reaction of reaction-diffusion"))
+            object.__setattr__(
+                self, "reaction", read_formula(ReactionExpression, texts, "reaction of reaction-diffusion")
+            )
         given = as_data(self.kappa, "kappa of reaction-diffusion")
         each = tuple(given) if isinstance(given, (list, tuple, np.ndarray)) and np.ndim(given) else (given,)
         if not each:
@@ -131,10 +133,10 @@ class ReactionDiffusion(Evolution):
         """Refuse transmission too where channels differ in kappa: its conductivities are those of one equation."""
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1
-        for what, condition in conditions:
+        for label, condition in conditions:
             if isinstance(condition.law, Interface) and not alike:
                 raise SceneError(
-                    f"{what}: {condition.kind!r} takes one kappa for all channels, got {len(self.kappa)} that differ; "
+                    f"{label}: {condition.kind!r} takes one kappa for all channels, got {len(self.kappa)} that differ; "
                     "give one number or function, or conditions on each side."
                 )
 

@@ -14,17 +14,17 @@ from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
 from cpmkit.runtime.messages import html_table
-from cpmkit.scene.boundary import ONE, Boundary
+from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_conditions, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data
 from cpmkit.scene.diffusivities import is_tensor
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
-    GivenEdge,
+    EdgeInput,
     as_edge,
     conditions_of_edge,
     parts_of_edge,
-    place_on_edge,
+    sample_edge_point,
     shape_of_edge,
 )
 from cpmkit.scene.equations import Equation, Family
@@ -88,7 +88,7 @@ class Scene(Generic[Family]):
             surface: Surface,
             problem: Equation[Family],
             boundaries: Sequence[BoundarySet] = (),
-            edge: GivenEdge | Mapping[int, GivenEdge] = ...,
+            edge: EdgeInput | Mapping[int, EdgeInput] = ...,
         ) -> None: ...
 
     def __post_init__(self) -> None:
@@ -103,8 +103,8 @@ class Scene(Generic[Family]):
         for one in self.edge_conditions:
             if not isinstance(one, Condition) or one.couples:
                 raise SceneError(
-                    f"`edge` must be {ONE}, or a table with one of them for each loop, or a list of pairs of one and "
-                    f"where it holds, got {shown(one)}."
+                    f"`edge` must be {ONE_SIDED_WORDS}, or a table with one of them for each loop, or a list of pairs "
+                    f"of one and where it holds, got {shown(one)}."
                 )
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.stated(self.problem, self.problem.kind))
@@ -132,18 +132,18 @@ class Scene(Generic[Family]):
     @cached_property
     def channels(self) -> int:
         """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
-        counts = [(what, self._channels_of(what, data, place)) for what, data, place in self._data()]
+        counts = [(label, self._channels_of(label, data, place)) for label, data, place in self._data()]
         most = max((count for _, count in counts), default=1)
-        for what, count in counts:
+        for label, count in counts:
             if count not in (1, most):
-                raise SceneError(f"{what} has {count} channels where others have {most}; give one value, or {most}.")
+                raise SceneError(f"{label} has {count} channels where others have {most}; give one value, or {most}.")
         return most
 
-    def _channels_of(self, what: str, data: Data, place: int) -> int:
+    def _channels_of(self, label: str, data: Data, place: int) -> int:
         known = getattr(data, "channels", None)
         if isinstance(known, int) and (isinstance(data, Functional) or callable(data)):
             return known  # a field elsewhere than at its own points costs a linear system
-        return int(evaluate_data(data, self._place(place), None, what, self.problem.start_time).shape[1])
+        return int(evaluate_data(data, self._place(place), None, label, self.problem.start_time).shape[1])
 
     @cached_property
     def has_tensor(self) -> bool:
@@ -203,10 +203,10 @@ class Scene(Generic[Family]):
         places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
         places += [EDGE_DATA - number for number, _ in enumerate(self.edge_conditions)]
         found: list[tuple[str, Data, int]] = []
-        for (what, one), place in zip(self._conditions(), places, strict=True):
+        for (label, one), place in zip(self._conditions(), places, strict=True):
             data = one.data()
-            found += [(what if len(data) == 1 else f"the {name} of {what}", datum, place) for name, datum in data]
-        return found + [(what, data, SURFACE_DATA) for what, data in self.problem.data()]
+            found += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
+        return found + [(label, data, SURFACE_DATA) for label, data in self.problem.data()]
 
     def _place(self, number: int) -> Floats:
         """Return a point (1, d) of a boundary, by its number, of the manifold's edge or of the manifold.
@@ -216,7 +216,7 @@ class Scene(Generic[Family]):
         if number not in self._places:
             source = self.boundaries[number].source if number >= 0 else self.surface
             if number <= EDGE_DATA:
-                found = place_on_edge(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
+                found = sample_edge_point(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
             else:
                 centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
                 found = LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
@@ -232,7 +232,7 @@ class Scene(Generic[Family]):
 EDGE = "edge"
 
 
-def restated(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
+def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
     """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.preparing.Prepared.solve`.
 
     Raises
@@ -290,7 +290,7 @@ def _edge_with_data(edge: Any, given: Any) -> Any:
     return given
 
 
-def _check_same(old: Condition, new: Any, what: str) -> None:
+def _check_same(old: Condition, new: Any, label: str) -> None:
     """Refuse a condition of another kind than the tables hold, or with other factors.
 
     Raises
@@ -300,7 +300,7 @@ def _check_same(old: Condition, new: Any, what: str) -> None:
     """
     if not isinstance(new, Condition) or old.order != new.order or not _same_but_data(old.law, new.law):
         raise SceneError(
-            f"{what} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
+            f"{label} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
             "the kind, its factors or its order; use cpmkit.solve."
         )
 

@@ -93,13 +93,13 @@ class VertexArrays:
         self.count = surface.value_count if isinstance(surface, HasValues) else None
         self._read: dict[int, tuple[Any, Any]] = {}
 
-    def stated(self, given: Any, what: str) -> Any:
+    def stated(self, given: Any, label: str) -> Any:
         """Return an equation or a condition with vertex data; the same object for the same.
 
         Raises
         ------
         SceneError
-            If an array is neither a row a vertex nor a few channels, or may be both; ``what`` names whose it is.
+            If an array is neither a row a vertex nor a few channels, or may be both; ``label`` names whose it is.
         """
         if not is_dataclass(given) or isinstance(given, type):
             return given
@@ -108,7 +108,7 @@ class VertexArrays:
             for one in fields(given):
                 value = getattr(given, one.name)
                 if one.init and DATA_TYPE in str(one.type) and isinstance(value, np.ndarray) and value.ndim > 0:
-                    changed[one.name] = self._datum(value, f"{one.name} of {what}")
+                    changed[one.name] = self._datum(value, f"{one.name} of {label}")
             differs = any(new is not getattr(given, name) for name, new in changed.items())
             self._read[id(given)] = given, replace(given, **changed) if differs else given
         return self._read[id(given)][1]
@@ -130,20 +130,20 @@ class VertexArrays:
             return replace(given, parts=type(given.parts)(parts))
         return self.stated(given, "the edge")
 
-    def _datum(self, array: np.ndarray, what: str) -> Any:
+    def _datum(self, array: np.ndarray, label: str) -> Any:
         if array.shape in TENSOR_SHAPES:
             return array
         if len(array) == self.count:
             if self.count <= FEW_VERTICES and array.ndim == 1:
                 raise SceneError(
-                    f"{what} is an array of {len(array)} numbers, which may be one value a vertex of the surface or as "
-                    "many channels; give a list of channels, or ck.VertexData(surface, values)."
+                    f"{label} is an array of {len(array)} numbers, which may be one value a vertex of the surface or "
+                    "as many channels; give a list of channels, or ck.VertexData(surface, values)."
                 )
             return VertexData(self.surface, array)
         if len(array) > MOST_CHANNELS:
             known = "carries no values" if self.count is None else f"has {self.count} vertices"
             raise SceneError(
-                f"{what} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "
+                f"{label} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "
                 "function of points, ck.VertexData of another source, or a list of channels."
             )
         return array

@@ -15,7 +15,7 @@ from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.plugins import check_accepted
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_points, as_vector
-from cpmkit.runtime.options import declared
+from cpmkit.runtime.options import declared_options
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table, read_data, with_vertex_data
@@ -43,11 +43,11 @@ class FormulaField:
     """A function of points (n, d) with one number or formula a channel."""
 
     entries: tuple[Any, ...]
-    what: str
+    label: str
 
     def __call__(self, points: Floats) -> Floats:
         """Return the values (n, channels)."""
-        return evaluate_data(list(self.entries), points, len(self.entries), self.what)
+        return evaluate_data(list(self.entries), points, len(self.entries), self.label)
 
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
@@ -81,13 +81,13 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
     return read_source(table, folder, where, scene.surface), given.get("along", given)
 
 
-def _way(value: Any, dim: int, what: str) -> Any:
+def _way(value: Any, dim: int, label: str) -> Any:
     """Return a direction along a curve: a name, a vector, or a function of one formula a coordinate."""
     if isinstance(value, str):
         return value
     if isinstance(value, list) and any(isinstance(entry, str) for entry in value):
-        return _formulas(value, dim, dim, what)
-    return as_vector(value, dim, what)
+        return _formulas(value, dim, dim, label)
+    return as_vector(value, dim, label)
 
 
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
@@ -139,15 +139,15 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
     return {"curves": curves}
 
 
-def _colours(value: Any, dim: int, folder: Path, what: str) -> Any:
+def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
     """Return the colours of a side: as the application takes them, where nothing passes None."""
     if isinstance(value, dict):
         if value == {"neumann": 0}:
             return None
         if set(value) == {"formula"}:
-            return _formulas(value["formula"], dim, 3, what)
+            return _formulas(value["formula"], dim, 3, label)
         raise SceneError(
-            f"{what} must be a colour, colours along the curve, {{ formula = [red, green, blue] }}, or "
+            f"{label} must be a colour, colours along the curve, {{ formula = [red, green, blue] }}, or "
             f"{{ neumann = 0 }} where nothing passes, got {shown(value)}."
         )
     if isinstance(value, str) and Path(value).suffix.lower() in COLOUR_SUFFIXES:
@@ -163,19 +163,19 @@ def _listed(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, A
     return [(number, as_table(table, f"[[{name}]] {number}")) for number, table in enumerate(given, 1)]
 
 
-def _formulas(value: Any, dim: int, count: int, what: str) -> FormulaField:
+def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
     if not isinstance(value, list) or len(value) != count:
-        raise SceneError(f"{what} must be a list of {count} numbers or formulas, got {shown(value)}.")
-    entries = tuple(read_data(entry, dim, f"entry {number} of {what}") for number, entry in enumerate(value, 1))
+        raise SceneError(f"{label} must be a list of {count} numbers or formulas, got {shown(value)}.")
+    entries = tuple(read_data(entry, dim, f"entry {number} of {label}") for number, entry in enumerate(value, 1))
     if takes_time(entries):
-        raise SceneError(f"{what} must not depend on t, got {shown(value)}.")
-    return FormulaField(entries, what)
+        raise SceneError(f"{label} must not depend on t, got {shown(value)}.")
+    return FormulaField(entries, label)
 
 
-def _points(value: Any, dim: int, what: str) -> Floats:
+def _points(value: Any, dim: int, label: str) -> Floats:
     """Return one point, or a list of them, as (n, dim)."""
     one = isinstance(value, list) and bool(value) and not isinstance(value[0], list)
-    return as_points([value] if one else value, dim, what)
+    return as_points([value] if one else value, dim, label)
 
 
 def _only(table: Mapping[str, Any], key: str) -> dict[str, Any]:
@@ -227,7 +227,7 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
         raise SceneError("a scene needs the table [surface].")
     scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
     spacing, options = read_options(tables)
-    target = next((name for name in declared(AccuracyTarget) if name in options), None)
+    target = next((name for name in declared_options(AccuracyTarget) if name in options), None)
     if target is not None and command != "paint":
         raise SceneError(
             f"`cpmkit {command}` takes a spacing and estimates no error; leave out {target} of [discretization]."

@@ -8,6 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from cpmkit.runtime.deprecation import DeprecatedMember
+
 #: Sections of a docstring in which parameters are told.
 TOLD_SECTIONS = ("Parameters", "Attributes")
 #: A link of Sphinx.
@@ -39,7 +41,7 @@ class Key:
         Whether it has no default.
     default : object
         Where it is not needed.
-    told : str
+    summary : str
         One sentence, empty where the factory tells none.
     """
 
@@ -48,23 +50,24 @@ class Key:
     declared: str
     needed: bool
     default: Any
-    told: str
+    summary: str
+    told = DeprecatedMember("summary")
 
     def __str__(self) -> str:
         default = "needed" if self.needed else f"default {self.default!r}"
-        return f"{self.name} ({self.type or 'any'}, {default})" + (f": {self.told}" if self.told else "")
+        return f"{self.name} ({self.type or 'any'}, {default})" + (f": {self.summary}" if self.summary else "")
 
 
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
     """Return the keys that a factory, or a class, takes."""
-    told = {name: words for section in TOLD_SECTIONS for name, words in _told_in(make, section).items()}
+    summary = {name: words for section in TOLD_SECTIONS for name, words in _told_in(make, section).items()}
     found = []
     for name, parameter in inspect.signature(make).parameters.items():
         if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
         needed = parameter.default is parameter.empty
         declared = "" if parameter.annotation is parameter.empty else str(parameter.annotation).strip("'")
-        types, words = told.get(name, ("", ""))
+        types, words = summary.get(name, ("", ""))
         words = words or SHARED_KEYS.get(name, "")
         default = None if needed or callable(parameter.default) else parameter.default
         found.append(Key(name, types or declared, declared, needed, default, words))

@@ -8,6 +8,7 @@ from typing import Any
 
 from cpmkit.errors import PluginError, shown
 from cpmkit.plugins import FACTORY_HOOKS, any_factory, installed_kinds
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scenefile.condition_tables import CONDITIONS
 from cpmkit.scenefile.documented_keys import Key, first_sentence, keys_of
@@ -29,7 +30,7 @@ class Kind:
         ``source``, ``condition``, ``equation``, ``solver`` or ``back end``.
     distribution : str
         Who offers it.
-    told : str
+    summary : str
         One sentence.
     keys : tuple of Key
     """
@@ -37,13 +38,14 @@ class Kind:
     name: str
     sort: str
     distribution: str
-    told: str
+    summary: str
     keys: tuple[Key, ...]
+    told = DeprecatedMember("summary")
 
     def __str__(self) -> str:
         lines = [
             f"{self.name}: {self.sort} of {self.distribution}",
-            f"  {self.told}",
+            f"  {self.summary}",
             *(f"  {key}" for key in self.keys),
         ]
         return "\n".join(lines)

@@ -119,8 +119,8 @@ class Look:
             self._set("isolines", tuple(as_vector(self.isolines, np.size(self.isolines), "isolines").tolist()))
 
     @classmethod
-    def of(cls, options: Mapping[str, Any], what: str = "a picture", also: Sequence[str] = ()) -> Self:
-        """Return the look of ``what`` with these options; ``also`` names arguments of its own, as which one is meant.
+    def of(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
+        """Return the look of ``label`` with these options; ``also`` names arguments of its own, as which one is meant.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class Look:
         for name in options:
             if name not in accepted:
                 near, every = did_you_mean(name, (*also, *accepted)), ", ".join((*also, *accepted))
-                raise InputError(f"{what} has no option {name!r}{near}; accepted are {every}.")
+                raise InputError(f"{label} has no option {name!r}{near}; accepted are {every}.")
         return cls(**options)
 
     def levels(self, ends: Sequence[float]) -> list[float]:
@@ -144,10 +144,10 @@ class Look:
         object.__setattr__(self, name, value)
 
 
-def _one_of(value: object, accepted: Sequence[str], what: str) -> None:
+def _one_of(value: object, accepted: Sequence[str], label: str) -> None:
     if value not in accepted:
         near = did_you_mean(value, accepted)
-        raise InputError(f"{what} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{near}.")
+        raise InputError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{near}.")
 
 
 #: Numbers of a fixed or any count.

@@ -48,7 +48,7 @@ class PictureRequest(Look):
         """Its options, without the file and the frames."""
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
-    def look_changed(self, options: dict[str, Any]) -> PictureRequest:
+    def with_look(self, options: dict[str, Any]) -> PictureRequest:
         """Return the same picture with these options of its look.
 
         Raises
@@ -97,7 +97,7 @@ def check_vertices(vertices: object) -> None:
         raise InputError(f"vertices must be {' or '.join(map(repr, VERTICES))}, got {shown(vertices)}.")
 
 
-def relative_name(name: object, what: str) -> str:
+def relative_name(name: object, label: str) -> str:
     """Return the name of a file, perhaps in folders of its own, that stays inside the folder it is put in.
 
     Raises
@@ -106,19 +106,19 @@ def relative_name(name: object, what: str) -> str:
         If it is no text, absolute, has a ``..`` in it, or a part longer than file systems take.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
-        raise SceneError(f"{what} must be a name, got {shown(name)}.")
+        raise SceneError(f"{label} must be a name, got {shown(name)}.")
     parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # what leads out on either leads out on both
     if name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts:
-        inside = "the working directory" if what.startswith("folder") else "the output folder"
-        remedy = "; leave it out and give --output, which takes any folder" if what.startswith("folder") else ""
-        raise SceneError(f"{what} must be a relative path inside {inside}, got {shown(name)}{remedy}.")
+        inside = "the working directory" if label.startswith("folder") else "the output folder"
+        remedy = "; leave it out and give --output, which takes any folder" if label.startswith("folder") else ""
+        raise SceneError(f"{label} must be a relative path inside {inside}, got {shown(name)}{remedy}.")
     try:
         lengths = [len(part.encode()) for part in PurePosixPath(name).parts]
     except UnicodeEncodeError as error:
-        raise SceneError(f"{what} must be a name that UTF-8 can hold, got {shown(name)}.") from error
+        raise SceneError(f"{label} must be a name that UTF-8 can hold, got {shown(name)}.") from error
     if "\0" in name or max(lengths) > MOST_FILE_NAME_BYTES or sum(lengths) > MOST_OUTPUT_BYTES:
         raise SceneError(
-            f"{what} must be a name of at most {MOST_FILE_NAME_BYTES} bytes, with folders {MOST_OUTPUT_BYTES}, and "
+            f"{label} must be a name of at most {MOST_FILE_NAME_BYTES} bytes, with folders {MOST_OUTPUT_BYTES}, and "
             f"without NUL, got {shown(name)}."
         )
     return name
@@ -135,21 +135,21 @@ def output_folder(name: object) -> Path:
     return Path(name if name == "." else relative_name(name, "folder of [output]"))
 
 
-def check_links(path: Path, folder: Path, what: str) -> None:
+def check_links(path: Path, folder: Path, label: str) -> None:
     """Refuse a path in a folder that links lead out of it.
 
     Raises
     ------
     InputError
-        Naming both; ``what`` says what the path is. Or if file systems here cannot hold its name.
+        Naming both; ``label`` says what the path is. Or if file systems here cannot hold its name.
     """
     check_name(path)
     try:
         inside = Path(os.path.realpath(path)).is_relative_to(os.path.realpath(folder))
     except OSError as error:  # the working directory is gone
-        raise SceneError(f"{what}, {shown(str(path))}, cannot be found: {error.strerror}.") from error
+        raise SceneError(f"{label}, {shown(str(path))}, cannot be found: {error.strerror}.") from error
     if not inside:
         raise SceneError(
-            f"{what} must be inside {shown(str(folder))}, and a link leads {shown(str(path))} out of it; remove the "
+            f"{label} must be inside {shown(str(folder))}, and a link leads {shown(str(path))} out of it; remove the "
             "link, or give --output, which takes any folder."
         )

@@ -19,10 +19,10 @@ from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
 from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.messages import did_you_mean
-from cpmkit.runtime.options import check_types, declared, take
+from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
-from cpmkit.scene.data import field_of_entries, formula
+from cpmkit.scene.data import as_vector_field, read_formula
 from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
@@ -156,12 +156,14 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         If a key or its value is not accepted.
     """
     grid = as_table(tables.get("discretization", {}), "[discretization]")
-    with told_of("[discretization]"):
+    with naming_table("[discretization]"):
         own, accepted = own_options(grid)
-        check_accepted("[discretization]", grid, (*declared(Options), *declared(AccuracyTarget), *accepted))
-        target, further = take(AccuracyTarget, grid)
+        check_accepted(
+            "[discretization]", grid, (*declared_options(Options), *declared_options(AccuracyTarget), *accepted)
+        )
+        target, further = split_options(AccuracyTarget, grid)
         target.check_spacing(grid.get("spacing"))
-        take(Options, {"spacing": 1.0, **further}, own=own)  # one may be given elsewhere
+        split_options(Options, {"spacing": 1.0, **further}, own=own)  # one may be given elsewhere
     solver = as_table(tables.get("solver", {}), "[solver]")
     name = solver.get("kind", SolverOptions.solver)
     if not isinstance(name, str):
@@ -169,16 +171,16 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     options = {key: name for name, key in SOLVER_KEYS.items()}
     renamed = {options.get(key, key): value for key, value in solver.items()}
     if name in SOLVER_OPTIONS:  # a plugin's solver has keys of its own
-        keys = (SOLVER_KEYS[option] for option in declared(SolverOptions))
+        keys = (SOLVER_KEYS[option] for option in declared_options(SolverOptions))
         check_accepted("[solver]", solver, (*keys, *SOLVER_OPTIONS[name]))
-        with told_of("[solver]"):
+        with naming_table("[solver]"):
             SolverOptions.of(renamed)
     spacing = grid.pop("spacing", None)
     return spacing, {**grid, **renamed}
 
 
 @contextmanager
-def told_of(where: str) -> Iterator[None]:
+def naming_table(where: str) -> Iterator[None]:
     """Name the table ``where`` in errors of the block that name none."""
     try:
         yield
@@ -249,16 +251,16 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         near = did_you_mean(kind, PROBLEMS)
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
-    check_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
+    check_key_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     if PROBLEMS[kind] is NonlinearDiffusion:
         for key in STATE_KEYS:
             if key in table:
-                table[key] = formula(StateExpression, table[key], f"{key} of [problem]", dim)
+                table[key] = read_formula(StateExpression, table[key], f"{key} of [problem]", dim)
     reacts = PROBLEMS[kind] is ReactionDiffusion
     if reacts and "reaction" in table:
         given = table["reaction"]
         texts = tuple(given) if isinstance(given, list) else (given,)
-        table["reaction"] = formula(ReactionExpression, texts, "reaction of [problem]", dim)
+        table["reaction"] = read_formula(ReactionExpression, texts, "reaction of [problem]", dim)
     for key in FORMULA_KEYS:
         if callable(table.get(key)):
             continue
@@ -297,7 +299,7 @@ def _field(value: Any, dim: int) -> VectorField:
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
     entries = read_data(value, dim, "velocity of [problem]")
-    return field_of_entries(entries, "velocity of [problem]")
+    return as_vector_field(entries, "velocity of [problem]")
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
@@ -318,5 +320,5 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
     check_links(folder, Path.cwd(), "folder of [output]")
     vertices = table.get("vertices", VERTICES[0])
-    with told_of("[output]"):
+    with naming_table("[output]"):
         return OutputRequest(folder, tuple(files), picture, vertices)

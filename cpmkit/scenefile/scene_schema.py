@@ -10,7 +10,7 @@ from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.runtime.options import Declared, declared
+from cpmkit.runtime.options import DeclaredOptions, declared_options
 from cpmkit.scenefile.application_files import ALONG_KEYS, COLOUR_KEYS
 from cpmkit.scenefile.condition_tables import CONDITIONS
 from cpmkit.scenefile.documented_keys import Key, keys_of
@@ -101,9 +101,9 @@ def one_of_kinds(
     """Return the schema of a table whose ``kind`` says which keys it has; a boundary's surface need not be named."""
     variants = []
     for one in choices:
-        own = {key.name: {**DATUM, "description": key.told} if of_data else _of_key(key) for key in one.keys}
+        own = {key.name: {**DATUM, "description": key.summary} if of_data else _of_key(key) for key in one.keys}
         needed = [key.name for key in one.keys if key.needed and needs and key.name != "surface"]
-        kind = {"const": one.name, "description": one.told}
+        kind = {"const": one.name, "description": one.summary}
         variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
     return {"oneOf": variants}
 
@@ -121,15 +121,17 @@ def _value_of(kind: str) -> Schema:
     return {"const": True} if kind == "steklov" else DATUM
 
 
-def _options(declaring: Iterable[type[Declared]], renamed: Mapping[str, str] = {}, further: bool = False) -> Schema:
+def _options(
+    declaring: Iterable[type[DeclaredOptions]], renamed: Mapping[str, str] = {}, further: bool = False
+) -> Schema:
     """Return the schema of a table of declared options; one that several declare takes what one of them takes."""
     properties: Schema = {}
     for kind in declaring:
         types = {one.name: str(one.type) for one in fields(kind)}
-        for name, option in declared(kind).items():
+        for name, option in declared_options(kind).items():
             before = properties.get(renamed.get(name, name), {}).get("description", "")
-            told = f"{before} {option.told}".strip()
-            properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": told}
+            summary = f"{before} {option.summary}".strip()
+            properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": summary}
     properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
     return _table(properties, further=further)
 
@@ -140,9 +142,9 @@ def _of_key(key: Key) -> Schema:
     if key.name in SOURCES_KEYS:
         return {"type": "array", "items": {"$ref": "#/definitions/source"}}
     made = _json_type(key.declared)
-    told = {"description": key.told} if key.told else {}
+    summary = {"description": key.summary} if key.summary else {}
     known = key.default if isinstance(key.default, (bool, int, float, str)) else None
-    return {**made, **told, **({} if known is None else {"default": known})}
+    return {**made, **summary, **({} if known is None else {"default": known})}
 
 
 def _json_type(declared_type: str) -> Schema:

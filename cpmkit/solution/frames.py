@@ -78,7 +78,7 @@ class EvolvedRecord(SolutionRecord):
         told: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if isinstance(problem, Evolution):
             told |= {
-                "scheme": problem.settled("explicit steps" not in self.discretized.cannot).scheme,
+                "scheme": problem.with_scheme("explicit steps" not in self.discretized.cannot).scheme,
                 "step": problem.step,
             }
         told["frames"] = [frame.time for frame in self.frames]

@@ -9,7 +9,7 @@ from typing import Any
 from unicodedata import normalize
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, MOST_FORMULA_CHARACTERS, formula_tree, parse
+from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse
 
 TAKEN_NAMES = {*COORDINATES, *CONSTANTS, *FUNCTIONS, "t"}
 #: The variables of formulas anywhere in a scene: of position and time, and of parametric curves and surfaces.
@@ -62,10 +62,10 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
         return formula
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]
     length = len(formula) + sum(len(known[node.id]) for node in names)
-    if length > MOST_FORMULA_CHARACTERS:
+    if length > MAX_FORMULA_CHARACTERS:
         raise SceneError(
             f"the formula {shown(formula)} becomes {length} characters long with the names of [let]; at most "
-            f"{MOST_FORMULA_CHARACTERS} are accepted, use fewer."
+            f"{MAX_FORMULA_CHARACTERS} are accepted, use fewer."
         )
     lines = [line.encode() for line in formula.strip().split("\n")]  # columns are counted in bytes
     for node in sorted(names, key=lambda node: (node.lineno, node.col_offset), reverse=True):

@@ -15,9 +15,9 @@ from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.protocols import Progress, no_progress
-from cpmkit.runtime.memory import bytes_since, forget_peak
+from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 from cpmkit.runtime.messages import collected_warnings
-from cpmkit.runtime.options import declared
+from cpmkit.runtime.options import declared_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.baselines import solve_by_fixed_nodes
@@ -39,14 +39,14 @@ def make_run(study: Study, run: Run, truth: Truth, progress: Progress = no_progr
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
-    before, start = forget_peak(), time.process_time()
+    before, start = reset_peak_memory(), time.process_time()
     try:
         with collected_warnings():  # they are recorded
             solution = _solve(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
-    record |= costs_in_memory(solution, bytes_since(before))
+    record |= costs_in_memory(solution, peak_growth_bytes(before))
     with np.errstate(over="ignore"):
         measured = _measured(solution, truth, run)
     if not 0 <= (off := measured["max_error"]) < LARGEST_RECORDED:
@@ -66,7 +66,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
             options = {**options, "origin": centre + run.shift(scene.surface.dim, SHIFTED_SHARE * extent)}
         return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.target})
-    own = {name: value for name, value in options.items() if name not in declared(AccuracyTarget)}
+    own = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
     lattice = lattice_of(scene.surface, run.spacing, own.get("origin"))
     placed = {**own, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
     if run.method in BASELINES:

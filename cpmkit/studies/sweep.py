@@ -17,7 +17,7 @@ from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.plugins import call, check_keys
 from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.options import check_types, declared
+from cpmkit.runtime.options import check_key_types, declared_options
 
 #: Methods that fix nodes, and the options that they have: no order of their own.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
@@ -47,14 +47,16 @@ def closest_points() -> dict[str, dict[str, Any]]:
 
 def listed() -> dict[str, str]:
     """Return the options whose values a study lists, and the key of each list."""
-    return {name: one.plural or f"{name}s" for name, one in declared(FORMS[LISTED_FORM]).items() if not one.methods}
+    return {
+        name: one.plural or f"{name}s" for name, one in declared_options(FORMS[LISTED_FORM]).items() if not one.methods
+    }
 
 
 def listed_of(method: str) -> tuple[str, ...]:
     """Return those of them that a method has."""
     if method not in closest_points():
         return BASELINES.get(method, ())
-    return tuple(name for name in listed() if name in declared(_form_of(method)))
+    return tuple(name for name in listed() if name in declared_options(_form_of(method)))
 
 
 def _form_of(method: str) -> Any:
@@ -68,7 +70,7 @@ def read_sweep(table: Mapping[str, Any]) -> Sweep:
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
     check_keys(make, "[sweep]", own, tuple(listed().values()))
-    check_types(Sweep, "[sweep]", own)
+    check_key_types(Sweep, "[sweep]", own)
     return call(make, "[sweep]", own)
 
 
@@ -133,12 +135,12 @@ class Sweep:
             for name, values in self._fineness():
                 if name in ASKED:
                     for value in values:
-                        declared(AccuracyTarget)[name].check(value, f"each entry of {ASKED[name]} of [sweep]")
+                        declared_options(AccuracyTarget)[name].check(value, f"each entry of {ASKED[name]} of [sweep]")
             if self.step_per_spacing is not None:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
                 for value in values:
-                    declared(FORMS[LISTED_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
+                    declared_options(FORMS[LISTED_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
             for together in product(*self.lists.values()):
                 FORMS[LISTED_FORM](**dict(zip(self.lists, together, strict=True)))
         except InputError as error:
@@ -184,7 +186,9 @@ class Sweep:
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield options and number of the origin, None where a method has none."""
         names, own = listed_of(method), _form_of(method)
-        taken = [[one for one in self.lists.get(name, ()) if declared(own)[name].accepts(one)] for name in names]
+        taken = [
+            [one for one in self.lists.get(name, ()) if declared_options(own)[name].accepts(one)] for name in names
+        ]
         lists = [values or [getattr(own, name)] for name, values in zip(names, taken, strict=True)]
         placed = names or method in closest_points()
         origins = range(self.origins) if self.origins > 1 and placed else [None]

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.protocols import Floats
-from cpmkit.runtime.messages import did_you_mean, to_install
+from cpmkit.runtime.messages import did_you_mean, install_command
 
 #: Values that differ by a smaller share of their size are one value, in the middle of a bar of this half length.
 EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05
@@ -84,7 +84,7 @@ def colour_table(cmap: str) -> Floats:
     try:
         from matplotlib import colormaps
     except ImportError as error:
-        raise MissingDependencyError(f"Colours need matplotlib; {to_install('view')} adds it.") from error
+        raise MissingDependencyError(f"Colours need matplotlib; {install_command('view')} adds it.") from error
     if cmap not in colormaps:
         near = did_you_mean(cmap, colormaps)
         raise InputError(

@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
 from cpmkit.protocols import Floats
-from cpmkit.runtime.messages import to_install
+from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.modes import EigenRecord
@@ -98,7 +98,7 @@ def check_picture(path: str | Path, look: Look) -> Path:
 def check_look(look: Look) -> None:
     """Refuse what no picture can look like, and all of them where matplotlib is not installed."""
     if find_spec("matplotlib") is None:
-        raise MissingDependencyError(f"Pictures need matplotlib; {to_install('view')} adds it.")
+        raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
     if look.view is not None or look.up is not None:
         axes_of(look.view, look.up)
     make_bar(np.zeros(1), None, look.cmap)

@@ -34,10 +34,9 @@ def one_sentence(error, *parts):
 def unlimited(tmp_path, monkeypatch):
     """Let there be a machine of 64 GiB without any other limit, and control groups in ``tmp_path``."""
     monkeypatch.setattr(memory, "machine_bytes", lambda: 64 * GIB)
-    monkeypatch.setattr(memory, "CONTROL_GROUPS", tmp_path)
-    monkeypatch.setattr(memory, "OWN_CONTROL_GROUPS", tmp_path / "own")
+    limits = memory._group_limits.__wrapped__
+    monkeypatch.setattr(memory, "_group_limits", lambda *_: limits(tmp_path / "own", tmp_path, 0))
     monkeypatch.setattr(memory, "_process_limits", lambda: ())
-    monkeypatch.setattr(memory, "FRESH_SECONDS", 1e-9)
     return tmp_path
 
 
@@ -77,10 +76,10 @@ def test_ulimit_counts_with_what_is_in_use(monkeypatch, name, option):
     text_of = memory._text_of
     status = "VmSize:\t 2097152 kB\nVmData:\t 2097152 kB\n"
     monkeypatch.setattr(memory, "_text_of", lambda path: status if path.name == "status" else text_of(path))
-    monkeypatch.setattr(memory, "_group_limits", lambda *target: [])
+    monkeypatch.setattr(memory, "_group_limits", lambda *_: [])
     limit = memory.memory_limit()
     assert limit.bytes == 8 * GIB
-    assert limit.says == f"`ulimit {option}` leaves this process"
+    assert limit.subject == f"`ulimit {option}` leaves this process"
 
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
@@ -89,7 +88,7 @@ FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
 @FORMS
 @pytest.mark.parametrize("spacing", [1e-7, 1e-4, 0.004])
 def test_solve_and_explain_name_the_same_spacing_and_it_fits(monkeypatch, spacing, form):
-    monkeypatch.setattr(memory, "memory_limit", lambda: memory.Limit(64 * 2**20, "this machine has"))
+    monkeypatch.setattr(memory, "memory_limit", lambda: memory.MemoryLimit(64 * 2**20, "this machine has"))
     named = set()
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
@@ -112,7 +111,7 @@ def test_the_spacing_that_fits_moves_and_scales_with_the_model():
     ("form", "mebibytes", "other"), [("collocation", 24, "reference"), ("galerkin", 40, "multigrid")]
 )
 def test_factors_that_cannot_fit_are_refused_before_the_factorisation(monkeypatch, form, mebibytes, other):
-    monkeypatch.setattr(memory, "memory_limit", lambda: memory.Limit(mebibytes * 2**20, "this machine has"))
+    monkeypatch.setattr(memory, "memory_limit", lambda: memory.MemoryLimit(mebibytes * 2**20, "this machine has"))
     named = set()
     for call in (ck.solve, ck.explain):
         with pytest.raises(ck.ResolutionError) as error:
@@ -178,8 +177,8 @@ def test_other_errors_are_left_alone(monkeypatch):
     monkeypatch.setattr("cpmkit.families.steady._operators", fail)
     with pytest.raises(RuntimeError, match="a defect"):
         ck.solve(scene(), 0.3)
-    assert memory.ran_out(RuntimeError("can't start new thread"))
-    assert not memory.ran_out(SimpleNamespace())
+    assert memory.is_out_of_memory(RuntimeError("can't start new thread"))
+    assert not memory.is_out_of_memory(SimpleNamespace())
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere address space has no limit")

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from cpmkit import SceneError
-from cpmkit.formulas.derivatives import MOST_FORMULA_STEPS, formula_jets
-from cpmkit.formulas.steps import MOST_STAGED_POINTS
+from cpmkit.formulas.derivatives import MAX_FORMULA_STEPS, formula_jets
+from cpmkit.formulas.steps import MAX_STAGED_POINTS
 from cpmkit.formulas.trees import formula_tree
 
 NAMES = ("x", "y", "z")
@@ -47,7 +47,7 @@ def test_first_and_second_derivatives_agree_with_differences(text):
 @pytest.mark.parametrize("text", SMOOTH)
 def test_few_points_are_worked_out_like_many(text):
     """Few are computed by compiled arithmetic and many by NumPy's: rows are the same, with NaN where they are NaN."""
-    made, some = jets(text), np.random.default_rng(1).uniform(-2, 2, (3, 2 * MOST_STAGED_POINTS))
+    made, some = jets(text), np.random.default_rng(1).uniform(-2, 2, (3, 2 * MAX_STAGED_POINTS))
     some[:, :9] = 0.0
     for order in range(3):
         few = [made.rows(order, part) for part in np.array_split(some, 30, axis=1)]
@@ -103,5 +103,5 @@ def test_powers_of_any_size_take_one_operation():
 
 def test_too_many_operations_are_refused():
     text = "*".join(f"(x + {k}*y*z)" for k in range(1, 400))
-    with pytest.raises(SceneError, match=rf"phi takes \d+ operations .* at most {MOST_FORMULA_STEPS}"):
+    with pytest.raises(SceneError, match=rf"phi takes \d+ operations .* at most {MAX_FORMULA_STEPS}"):
         jets(text)

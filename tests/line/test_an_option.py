@@ -13,7 +13,7 @@ from cpmkit.forms import choice
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.runtime.options import Declared, declared, option
+from cpmkit.runtime.options import DeclaredOptions, declared_options, option
 from cpmkit.studies.records import read_records
 from cpmkit.studies.running import run_study
 from cpmkit.studies.series import gather
@@ -49,7 +49,7 @@ class WithSmooth(CollocationOptions):
 
 
 @dataclass(frozen=True)
-class OfAnotherForm(Declared):
+class OfAnotherForm(DeclaredOptions):
     """What a second form declares."""
 
     stretch: float = option(1.0, "How strongly conditions are held.")
@@ -164,13 +164,15 @@ def test_signatures_and_docstrings_show_what_is_declared():
     ):
         defaults = {name: parameter.default for name, parameter in inspect.signature(ask).parameters.items()}
         for kind in shared:
-            assert {name: defaults[name] for name in declared(kind)}.items() >= {
-                (name, getattr(kind, name)) for name in declared(kind) if name not in ("spacing", "degree")
+            assert {name: defaults[name] for name in declared_options(kind)}.items() >= {
+                (name, getattr(kind, name)) for name in declared_options(kind) if name not in ("spacing", "degree")
             }
         assert defaults["degree"] is ...  # its default is the form's
     told = " ".join(ck.solve.__doc__.split())
     for kind in kinds:
-        assert all(" ".join(one.told.split()) in told for name, one in declared(kind).items() if name != "spacing")
+        assert all(
+            " ".join(one.summary.split()) in told for name, one in declared_options(kind).items() if name != "spacing"
+        )
 
 
 def test_one_value_makes_the_same_tables_again():

@@ -26,6 +26,7 @@ CONTRACTS = {
     "laws",
     "operators",
     "protocols",
+    "residuals",
     "solve_report",
     "testing",
 }

@@ -81,14 +81,14 @@ def test_pictures_in_the_repository_are_small():
 
 
 def test_every_plugin_is_an_extra_of_the_core_and_all_of_them_are_one():
-    from cpmkit.runtime.messages import FAMILIES
+    from cpmkit.runtime.messages import PLUGIN_FAMILIES
 
     extras, (major, minor, _) = project(ROOT)["optional-dependencies"], cpmkit.__version__.split(".")
-    assert [f"cpmkit-{family}" for family in FAMILIES] == [folder.name for folder in PLUGINS]
-    for family in FAMILIES:
+    assert [f"cpmkit-{family}" for family in PLUGIN_FAMILIES] == [folder.name for folder in PLUGINS]
+    for family in PLUGIN_FAMILIES:
         assert extras[family] == [f"cpmkit-{family}>={major}.{minor},<{major}.{int(minor) + 1}"]
     (everything,) = extras["all"]
-    assert re.fullmatch(r"cpmkit\[(.*)\]", everything)[1].split(",") == [*FAMILIES, "view", "data"]
+    assert re.fullmatch(r"cpmkit\[(.*)\]", everything)[1].split(",") == [*PLUGIN_FAMILIES, "view", "data"]
 
 
 @pytest.mark.parametrize("folder", [ROOT, *PLUGINS], ids=lambda folder: folder.name)

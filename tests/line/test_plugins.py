@@ -10,7 +10,7 @@ from model_problems import circle_jump
 import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.hookspecs import hookimpl
-from cpmkit.linear.direct import Direct
+from cpmkit.linear.direct import DirectSolver
 
 
 class FakeEntryPoint:
@@ -50,7 +50,7 @@ class GoodPlugin:
     def cpmkit_solvers(self):
         def patient(*, patience=1):
             assert patience > 0
-            return Direct()
+            return DirectSolver()
 
         return {"fake.solver": patient}
 

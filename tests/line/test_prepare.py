@@ -104,8 +104,8 @@ def test_the_edge_takes_other_data_and_fluxes_inside_do_too():
 
 def test_factors_are_made_once_for_one_left_side(monkeypatch):
     made = []
-    factorize = direct.factorize
-    monkeypatch.setattr(direct, "factorize", lambda operator: made.append(operator) or factorize(operator))
+    factorize = direct.factorize_operator
+    monkeypatch.setattr(direct, "factorize_operator", lambda operator: made.append(operator) or factorize(operator))
     prepared = ck.prepare(
         scene(ck.ScreenedPoisson(1.0), ck.Dirichlet(1.0), ck.Dirichlet(0.0)), 0.3, solver="direct", form="collocation"
     )

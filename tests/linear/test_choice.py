@@ -1,6 +1,6 @@
 """Without a name, the quicker solver is taken; a multigrid only where a form has levels for it."""
 
-from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.solver_options import choose_solver, make_solver
 
 
@@ -15,4 +15,4 @@ def test_what_is_quicker_is_taken():
 
 
 def test_a_multigrid_takes_its_most_iterations():
-    assert make_solver("multigrid", {"max_iterations": 7}) == Multigrid(7)
+    assert make_solver("multigrid", {"max_iterations": 7}) == MultigridSolver(7)

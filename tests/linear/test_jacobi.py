@@ -11,8 +11,8 @@ import cpmkit as ck
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.linear import jacobi
-from cpmkit.linear.jacobi import Jacobi, Quicker, mass_dominates
-from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver, mass_dominates
+from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.operators import CsrOperator
 
 H = 0.16
@@ -38,8 +38,8 @@ def stepped(share, beside=False, unit=1.0):
 @pytest.mark.parametrize("beside", [False, True])
 def test_it_finds_what_the_cycle_finds_beside_conditions_too(beside):
     operator, levels, b = stepped(1.0, beside)
-    found, report = Jacobi().prepare(operator, levels).solve(b, 1e-12)
-    expected, _ = Multigrid().prepare(operator, levels).solve(b, 1e-12)
+    found, report = JacobiSolver().prepare(operator, levels).solve(b, 1e-12)
+    expected, _ = MultigridSolver().prepare(operator, levels).solve(b, 1e-12)
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
     assert report.solver == "jacobi"
     assert report.residual <= 1e-12
@@ -50,15 +50,18 @@ def test_short_steps_take_the_diagonal_in_any_unit():
     for share, expected in ((0.05, True), (5.0, True), (1000.0, False)):
         for unit in (1e-6, 1.0, 1e6):
             assert mass_dominates(stepped(share, unit=unit)[0].matrix) == expected
-    solvers = [Quicker(Multigrid()).prepare(*one[:2]).solve(one[2], 1e-8)[1].solver for one in map(stepped, (1, 1000))]
+    solvers = [
+        JacobiOrMultigrid(MultigridSolver()).prepare(*one[:2]).solve(one[2], 1e-8)[1].solver
+        for one in map(stepped, (1, 1000))
+    ]
     assert solvers == ["jacobi", "multigrid"]
 
 
 def test_where_it_takes_too_long_the_cycle_solves_and_nothing_is_remembered(monkeypatch):
     operator, levels, b = stepped(1.0)
-    plain = Quicker(Multigrid()).prepare(operator, levels).solve(b, 1e-10)[0]
-    monkeypatch.setattr(jacobi, "MOST_BESIDE_MULTIGRID", 5)
-    prepared = Quicker(Multigrid()).prepare(operator, levels)
+    plain = JacobiOrMultigrid(MultigridSolver()).prepare(operator, levels).solve(b, 1e-10)[0]
+    monkeypatch.setattr(jacobi, "MAX_BEFORE_MULTIGRID", 5)
+    prepared = JacobiOrMultigrid(MultigridSolver()).prepare(operator, levels)
     (first, report), (again, same) = (prepared.solve(b, 1e-10) for _ in range(2))
     assert report.solver == "multigrid"
     assert report.iterations == same.iterations > 5
@@ -69,16 +72,16 @@ def test_where_it_takes_too_long_the_cycle_solves_and_nothing_is_remembered(monk
 def test_what_it_cannot_solve_is_told():
     operator, levels, b = stepped(1.0)
     with pytest.raises(ConvergenceError, match="max_iterations"):
-        Jacobi(3).prepare(operator, levels).solve(b, 1e-10)
+        JacobiSolver(3).prepare(operator, levels).solve(b, 1e-10)
     turned = CsrOperator((-1 * operator.matrix).tocsr(), symmetric=True)
     with pytest.raises(ConvergenceError, match=r"indefinite.*diagonal"):
-        Jacobi().prepare(turned, levels)
+        JacobiSolver().prepare(turned, levels)
     space = sphere(H)
     shifted = CsrOperator((stiffness_of(space).matrix - 30 * mass_of(space).matrix).tocsr(), symmetric=True)
     with pytest.raises(ConvergenceError):
-        Jacobi().prepare(shifted, levels).solve(b, 1e-10)
+        JacobiSolver().prepare(shifted, levels).solve(b, 1e-10)
     with pytest.raises(SceneError, match="solver 'jacobi' solves real symmetric systems"):
-        Jacobi().prepare(CsrOperator(operator.matrix))
+        JacobiSolver().prepare(CsrOperator(operator.matrix))
 
 
 def test_runs_in_time_are_those_of_the_other_solvers():

@@ -7,8 +7,8 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.families.steady import assemble
-from cpmkit.linear.multigrid.solver import Multigrid
-from cpmkit.linear.preconditioned import Lends, Lent
+from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
 from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.scene import Scene
 
@@ -25,18 +25,18 @@ def _turning(rate: float) -> Scene:
 def test_a_system_that_differs_a_little_is_solved_with_another_ones_preconditioner() -> None:
     own, near, far = (ck.prepare(_turning(rate), 0.2, form="galerkin").discretized for rate in (1.0, 1.1, -6.0))
     system = assemble(own)
-    lender = Multigrid().prepare(system.operator, own.levels(system.operator))
-    assert isinstance(lender, Lends)
+    lender = MultigridSolver().prepare(system.operator, own.levels(system.operator))
+    assert isinstance(lender, ReusablePreconditioner)
     made: list[PreparedSolver] = []
     for form, rebuilt, iterations in ((near, 0, 30), (far, 1, 3)):
         other = assemble(form)
-        exact = Multigrid().prepare(other.operator, form.levels(other.operator))
+        exact = MultigridSolver().prepare(other.operator, form.levels(other.operator))
 
         def prepare(exact: PreparedSolver = exact) -> PreparedSolver:
             made.append(exact)
             return exact
 
-        lent = Lent(type(lender)(other.operator, lender.cycle, iterations), prepare)
+        lent = SharedPreconditioner(type(lender)(other.operator, lender.cycle, iterations), prepare)
         u, _ = lent.solve(other.right_side, 1e-8)
         np.testing.assert_allclose(u, exact.solve(other.right_side, 1e-8)[0], atol=1e-6)
         assert len(made) == rebuilt

@@ -14,13 +14,13 @@ from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.forms.galerkin.space import energy
 from cpmkit.linear import csr_matrices
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, coarse_operator
-from cpmkit.linear.direct import Direct
-from cpmkit.linear.jacobi import Jacobi
+from cpmkit.linear.direct import DirectSolver
+from cpmkit.linear.jacobi import JacobiSolver
 from cpmkit.linear.multigrid import cycle
-from cpmkit.linear.multigrid.cycle import loses_by_rounding
-from cpmkit.linear.multigrid.solver import Multigrid
+from cpmkit.linear.multigrid.cycle import needs_float64
+from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.operators import Bordered, CsrOperator
-from cpmkit.linear.preconditioned import Preconditioned, followed_by_error
+from cpmkit.linear.preconditioned import PreconditionedCG, stop_by_preconditioned_residual
 
 NOWHERE = np.zeros(0, dtype=np.int64)
 sphere = cache(sphere_space)
@@ -40,7 +40,7 @@ def smooth(x, y, z):
 
 def iterations(space, operator, beside=NOWHERE, tolerance=1e-10):
     u, report = (
-        Multigrid().prepare(operator, coarser_levels(space.dof_map, beside)).solve(load(space, smooth), tolerance)
+        MultigridSolver().prepare(operator, coarser_levels(space.dof_map, beside)).solve(load(space, smooth), tolerance)
     )
     assert report.residual <= tolerance
     assert np.isfinite(u).all()
@@ -98,8 +98,8 @@ def test_it_finds_what_the_direct_solver_finds():
     beside, penalty = circle_beside(space, 0.31)
     operator = plus(stiffness_of(space), penalty)
     b = load(space, smooth, lambda x, y, z: np.sign(x), lambda x, y, z: 0 * x)
-    u, report = Multigrid().prepare(operator, coarser_levels(space.dof_map, beside)).solve(b, 1e-11)
-    exact, _ = Direct().prepare(operator).solve(b, 1e-10)
+    u, report = MultigridSolver().prepare(operator, coarser_levels(space.dof_map, beside)).solve(b, 1e-11)
+    exact, _ = DirectSolver().prepare(operator).solve(b, 1e-10)
     assert abs(u - exact).max() < 1e-9 * abs(exact).max()
     assert not u[:, 2].any()
     assert report.operator_applications >= 5 * report.iterations
@@ -112,11 +112,11 @@ def test_constants_free_on_two_pieces_are_those_of_the_direct_solver():
         assert border.indicator.shape[1] == 2
         operator = Bordered(stiffness, border)
         b = load(space, smooth, lambda x, y, z: x + 2)  # which has no solution: the border takes the means
-        u, report = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-11)
-        exact, _ = Direct().prepare(operator).solve(b, 1e-10)
+        u, report = MultigridSolver().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-11)
+        exact, _ = DirectSolver().prepare(operator).solve(b, 1e-10)
         assert abs(u - exact).max() < 1e-9 * abs(exact).max()
         assert report.iterations <= 28
-        again = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-9, exact)[1]
+        again = MultigridSolver().prepare(operator, coarser_levels(space.dof_map, NOWHERE)).solve(b, 1e-9, exact)[1]
         assert again.iterations == 0
 
 
@@ -124,7 +124,7 @@ def test_the_cycle_is_symmetric_and_positive():
     space = sphere(0.1)
     beside, penalty = circle_beside(space, 0.31)
     for operator, strip in ((stiffness_of(space, 1.0), NOWHERE), (plus(stiffness_of(space, 1.0), penalty), beside)):
-        cycle = Multigrid().prepare(operator, coarser_levels(space.dof_map, strip)).preconditioner
+        cycle = MultigridSolver().prepare(operator, coarser_levels(space.dof_map, strip)).preconditioner
         x = np.random.default_rng(0).standard_normal((space.dof_map.size, 8))
         products = x.T @ cycle.apply(x)
         assert abs(products - products.T).max() < 1e-12 * abs(products).max()
@@ -133,7 +133,7 @@ def test_the_cycle_is_symmetric_and_positive():
 
 def test_a_guess_near_the_solution_saves_iterations():
     space = sphere(0.1)
-    prepared = Multigrid().prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE))
+    prepared = MultigridSolver().prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE))
     b = load(space, smooth)
     u, first = prepared.solve(b, 1e-10)
     kept = u.copy()
@@ -153,10 +153,10 @@ def energy_error(operator, u, exact):
 def test_where_nothing_is_asked_for_it_stops_by_the_error(share):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
-    strict = Multigrid().prepare(operator, coarser_levels(space.dof_map, NOWHERE))
+    strict = MultigridSolver().prepare(operator, coarser_levels(space.dof_map, NOWHERE))
     b = load(space, smooth)
     exact, _ = strict.solve(b, 1e-13)
-    solver, tolerance = followed_by_error(strict)
+    solver, tolerance = stop_by_preconditioned_residual(strict)
     # A guess whose residual alone would do, though its error would not, is gone on from.
     guess = exact + share * np.random.default_rng(0).standard_normal(exact.shape) if share else None
     u, report = solver.solve(b, tolerance, guess)
@@ -169,9 +169,9 @@ def test_where_nothing_is_asked_for_it_stops_by_the_error(share):
 def test_other_solvers_and_what_is_asked_for_stay_by_the_residual():
     space = sphere(0.16)
     operator, levels = stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE)
-    for solver in (Direct(), Jacobi()):
-        assert followed_by_error(solver.prepare(operator, levels)) is None
-    _, report = Multigrid().prepare(operator, levels).solve(load(space, smooth), 1e-12)
+    for solver in (DirectSolver(), JacobiSolver()):
+        assert stop_by_preconditioned_residual(solver.prepare(operator, levels)) is None
+    _, report = MultigridSolver().prepare(operator, levels).solve(load(space, smooth), 1e-12)
     assert report.residual <= 1e-12
 
 
@@ -193,7 +193,7 @@ def test_a_strip_of_the_wrong_sign_is_told():
 def test_an_interval_that_is_too_small_gives_no_wrong_answer(monkeypatch):
     space = sphere(0.1)
     operator = stiffness_of(space, 1.0)
-    monkeypatch.setattr(csr_matrices, "LEAST_SHARED_ENTRIES", 0)
+    monkeypatch.setattr(csr_matrices, "MIN_SHARED_ENTRIES", 0)
     monkeypatch.setattr(csr_matrices, "thread_count", lambda: 2)
     for share in (0.8, 0.5, 0.3):
         monkeypatch.setattr(cycle, "EIGENVALUE_MARGIN", share)
@@ -206,17 +206,20 @@ def test_what_it_cannot_solve_is_refused_with_what_can(monkeypatch):
     space = sphere(0.1)
     matrix = stiffness_of(space, 1.0).matrix
     with pytest.raises(SceneError, match="solver='direct'"):
-        Multigrid().prepare(CsrOperator(matrix, symmetric=False))
-    assert Multigrid().prepare(CsrOperator(matrix, symmetric=True)).solve(load(space, smooth), 1e-10)[1].iterations == 1
-    monkeypatch.setattr("cpmkit.linear.multigrid.solver.MOST_FACTORISED", space.dof_map.size - 1)
+        MultigridSolver().prepare(CsrOperator(matrix, symmetric=False))
+    assert (
+        MultigridSolver().prepare(CsrOperator(matrix, symmetric=True)).solve(load(space, smooth), 1e-10)[1].iterations
+        == 1
+    )
+    monkeypatch.setattr("cpmkit.linear.multigrid.solver.MAX_FACTORISED", space.dof_map.size - 1)
     with pytest.raises(SceneError, match="coarser levels"):
-        Multigrid().prepare(CsrOperator(matrix, symmetric=True))
+        MultigridSolver().prepare(CsrOperator(matrix, symmetric=True))
 
 
 def test_too_few_iterations_are_told():
     space = sphere(0.1)
     with pytest.raises(ConvergenceError, match="max_iterations"):
-        Multigrid(3).prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE)).solve(
+        MultigridSolver(3).prepare(stiffness_of(space, 1.0), coarser_levels(space.dof_map, NOWHERE)).solve(
             load(space, smooth), 1e-10
         )
 
@@ -228,15 +231,15 @@ def test_sparse_products_are_those_of_scipy(shape, density):
     assert abs(product.to_csr() - a @ b).max() < 1e-14
     x = np.random.default_rng(0).standard_normal((shape[1], 3))
     assert np.allclose(UnsignedCsr.of(a).apply(x), a @ x)
-    assert np.allclose(UnsignedCsr.of(a).transposed(a @ x), a.T @ (a @ x))
+    assert np.allclose(UnsignedCsr.of(a).apply_transposed(a @ x), a.T @ (a @ x))
 
 
 def test_coarser_matrices_made_in_parts_are_whole(monkeypatch):
     rng = np.random.default_rng(3)
     dense = [np.where(rng.random(shape) < 0.1, rng.standard_normal(shape), 0.0) for shape in ((90, 90), (90, 31))]
     a, p = (csr_array(one) for one in (dense[0] + dense[0].T, dense[1]))
-    monkeypatch.setattr(csr_matrices, "LEAST_COARSE_ROWS", 4)
-    coarse = coarse_operator(a, p).whole().to_csr()
+    monkeypatch.setattr(csr_matrices, "MIN_COARSE_ROWS", 4)
+    coarse = coarse_operator(a, p).full().to_csr()
     assert np.allclose(coarse.toarray(), (p.T @ a @ p).toarray(), atol=1e-13)
     assert coarse.count_nonzero() == (p.T @ a @ p).count_nonzero()
 
@@ -254,7 +257,7 @@ def test_products_of_upper_halves_are_those_of_the_whole(density):
     moved = 0.5 * move + 2.0 * inverse[:, None] * (b - a @ x)
     assert np.allclose(rows.step(x, b, inverse, 0.5, 2.0, move), x + moved)
     assert np.allclose(move, moved)
-    coarse = rows.coarser(p).whole().to_csr().toarray()
+    coarse = rows.galerkin_product(p).full().to_csr().toarray()
     assert np.allclose(coarse, (p.T @ a @ p).toarray())
     assert np.array_equal(coarse, coarse.T)
     some = np.array([7, 59, 0])
@@ -272,9 +275,9 @@ def test_sweeps_solve_one_equation_after_the_other():
         for i in [*order, *order]:
             expected[i] += inverse[i] * (b[i] - a[i] @ expected)
         if swept == "down":
-            assert np.allclose(rows.solved_downwards(x, b, inverse, 2), expected)
+            assert np.allclose(rows.sweep_forward(x, b, inverse, 2), expected)
             continue
-        found, rest = rows.solved_upwards(x, b, inverse, 2)
+        found, rest = rows.sweep_backward(x, b, inverse, 2)
         assert np.allclose(found, expected)
         assert np.allclose(rest, b - a @ expected)
 
@@ -292,7 +295,7 @@ def test_a_preconditioner_with_less_rounding_is_tried_before_a_system_is_refused
         def apply(self, b):
             return self.sign * b / 3.0
 
-    rough = Preconditioned(CsrOperator(matrix), UnsignedCsr.of(matrix), None, Scaled(-1.0), 100, "multigrid")
+    rough = PreconditionedCG(CsrOperator(matrix), UnsignedCsr.of(matrix), None, Scaled(-1.0), 100, "multigrid")
     b = np.ones((n, 1))
     with pytest.raises(ConvergenceError, match="wrong sign"):
         rough.solve(b, 1e-10)
@@ -302,6 +305,6 @@ def test_a_preconditioner_with_less_rounding_is_tried_before_a_system_is_refused
 
 
 def test_entries_of_32_bits_are_left_out_where_a_diagonal_spans_too_much():
-    assert loses_by_rounding(np.array([1e-7, 1.0]))
-    assert not loses_by_rounding(np.array([1e-4, 1.0]))
-    assert not loses_by_rounding(np.array([0.0, 1e-4, 1.0]))
+    assert needs_float64(np.array([1e-7, 1.0]))
+    assert not needs_float64(np.array([1e-4, 1.0]))
+    assert not needs_float64(np.array([0.0, 1e-4, 1.0]))

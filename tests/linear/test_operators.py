@@ -58,8 +58,10 @@ def test_shifts_are_those_of_the_matrix(name):
     operator = OPERATORS[name]()
     matrix, one = operator.to_csr().toarray(), np.eye(operator.size)
     size = np.abs(matrix).max()
-    np.testing.assert_allclose(operator.shifted(0.3).to_csr().toarray(), one + 0.3 * matrix, atol=1e-12 * size)
-    np.testing.assert_allclose(operator.less(0.7).to_csr().toarray(), matrix - 0.7 * one, atol=1e-12 * size)
+    np.testing.assert_allclose(operator.scaled_plus_mass(0.3).to_csr().toarray(), one + 0.3 * matrix, atol=1e-12 * size)
+    np.testing.assert_allclose(
+        operator.minus_shifted_mass(0.7).to_csr().toarray(), matrix - 0.7 * one, atol=1e-12 * size
+    )
 
 
 def test_a_shift_by_what_steklov_conditions_bring():
@@ -69,7 +71,7 @@ def test_a_shift_by_what_steklov_conditions_bring():
     stiffness = form.stiffness(problem.terms())
     mass = form.boundary_mass(stiffness)
     expected = stiffness.to_csr() - 1.7 * mass.matrix
-    found = stiffness.less(1.7, mass).to_csr()
+    found = stiffness.minus_shifted_mass(1.7, mass).to_csr()
     np.testing.assert_allclose(found.toarray(), expected.toarray(), atol=1e-11 * np.abs(expected.toarray()).max())
 
 

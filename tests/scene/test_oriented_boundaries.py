@@ -101,7 +101,7 @@ def test_a_boundary_seen_from_elsewhere_keeps_its_left():
     itself = scene.oriented(scene.boundaries[0])
     origin = np.array([0.4, -0.1, 0.2])
     sources = [replace(one, shift=origin, origin=origin) for one in (itself.source, itself.surface)]
-    moved = itself.seen_from(origin, *sources)
+    moved = itself.relative_to(origin, *sources)
     points = np.array([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]])
     assert moved.signed_distance(points - origin, 0.01) == pytest.approx(
         itself.signed_distance(points - itself.left.origin, 0.01)

@@ -29,8 +29,8 @@ def run(*arguments):
 def test_every_kind_is_told_with_a_sentence_for_each_key():
     told = ck.kinds()
     assert {one.name for one in told} >= {one.kind for one in installed_kinds()} | set(PROBLEMS)
-    assert [one.name for one in told if not one.told] == []
-    assert [(one.name, key.name) for one in told for key in one.keys if not key.told] == []
+    assert [one.name for one in told if not one.summary] == []
+    assert [(one.name, key.name) for one in told for key in one.keys if not key.summary] == []
 
 
 def test_keys_are_those_of_the_factory():
@@ -54,7 +54,7 @@ def test_sentences_are_read_off_docstrings():
             As of :class:`~cpmkit.Heat`, e.g. this. Not that.
         """
 
-    assert [(key.name, key.type, key.needed, key.default, key.told) for key in keys_of(make)] == [
+    assert [(key.name, key.type, key.needed, key.default, key.summary) for key in keys_of(make)] == [
         ("a", "number", True, None, "As of Heat, e.g. this."),
         ("b", "number", False, None, "As of Heat, e.g. this."),
         ("c", "", False, 3, ""),

@@ -1,4 +1,4 @@
-"""Long work shows a bar where a person looks on, unless told otherwise; a logger says what was done."""
+"""Long work shows a bar where a person looks on, unless stages otherwise; a logger says what was done."""
 
 import io
 import logging
@@ -6,12 +6,11 @@ import sys
 from functools import partial
 from types import SimpleNamespace
 
-import numpy as np
 import pytest
 
 import cpmkit as ck
 from cpmkit.runtime import compilation, progress
-from cpmkit.runtime.progress import LateBar, tell_under_way
+from cpmkit.runtime.progress import DelayedBar, report_progress
 
 SCENE = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson("x"))
 
@@ -29,7 +28,7 @@ class Clock:
         return self.now
 
 
-def looked_at(monkeypatch, stream):
+def writing_to(monkeypatch, stream):
     """Let work write to a stream; pytest puts its own in the place of what a fixture does."""
     monkeypatch.setattr(progress, "sys", SimpleNamespace(stderr=stream, modules=sys.modules))
     return stream
@@ -41,7 +40,7 @@ def terminal(request, monkeypatch):
         monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     else:
         pytest.importorskip("tqdm")
-    return looked_at(monkeypatch, Terminal())
+    return writing_to(monkeypatch, Terminal())
 
 
 def work(target, clock, seconds=3.0):
@@ -73,10 +72,10 @@ def test_it_is_shown_at_once_or_never_where_that_is_asked_for(terminal):
 
 
 def test_nothing_is_shown_where_nobody_looks(monkeypatch):
-    stream = looked_at(monkeypatch, io.StringIO())
+    stream = writing_to(monkeypatch, io.StringIO())
     work(None, Clock())
     assert stream.getvalue() == ""
-    looked_at(monkeypatch, None)
+    writing_to(monkeypatch, None)
     work(True, Clock())
 
 
@@ -86,11 +85,11 @@ def test_short_work_shows_nothing(terminal):
 
 
 def test_a_callback_gets_all_stages_and_what_is_no_choice_is_refused():
-    told = []
+    stages = []
     for call in (ck.solve, ck.prepare, partial(ck.explain, rehearse=True), ck.discretize):
-        told.clear()
-        call(SCENE, 0.2, progress=lambda stage, fraction: told.append((stage, fraction)))
-        assert told
+        stages.clear()
+        call(SCENE, 0.2, progress=lambda stage, fraction: stages.append((stage, fraction)))
+        assert stages
         with pytest.raises(ck.InputError, match="progress must be True, False or a function"):
             call(SCENE, 0.2, progress="bar")
 
@@ -112,25 +111,25 @@ def test_a_reader_that_has_gone_ends_no_solve(monkeypatch):
         def write(self, text):
             raise BrokenPipeError
 
-    looked_at(monkeypatch, Gone())
+    writing_to(monkeypatch, Gone())
     monkeypatch.setitem(sys.modules, "tqdm.auto", None)
     ck.solve(SCENE, spacing=0.2, progress=True)
 
 
-def test_kernels_that_are_compiled_are_told_to_the_work_under_way(caplog, tmp_path, monkeypatch):
-    told = []
-    with caplog.at_level(logging.DEBUG, "cpmkit"), progress.shown_progress(lambda *one: told.append(one)):
+def test_compiled_kernels_are_reported_to_the_innermost_callback(caplog, tmp_path, monkeypatch):
+    stages = []
+    with caplog.at_level(logging.DEBUG, "cpmkit"), progress.shown_progress(lambda *one: stages.append(one)):
         from numba import njit
 
-        compilation._listen_once()
+        compilation._register_listener()
         assert njit(lambda x: 2 * x)(3.0) == 6.0
-    assert (compilation.COMPILING_STAGE, 0.0) in told
+    assert (compilation.COMPILING_STAGE, 0.0) in stages
     assert any("is compiled" in record.message for record in caplog.records)
-    tell_under_way("nothing is under way", 0.0)
-    assert len(told) == sum(stage == compilation.COMPILING_STAGE for stage, _ in told)
+    report_progress("nothing is under way", 0.0)
+    assert len(stages) == sum(stage == compilation.COMPILING_STAGE for stage, _ in stages)
 
 
-def test_the_logger_tells_what_was_solved_and_is_silent_by_itself(caplog, capfd):
+def test_the_logger_names_what_was_solved_and_is_silent_by_itself(caplog, capfd):
     assert any(isinstance(handler, logging.NullHandler) for handler in logging.getLogger("cpmkit").handlers)
     with caplog.at_level(logging.INFO, "cpmkit"):
         solution = ck.solve(SCENE, spacing=0.2)
@@ -140,5 +139,4 @@ def test_the_logger_tells_what_was_solved_and_is_silent_by_itself(caplog, capfd)
 
 
 def test_a_late_bar_that_was_never_shown_closes():
-    LateBar(2.0, Clock()).close()
-    assert np.isfinite(progress.SILENT_SECONDS)
+    DelayedBar(2.0, Clock()).close()

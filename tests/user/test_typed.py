@@ -21,7 +21,7 @@ from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
-from cpmkit.runtime.options import declared
+from cpmkit.runtime.options import declared_options
 from cpmkit.scenefile.look import AXES, LIGHTS, PICTURE_FIELDS, Look, LookKeywords, SavingKeywords
 
 ROOT = Path(__file__).parents[2]
@@ -72,7 +72,7 @@ def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
     ],
 )
 def test_typed_options_are_those_that_are_declared(seen, kinds, more):
-    stated = {one.name: one.type for kind in kinds for one in fields(kind) if one.name in declared(kind)}
+    stated = {one.name: one.type for kind in kinds for one in fields(kind) if one.name in declared_options(kind)}
     stated.pop("spacing", None)  # a parameter of its own
     typed = {name: str(hint.__forward_arg__) for name, hint in seen.__annotations__.items()}
     assert set(typed) == set(stated) | more

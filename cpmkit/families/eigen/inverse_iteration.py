@@ -12,10 +12,10 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.families.context import SolveContext, left_side
-from cpmkit.linear.direct import Indefinite, PositiveFactors
+from cpmkit.linear.direct import IndefiniteError, PositiveFactors
 from cpmkit.protocols import Floats, Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.diffusivities import size_of
+from cpmkit.scene.diffusivities import mean_diffusivity
 
 #: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
 #: or beside a number inside it.
@@ -117,7 +117,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
         shift = (problem.near or 0.0) - beside * unit
     else:
         mass = form.mass
-        unit = size_of(problem.diffusivity, form.points) / length**2
+        unit = mean_diffusivity(problem.diffusivity, form.points) / length**2
         near = float(form.data_at_points(problem.c, "the factor c").min()) if problem.near is None else problem.near
         shift = near - beside * unit
     if problem.near is None and stiffness.symmetric and form.traits.iterative_solver != "multigrid":
@@ -138,8 +138,8 @@ def _below_all(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> fl
     """
     for _ in range(LOWERED_SHIFTS):
         try:
-            PositiveFactors.of(stiffness.less(shift, mass).to_csr(), "at the shift")
-        except Indefinite:
+            PositiveFactors.of(stiffness.minus_shifted_mass(shift, mass).to_csr(), "at the shift")
+        except IndefiniteError:
             shift, unit = shift - 4 * unit, 4 * unit
             continue
         return shift
@@ -150,7 +150,7 @@ def _below_all(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> fl
 
 
 def _ready(context: SolveContext, stiffness: Stiffness, shift: float, mass: Any) -> tuple[Operator, PreparedSolver]:
-    operator = stiffness.less(shift, mass)
+    operator = stiffness.minus_shifted_mass(shift, mass)
     return operator, context.prepare(operator)
 
 

@@ -9,11 +9,11 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, surely_positive
-from cpmkit.linear.constant_part import Constants
-from cpmkit.linear.preconditioned import followed_by_error
+from cpmkit.linear.constant_functions import ConstantFunctions
+from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver
-from cpmkit.scene.diffusivities import StateDiffusivity, size_of
+from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.solution.modes import Resonance
@@ -64,7 +64,7 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
 
 
 def solved_or_resonant(
-    context: SolveContext, prepared: PreparedSolver, constants: Constants, b: Floats
+    context: SolveContext, prepared: PreparedSolver, constants: ConstantFunctions, b: Floats
 ) -> tuple[Floats, SolveReport]:
     """Return the solution of a steady problem's system, and the report.
 
@@ -73,7 +73,7 @@ def solved_or_resonant(
     ConvergenceError
         If the solver does not reach the tolerance; of standing waves it says whether an eigenvalue is why.
     """
-    by_error = followed_by_error(prepared) if context.by_default else None
+    by_error = stop_by_preconditioned_residual(prepared) if context.by_default else None
     solver, tolerance = (prepared, context.tolerance) if by_error is None else by_error
     try:
         return constants.solve(solver, b, tolerance, context.guess, context.progress)
@@ -127,7 +127,7 @@ def near_resonance(context: SolveContext, prepared: PreparedSolver, u: Floats) -
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be told: the solver "
             "did not converge on it."
         ], None
-    a = size_of(terms.diffusivity, form.some_points(MODE_POINTS)[1])
+    a = mean_diffusivity(terms.diffusivity, form.some_points(MODE_POINTS)[1])
     found = _resonance(form, gap / a, square or _square_of_mode(form, mode), gap * step, u)
     if not found.undetermined:
         return [], found

@@ -16,7 +16,8 @@ from cpmkit.families.eigen.multiplets import cut_multiplet
 from cpmkit.families.eigen.shift_invert import SAME_EIGENVALUE_TOLERANCES, shift_inverted_pairs
 from cpmkit.families.eigen.small_range import all_pairs, dense_pairs, few_seen
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.solve_report import MOST_ROUNDING, ROUNDING_FACTOR, SolveReport, rounding_of
+from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, rounding_of
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenRecord
@@ -176,7 +177,7 @@ def _judge(stepped: InverseIteration, modes: Modes) -> SolveReport:
         f"{stepped.solves} steps, {context.tolerance:.2e} asked for"
     )
     converged = residual <= context.tolerance
-    if not converged and residual <= MOST_ROUNDING and stepped.preconditioner is None:
+    if not converged and residual <= MAX_ROUNDING_SHARE and stepped.preconditioner is None:
         left = _left_by_rounding(stepped, modes)
         converged, reason = residual <= left, f"{reason}, {left:.2e} left by rounding"
     report = context.report(converged, stepped.solves, stepped.products, residual, reason)

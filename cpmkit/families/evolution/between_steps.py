@@ -10,7 +10,7 @@ from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.pointwise import changed_values
+from cpmkit.scene.pointwise import apply_after_step
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
@@ -18,7 +18,7 @@ def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Momen
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
-    wanted = changed_values(evolution.after_step, form.points.copy(), values, moment.time)
+    wanted = apply_after_step(evolution.after_step, form.points.copy(), values, moment.time)
     if np.array_equal(wanted, values):
         return moment
     return replace(moment, u=form.project(wanted, moment.u, moment.time))

@@ -9,7 +9,7 @@ from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenva
 from cpmkit.forms.contract import Discretized
 from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.diffusivities import size_of
+from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 
@@ -62,7 +62,7 @@ def _long_step_sentence(problem: SemiDiscrete, evolution: Heat, start: Moment, h
         return []
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
-    lasts = 1 / np.maximum(size_of(evolution.kappa, points) * steep, 1 / evolution.duration)
+    lasts = 1 / np.maximum(mean_diffusivity(evolution.kappa, points) * steep, 1 / evolution.duration)
     factor, order = ADVECTION_ERRORS[evolution.scheme]
     errors = factor * (along * evolution.step) ** order * along * lasts
     worst = int(errors.argmax())

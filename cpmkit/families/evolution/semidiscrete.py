@@ -13,7 +13,7 @@ from cpmkit.forms.contract import Discretized, conditions_depend_on_time
 from cpmkit.protocols import Floats, Stiffness
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.pointwise import Reaction, rates
+from cpmkit.scene.pointwise import Reaction, reaction_rates
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +105,7 @@ class SemiDiscrete:
                 return known
         start = self.form.scene.problem.start_time or 0.0
         made = self.form.reaction_load(
-            lambda values, points: rates(self._reaction, values, points, moment.time, start), moment.u
+            lambda values, points: reaction_rates(self._reaction, values, points, moment.time, start), moment.u
         )
         self._reactions[:] = [*self._reactions[-1:], (moment.u, made)]
         return made

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
 from cpmkit.forms.contract import conditions_depend_on_time
-from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, PreparedSolver, Stiffness
 
@@ -79,7 +79,7 @@ class ShiftedSolver:
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
         moves = conditions_depend_on_time(self.problem.form.scene)  # a form's mass may depend on it
         key = ("shifted", left_side(group.terms), moves, factor)
-        prepared: tuple[PreparedSolver, Constants] = self.context.kept.get(key, self._prepare, group, factor)
+        prepared: tuple[PreparedSolver, ConstantFunctions] = self.context.kept.get(key, self._prepare, group, factor)
         solver, constants = prepared
         u, report = constants.solve(solver, right_side, self.context.tolerance, guess)
         self.tally.add(report)
@@ -111,6 +111,6 @@ class ShiftedSolver:
         indicator = free.indicator
         return indicator, np.asarray(indicator.T @ self.problem.weighed(indicator.toarray()))
 
-    def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, Constants]:
-        operator = group.stiffness.shifted(factor, self.problem.form.mass_in_time)
+    def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, ConstantFunctions]:
+        operator = group.stiffness.scaled_plus_mass(factor, self.problem.form.mass_in_time)
         return self.context.prepare(operator), self.context.constants(operator)

@@ -56,7 +56,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     """
     form, target = context.discretized, context.scene.problem
     assert isinstance(target, Evolution)
-    evolution = target.settled("explicit steps" not in form.cannot)
+    evolution = target.with_scheme("explicit steps" not in form.cannot)
     form.check(context.solver_name)
     if evolution.scheme in NEEDED:
         require(form, NEEDED[evolution.scheme])

@@ -20,7 +20,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets
-from cpmkit.linear.operators import matrix_of_rows, placing
+from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.protocols import SIDES, Floats, Ints, Progress, no_progress
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data
@@ -125,7 +125,7 @@ class Discretization:
         centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        read: csr_array = (placing(rows, self.numbering.rows) @ extend(self.unknowns, points, centres)).tocsr()
+        read: csr_array = (scatter_matrix(rows, self.numbering.rows) @ extend(self.unknowns, points, centres)).tocsr()
         return read
 
 

@@ -18,7 +18,7 @@ from cpmkit.forms.collocation.boundary.side_view import stack
 from cpmkit.forms.collocation.layout import Layout
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
-from cpmkit.linear.operators import matrix_of_rows, placing
+from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraP
     for term in terms:
         centres = Centres(term.side_views, np.full(len(term.points), term.own), term.feet)
         read = extend(unknowns, term.points, centres, term.coefficient)
-        extension = extension + placing(term.rows, extension.shape[0]) @ read
+        extension = extension + scatter_matrix(term.rows, extension.shape[0]) @ read
     extension.eliminate_zeros()
     made: csr_array = extension.tocsr()
     return made

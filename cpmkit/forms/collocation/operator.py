@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.operators import ThreadedProduct, coupled
+from cpmkit.linear.operators import ThreadedProduct, connected_unknowns
 from cpmkit.protocols import Floats, Ints, Operator
 
 if TYPE_CHECKING:
@@ -106,15 +106,15 @@ class ExtensionOperator:
     def pieces(self) -> tuple[int, Ints]:
         """Return how many sets of unknowns it couples among themselves alone, and the set of each unknown (n,)."""
         count, n = sum(self.differences.shape), self.size
-        _, label = coupled(count, [(self.differences, 0, n), (self.extension, n, 0)])
+        _, label = connected_unknowns(count, [(self.differences, 0, n), (self.extension, n, 0)])
         return int(label[:n].max(initial=-1)) + 1, label[:n]
 
-    def shifted(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
+    def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
         """Return ``I + factor A``; the mass of this form is the identity."""
         assert mass is None
         return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
 
-    def less(self, shift: float, mass: Operator | None = None) -> ExtensionOperator:
+    def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> ExtensionOperator:
         """Return ``A - shift M``, M the identity or what conditions of Steklov read."""
         if mass is None:
             return replace(self, diagonal=self.diagonal - shift)

@@ -8,7 +8,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.grid.stencils import check_degree
-from cpmkit.runtime.options import Declared, option
+from cpmkit.runtime.options import DeclaredOptions, option
 from cpmkit.scene.conditions import check_order
 
 
@@ -42,7 +42,7 @@ def refuse_removed(names: Iterable[str]) -> None:
 
 
 @dataclass(frozen=True)
-class CollocationOptions(Declared):
+class CollocationOptions(DeclaredOptions):
     """The options that belong to the closest point method.
 
     Raises

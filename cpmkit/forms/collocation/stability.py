@@ -37,7 +37,7 @@ def check_waves(scene: Scene, layout: Layout) -> None:
     """
     if not isinstance(scene.problem, Wave):
         return
-    wave = scene.problem.settled(explicit_steps=True)
+    wave = scene.problem.with_scheme(explicit_steps=True)
     if wave.scheme == "leapfrog":
         _check_leapfrog(wave, layout.band.degree, layout.lattice.spacing, layout.lattice.dim)
     elif wave.scheme == "implicit" and wave.step < IMPLICIT_LEAST_SPACINGS * layout.lattice.spacing / wave.speed:

@@ -21,7 +21,7 @@ from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_oper
 from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes, mass, stiffness_with_floor
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.protocols import Floats, Side, Stiffness
-from cpmkit.runtime.caches import without_cached
+from cpmkit.runtime.caches import state_without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 class EquationAssembly(Coefficients):
     """The part of the form that makes operators and right-hand sides."""
 
-    __getstate__ = without_cached
+    __getstate__ = state_without_cached
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy of u over the samples, what holds the rest of u, c u v, and the conditions' terms.

@@ -52,7 +52,7 @@ from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
 from cpmkit.protocols import Floats, Operator, Progress, no_progress
-from cpmkit.runtime.memory import hand_back
+from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.laws import Nonlinear, data_of
 from cpmkit.scene.scene import Scene
@@ -111,7 +111,7 @@ class Galerkin(EquationAssembly):
         if factors:  # what others need was checked before the tables
             check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
         self.warnings()
-        hand_back()
+        release_memory()
 
     # Levels
 
@@ -355,6 +355,6 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         sampled, samples=QuantisedSamples.of(sampled.samples, dof_map)
     )  # what they were made of is let go
     made = Galerkin(scene, options, sampled, build_spline_space(dof_map, sampled.samples))
-    hand_back()
+    release_memory()
     progress("space", 1.0)
     return made

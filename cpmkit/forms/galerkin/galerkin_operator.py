@@ -14,7 +14,7 @@ from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.protocols import Floats, Operator
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.laws import Interface, Spectral, takes_nothing
+from cpmkit.scene.laws import Interface, Spectral, is_dissipative
 from cpmkit.scene.scene import Scene
 
 if TYPE_CHECKING:
@@ -55,14 +55,14 @@ class GalerkinOperator(CsrOperator):
     carried: Advection | None = None
     share: float = 1.0
 
-    def shifted(self, factor: float, mass: Operator | None = None) -> CsrOperator:
+    def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``M + factor A``, M the identity where no mass is given."""
-        made = super().shifted(factor, mass)
+        made = super().scaled_plus_mass(factor, mass)
         return made if self.carried is None else replace(self, matrix=made.matrix, share=factor * self.share)
 
-    def less(self, shift: float, mass: Operator | None = None) -> CsrOperator:
+    def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``A - shift M``; a shift above the smallest c makes waves, M being the mass on the manifold."""
-        plain, lowest = super().less(shift, mass), self.lowest - shift
+        plain, lowest = super().minus_shifted_mass(shift, mass), self.lowest - shift
         waves = max(-lowest, 0.0) / self.least
         return GalerkinOperator(
             plain.matrix,
@@ -114,7 +114,7 @@ def is_surely_definite(scene: Scene) -> bool:
         c = problem.terms().c
         return callable(c) or bool(np.all(np.asarray(c) >= 0))
     laws = [one.law for one in scene.conditions]
-    takes = not all(takes_nothing(law) or isinstance(law, (Interface, Spectral)) for law in laws)
+    takes = not all(is_dissipative(law) or isinstance(law, (Interface, Spectral)) for law in laws)
     if takes or problem.near is not None:
         return False
     steklov = any(isinstance(law, Spectral) for law in laws)
@@ -131,4 +131,4 @@ def multigrid_applies(scene: Scene) -> bool:
     if not isinstance(problem, Eigen) or is_surely_definite(scene):
         return True
     laws = [one.law for one in scene.conditions]
-    return problem.near is not None and all(takes_nothing(law) or isinstance(law, Interface) for law in laws)
+    return problem.near is not None and all(is_dissipative(law) or isinstance(law, Interface) for law in laws)

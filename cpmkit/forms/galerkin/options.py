@@ -12,7 +12,7 @@ from cpmkit.forms.galerkin.quadrature.cell_quadrature import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.options import Declared, option
+from cpmkit.runtime.options import DeclaredOptions, option
 
 #: The families of equations that the form carries.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
@@ -68,7 +68,7 @@ def _check_levels(levels: Any, what: str) -> int:
 
 
 @dataclass(frozen=True)
-class GalerkinOptions(Declared):
+class GalerkinOptions(DeclaredOptions):
     """The options that belong to the Galerkin form.
 
     Raises

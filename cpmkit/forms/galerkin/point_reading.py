@@ -23,7 +23,7 @@ from cpmkit.forms.options import Options
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
-from cpmkit.runtime.caches import Weakly
+from cpmkit.runtime.caches import WeakCache
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
 
@@ -66,8 +66,8 @@ class Reader(Discretized):
         return self.points
 
     @cached_on_space
-    def _points_in_use(self) -> Weakly[Floats]:
-        return Weakly()
+    def _points_in_use(self) -> WeakCache[Floats]:
+        return WeakCache()
 
     def _fixed_points(self) -> Floats:
         points = self.sampled.samples.points_at(slice(self.sampled.interior))  # fixed ones: nobody else's

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.csr_matrices import UnsignedCsr
-from cpmkit.linear.direct import factors_of
+from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
 from cpmkit.protocols import Floats, no_progress
-from cpmkit.runtime.caches import without_cached
+from cpmkit.runtime.caches import state_without_cached
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -40,7 +40,7 @@ class Projection:
 
     matrix: csr_array
 
-    __getstate__ = without_cached
+    __getstate__ = state_without_cached
 
     def solve(self, integrals: Floats) -> Floats:
         """Return the splines (n, k) of the ``integrals`` (n, k) of values times each spline."""
@@ -65,4 +65,4 @@ class Projection:
 
     @cached_property
     def _factors(self) -> Any:
-        return factors_of(self.matrix, symmetric_pattern=True)
+        return factorize_matrix(self.matrix, symmetric_pattern=True)

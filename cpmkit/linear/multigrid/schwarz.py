@@ -1,8 +1,10 @@
-"""Overlapping Schwarz: blocks of unknowns that hang together, each solved for exactly, all from one residual.
+"""Multigrid for advection: GMRES with a cycle whose smoother solves overlapping blocks of unknowns exactly (Schwarz).
 
-It damps what a velocity carries through a block in one step, where smoothers that know neighbours alone need as many
-steps as the block is wide, or grow. Blocks overlap by the neighbours of their unknowns, of which each block keeps
-those that are its own (restricted additive Schwarz: Cai and Sarkis, SIAM J. Sci. Comput. 21, 1999).
+An exact solve on a block damps in one step what a velocity transports through the block; smoothers by single unknowns
+need as many steps as the block is wide, or diverge. A block is extended by the neighbours of its unknowns, and only its
+own unknowns are corrected (restricted additive Schwarz: Cai and Sarkis, SIAM J. Sci. Comput. 21, 1999). Coarser
+operators are P' A P, with the upwinding that a form adds for their spacing. From the coarsest level on, a correction is
+prolonged to the next finer level and followed by a smoothing step there.
 """
 
 from __future__ import annotations
@@ -13,33 +15,37 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.direct import factors_of, held_matrix
+from cpmkit.linear.direct import factorize_matrix, pinned_matrix
+from cpmkit.linear.krylov import REMEDY
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered
-from cpmkit.linear.solve_report import SolveReport, judge
+from cpmkit.linear.residuals import judge
+from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import Floats, Ints, Operator, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: Blocks hold so many unknowns at most, their overlap not counted: at half of it a cycle is a third dearer, as more
-#: unknowns are solved for twice; at twice of it factors hold a third more.
-MOST_IN_BLOCK = 1500
+#: Most unknowns of a block without its overlap: with half as many a cycle takes a third more time, as more unknowns are
+#: solved twice; with twice as many the factors have a third more entries.
+MAX_BLOCK_UNKNOWNS = 1500
+#: Iterations after which GMRES restarts: it stores a vector for each.
+RESTART_ITERATIONS = 50
 
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some unknowns with the factors of their part of a matrix.
+    """Some unknowns with the factors of their rows and columns of a matrix.
 
     Attributes
     ----------
     unknowns : (k,) int64
-        Own ones and their neighbours.
+        The block's own unknowns and their neighbours.
     own : (m,) int64
-        Where the own ones stand among these.
+        Positions of its own unknowns among these.
     factors : SuperLU
-        Of the rows and columns of these unknowns.
+        Factors of the rows and columns of ``unknowns``.
     """
 
     unknowns: Ints
@@ -49,75 +55,69 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Schwarz:
-    """Blocks that hold every unknown once."""
+    """Overlapping blocks; each unknown is an own unknown of one block."""
 
     blocks: Sequence[Block]
 
     def apply(self, residual: Floats) -> Floats:
-        """Return the corrections (n, channels) for a residual."""
-        found = np.empty_like(residual)
+        """Return the corrections (n, channels) for a residual (n, channels)."""
+        corrections = np.empty_like(residual)
         for block in self.blocks:
-            found[block.unknowns[block.own]] = block.factors.solve(residual[block.unknowns])[block.own]
-        return found
+            corrections[block.unknowns[block.own]] = block.factors.solve(residual[block.unknowns])[block.own]
+        return corrections
 
 
-def schwarz(matrix: csr_array) -> Schwarz:
+def build_schwarz(matrix: csr_array) -> Schwarz:
     """Return overlapping blocks of a matrix whose pattern is symmetric."""
     blocks = []
-    for own in bisected(matrix):
+    for own in bisect_unknowns(matrix):
         unknowns = np.unique(matrix[own].indices).astype(np.int64)
         part = matrix[unknowns][:, unknowns]
-        blocks.append(Block(unknowns, np.searchsorted(unknowns, own), factors_of(part, symmetric_pattern=True)))
+        blocks.append(Block(unknowns, np.searchsorted(unknowns, own), factorize_matrix(part, symmetric_pattern=True)))
     return Schwarz(blocks)
 
 
-def bisected(matrix: csr_array, most: int = MOST_IN_BLOCK) -> list[Ints]:
-    """Return the unknowns in compact parts of at most ``most``, each ascending.
+def bisect_unknowns(matrix: csr_array, most: int = MAX_BLOCK_UNKNOWNS) -> list[Ints]:
+    """Return the unknowns in compact parts of at most ``most``, each in ascending order.
 
-    A part is halved where a search in breadth, from an unknown at its end, has seen half of it.
+    A part is bisected into the first and the second half of a breadth-first search from an unknown at its end.
     """
-    waiting, done = [np.arange(matrix.shape[0])], []
-    while waiting:
-        part = waiting.pop()
+    open_parts, parts = [np.arange(matrix.shape[0])], []
+    while open_parts:
+        part = open_parts.pop()
         if len(part) <= most:
-            done.append(np.sort(part))
+            parts.append(np.sort(part))
             continue
-        order = part[_in_breadth(matrix if len(part) == matrix.shape[0] else matrix[part][:, part])]
-        waiting += [order[: len(order) // 2], order[len(order) // 2 :]]
-    return done
+        order = part[_breadth_first(matrix if len(part) == matrix.shape[0] else matrix[part][:, part])]
+        open_parts += [order[: len(order) // 2], order[len(order) // 2 :]]
+    return parts
 
 
-def _in_breadth(matrix: csr_array) -> Ints:
-    """Return all unknowns, piece by piece, each searched in breadth from one that is far from another."""
+def _breadth_first(matrix: csr_array) -> Ints:
+    """Return all unknowns in breadth-first order, piece by piece, each from an unknown at the end of its piece."""
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
     count, piece = connected_components(matrix, directed=False)
     first = np.unique(piece, return_index=True)[1] if count > 1 else np.zeros(1, dtype=np.int64)
-    found = []
+    orders = []
     for start in first.tolist():
         far = breadth_first_order(matrix, start, directed=True, return_predecessors=False)[-1]
-        found.append(breadth_first_order(matrix, far, directed=True, return_predecessors=False))
-    return np.concatenate(found).astype(np.int64)
-
-
-#: So many vectors are kept before GMRES starts afresh.
-KEPT_VECTORS = 50
-#: The residual that GMRES keeps is driven this much below the tolerance.
-RECURSION_SHARE = 0.5
+        orders.append(breadth_first_order(matrix, far, directed=True, return_predecessors=False))
+    return np.concatenate(orders).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
 class SchwarzCycle:
-    """The cycle.
+    """A cycle from the coarsest to the finest level, with a Schwarz step on each finer level.
 
     Attributes
     ----------
     matrices : sequence of csr_array
-        Of all levels but the coarsest, from the finest on.
+        Matrices of all levels but the coarsest, from the finest on.
     prolongations : sequence of csr_array
         From each level to the next finer one.
     smoothers : sequence of Schwarz
-        Of the ``matrices``.
+        Smoothers of the ``matrices``.
     coarsest : SuperLU
         Factors of the coarsest matrix.
     """
@@ -128,21 +128,21 @@ class SchwarzCycle:
     coarsest: Any
 
     def apply(self, residual: Floats) -> Floats:
-        """Return one cycle from a residual (n, channels)."""
-        down = [residual]
+        """Return the correction (n, channels) of one cycle for a residual (n, channels)."""
+        residuals = [residual]
         for prolongation in self.prolongations:
-            down.append(prolongation.T @ down[-1])
-        u: Floats = self.coarsest.solve(down.pop())
+            residuals.append(prolongation.T @ residuals[-1])
+        u: Floats = self.coarsest.solve(residuals.pop())
         for matrix, prolongation, smoother in reversed(
             list(zip(self.matrices, self.prolongations, self.smoothers, strict=True))
         ):
             u = prolongation @ u
-            u += smoother.apply(down.pop() - matrix @ u)
+            u += smoother.apply(residuals.pop() - matrix @ u)
         return u
 
 
-def schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> SchwarzCycle:
-    """Return the cycle of a matrix, down to a level that one block would hold.
+def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> SchwarzCycle:
+    """Return the cycle of a matrix, down to a level that fits into one block.
 
     Raises
     ------
@@ -151,27 +151,27 @@ def schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> SchwarzCycle:
     """
     matrices, prolongations = [matrix], []
     for level in levels:
-        if matrices[-1].shape[0] <= MOST_IN_BLOCK:
+        if matrices[-1].shape[0] <= MAX_BLOCK_UNKNOWNS:
             break
         coarser = level.prolongation.T @ matrices[-1] @ level.prolongation
         matrices.append((coarser if level.added is None else coarser + level.added).tocsr())
         prolongations.append(level.prolongation)
-    coarsest = factors_of(matrices.pop(), symmetric_pattern=True)
-    return SchwarzCycle(matrices, prolongations, [schwarz(one) for one in matrices], coarsest)
+    coarsest = factorize_matrix(matrices.pop(), symmetric_pattern=True)
+    return SchwarzCycle(matrices, prolongations, [build_schwarz(matrix) for matrix in matrices], coarsest)
 
 
 @dataclass(frozen=True, eq=False)
-class PreconditionedUnsymmetric:
-    """An operator with its cycle.
+class PreconditionedAdvection:
+    """An operator with advection, and the cycle that preconditions GMRES.
 
     Attributes
     ----------
     operator : Operator
-        What is solved with.
+        The operator.
     cycle : SchwarzCycle
-        Of A; where constants are free, of A with one unknown of each piece held.
+        Of A; where constants are free, of A with one unknown of each piece pinned.
     max_iterations : int
-        At most.
+        Most iterations.
     """
 
     operator: Operator
@@ -181,7 +181,7 @@ class PreconditionedUnsymmetric:
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Solve channel by channel.
+        """Return u (n, channels) with ``A u = b``, channel by channel, and a report.
 
         Raises
         ------
@@ -192,14 +192,14 @@ class PreconditionedUnsymmetric:
         for channel in range(b.shape[1]):
             start = None if guess is None else guess[:, channel]
             progress("solve", channel / b.shape[1])
-            u[:, channel], steps = self._solve_one(b[:, channel], tolerance, start)
+            u[:, channel], steps = self._solve_channel(b[:, channel], tolerance, start)
             taken.append(steps)
         progress("solve", 1.0)
         products = sum((steps + 1) * (1 + self.step_products) for steps in taken)
-        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct' or a smaller spacing"
+        remedy = f"{REMEDY} or a smaller spacing"
         return u, judge(self.operator, b, u, "multigrid", tolerance, max(taken, default=0), products, remedy)
 
-    def _solve_one(self, b: Floats, tolerance: float, start: Floats | None) -> tuple[Floats, int]:
+    def _solve_channel(self, b: Floats, tolerance: float, start: Floats | None) -> tuple[Floats, int]:
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if not b.any():
@@ -208,13 +208,13 @@ class PreconditionedUnsymmetric:
         steps: list[float] = []
         product = LinearOperator(shape, matvec=self.operator.apply, dtype=np.float64)
         cycle = LinearOperator(shape, matvec=lambda r: self.cycle.apply(r.reshape(-1, 1))[:, 0], dtype=np.float64)
-        restarts = -(-self.max_iterations // KEPT_VECTORS)
+        restarts = -(-self.max_iterations // RESTART_ITERATIONS)
         u, _ = gmres(
             product,
             b,
             x0=start,
-            rtol=RECURSION_SHARE * tolerance,
-            restart=min(KEPT_VECTORS, self.max_iterations),
+            rtol=0.5 * tolerance,
+            restart=min(RESTART_ITERATIONS, self.max_iterations),
             maxiter=restarts,
             M=cycle,
             callback=steps.append,
@@ -222,23 +222,23 @@ class PreconditionedUnsymmetric:
         )
         return np.asarray(u), len(steps)
 
-    def for_operator(self, operator: Operator) -> PreconditionedUnsymmetric:
+    def for_operator(self, operator: Operator) -> PreconditionedAdvection:
         """Return the iteration for another operator with the same cycle."""
         return replace(self, operator=operator)
 
     @property
     def step_products(self) -> int:
-        """How many products with A a cycle takes, a channel."""
+        """Number of products with A of one cycle, for each channel."""
         return 1
 
 
-def prepare_unsymmetric(operator: Operator, levels: Sequence[Level], max_iterations: int) -> PreconditionedUnsymmetric:
-    """Return the iteration for an operator that is not symmetric.
+def prepare_advection(operator: Operator, levels: Sequence[Level], max_iterations: int) -> PreconditionedAdvection:
+    """Return the iteration for an operator with advection, which is not symmetric.
 
     Raises
     ------
     RuntimeError
         If a block is singular.
     """
-    matrix = held_matrix(operator) if isinstance(operator, Bordered) else operator.to_csr()
-    return PreconditionedUnsymmetric(operator, schwarz_cycle(matrix, levels), max_iterations)
+    matrix = pinned_matrix(operator) if isinstance(operator, Bordered) else operator.to_csr()
+    return PreconditionedAdvection(operator, build_schwarz_cycle(matrix, levels), max_iterations)

@@ -1,9 +1,8 @@
-"""What smooths the error on one level: equations one by one, and an exact solve on the strip that conditions tie.
+"""Smoothers of a level: Gauss-Seidel or Chebyshev iterations, and an exact solve on the strip beside conditions.
 
-On large levels, which all threads share, and where waves are, it is Chebyshev's iteration in place of the former.
-
-Penalties and couplings make eigenvalues of D^-1 A large that only the strip's unknowns see. The strip is solved for
-exactly, and the iteration runs on the other unknowns, whose eigenvalues no condition moves.
+Chebyshev's iteration serves large levels, whose products all threads share, and waves. Penalties and couplings of
+conditions make eigenvalues of D^-1 A large whose eigenvectors are zero outside of the strip. The strip is solved
+exactly, and the iteration runs on the other unknowns, where conditions do not change the eigenvalues.
 """
 
 from __future__ import annotations
@@ -20,11 +19,10 @@ from cpmkit.protocols import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: The iteration damps the eigenvalues of D^-1 A from this share of the largest on; the coarser levels see the others.
-#: Spheres take 19 to 21 iterations with 1/8, 16 to 19 with this, and no fewer with less where conditions stand.
+#: Chebyshev's iteration damps eigenvalues of D^-1 A above this share of the largest; coarser levels damp the others.
+#: Spheres take 19 to 21 iterations with 1/8 and 16 to 19 with 1/16; scenes with conditions take no fewer with less.
 SMOOTHED_SHARE = 1 / 16
-#: Sweeps through the equations before and after a coarser level, of the finest and of all others; two there save no
-#: iteration.
+#: Gauss-Seidel sweeps before and after a coarser level, on the finest level and on others, where two save no iteration.
 FINEST_SWEEPS, COARSER_SWEEPS = 2, 1
 
 
@@ -39,9 +37,9 @@ class Chebyshev:
     inverse : (n,) float64
         D^-1.
     largest : float
-        The upper end of the interval that it damps, above all eigenvalues.
+        Upper end of the interval of damped eigenvalues, above all of them.
     steps : int
-        How many products with A it takes.
+        Number of products with A.
     """
 
     matrix: UnsignedCsr | SymmetricCsr
@@ -51,20 +49,16 @@ class Chebyshev:
 
     @property
     def products(self) -> int:
-        """How many products with A it takes before and after a coarser level."""
+        """Number of products with A before and after a coarser level together."""
         return 2 * self.steps
 
     def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x, from zero where it is None, nearer to the solution of ``A x = b``, and the residual."""
-        x = self.smoothed(x, b)
+        """Return x, zero if None, after steps towards the solution of ``A x = b``, and the residual."""
+        x = self.after(x, b)
         return x, self.matrix.residual(x, b)
 
-    def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x nearer to the solution: the adjoint of ``before``, which it is itself."""
-        return self.smoothed(x, b)
-
-    def smoothed(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x, from zero where it is None, after the steps towards ``A x = b``.
+    def after(self, x: Floats | None, b: Floats) -> Floats:
+        """Return x, zero if None, after steps towards the solution of ``A x = b``; they are their own adjoint.
 
         Notes
         -----
@@ -87,20 +81,20 @@ class Chebyshev:
 
 @dataclass(frozen=True, eq=False)
 class GaussSeidel:
-    """Equations solved one by one, on the unknowns where ``inverse`` (n,), of A's diagonal, is not zero.
+    """Gauss-Seidel sweeps, on the unknowns where ``inverse`` (n,), of A's diagonal, is not zero; for one thread.
 
-    Two sweeps do for the error what three steps of Chebyshev's iteration do, and bring the residual with them: five
-    times through the finest matrix in an iteration, in place of seven. No eigenvalue has to be known. One sweep on the
-    finest level takes one and a half to two times as many iterations. Not for several threads.
+    Two sweeps reduce the error as much as three steps of Chebyshev's iteration, and update the residual as well: an
+    iteration reads the finest matrix five times in place of seven, and needs no eigenvalue. One sweep on the finest
+    level takes one and a half to two times as many iterations.
 
     Attributes
     ----------
     matrix : SymmetricCsr
         A.
     inverse : (n,) float64
-        Of its diagonal.
+        Inverse of its diagonal.
     sweeps : int
-        How often all equations are gone through, before a coarser level and after.
+        Number of sweeps before, and after, a coarser level.
     """
 
     matrix: SymmetricCsr
@@ -109,30 +103,30 @@ class GaussSeidel:
 
     @property
     def products(self) -> int:
-        """How many products with A as much work as before and after a coarser level is."""
+        """Number of products with A that take as much time as all sweeps."""
         return 2 * self.sweeps
 
     def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x, from zero where it is None, nearer to the solution of ``A x = b``, and the residual."""
-        return self.matrix.solved_upwards(x, b, self.inverse, self.sweeps)
+        """Return x, zero if None, after steps towards the solution of ``A x = b``, and the residual."""
+        return self.matrix.sweep_backward(x, b, self.inverse, self.sweeps)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x nearer to the solution: the adjoint of ``before``."""
-        return self.matrix.solved_downwards(x, b, self.inverse, self.sweeps)
+        """Return x after sweeps towards the solution, the adjoint of ``before``."""
+        return self.matrix.sweep_forward(x, b, self.inverse, self.sweeps)
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Unknowns (k,) that are solved for exactly while the others are held.
+    """Unknowns beside conditions that are solved for exactly while the others are fixed.
 
     Attributes
     ----------
     unknowns : (k,) int64
         Their numbers.
     rows : UnsignedCsr
-        Their rows of A, (k, n), rounded as the level's own are: else ``after`` is not the adjoint of ``before``.
+        Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
     factors : SymmetricFactors
-        Of A among them.
+        Factors of A restricted to them.
     """
 
     unknowns: Ints
@@ -140,23 +134,23 @@ class Strip:
     factors: SymmetricFactors
 
     @classmethod
-    def of(cls, rows: csr_array, unknowns: Ints, waves: bool = False, rounded: bool = True) -> Strip:
-        """Return the strip of these unknowns, whose ``rows`` (k, n) of A are.
+    def of(cls, rows: csr_array, unknowns: Ints, waves: bool = False, is_rounded: bool = True) -> Strip:
+        """Return the strip of ``unknowns`` (k,), with their ``rows`` (k, n) of A; ``is_rounded`` as the level's matrix.
 
-        A strip may be wide enough for a wave on a coarse level. Its rows are ``rounded`` where the level's are.
+        With ``waves`` A may be indefinite on the strip, which can be as wide as a wave on a coarse level.
 
         Raises
         ------
         Indefinite
-            If A among them has a pivot that is not positive, and there are to be no ``waves``.
+            If A restricted to the strip has a pivot that is not positive, and no ``waves`` are expected.
         """
         kind = SymmetricFactors if waves else PositiveFactors
         factors = kind.of(rows[:, unknowns], "beside boundaries")
-        own = UnsignedCsr.of(rows)
-        return cls(unknowns, own.rounded() if rounded else own, factors)
+        compiled_rows = UnsignedCsr.of(rows)
+        return cls(unknowns, compiled_rows.in_float32() if is_rounded else compiled_rows, factors)
 
     def solve(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x, from zero where it is None, with the strip's equations fulfilled."""
+        """Return x, zero if None, corrected on the strip so that its equations are satisfied; x is overwritten."""
         if x is None:
             x = np.zeros_like(b)
             x[self.unknowns] = self.factors.solve(b[self.unknowns])
@@ -167,19 +161,19 @@ class Strip:
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """An iteration, after a solve on the strip on the way down and before one on the way up.
+    """A solve on the strip and then an iteration on the way down; the same in reverse order on the way up.
 
-    One is the other's adjoint, which makes the cycle symmetric.
+    Each is the adjoint of the other, which makes the cycle symmetric.
     """
 
     iteration: Chebyshev | GaussSeidel
     strip: Strip | None
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x, from zero, nearer to the solution of ``A x = b``, and the residual."""
+        """Return x after smoothing from zero towards the solution of ``A x = b``, and the residual."""
         return self.iteration.before(None if self.strip is None else self.strip.solve(None, b), b)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x nearer to the solution of ``A x = b``; x may be written to."""
+        """Return x after smoothing towards the solution of ``A x = b``; x may be overwritten."""
         x = self.iteration.after(x, b)
         return x if self.strip is None else self.strip.solve(x, b)

@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find
+from cpmkit.runtime.disjoint_sets import find_root
 
 
 @compiled
@@ -29,18 +29,18 @@ def unite_flat(
                     normals_cosine += normals[member[i], k] * normals[member[j], k]
                 reach = sine * np.sqrt(square) + error
                 if 0.5 * (abs(along_a) + abs(along_b)) <= reach and abs(normals_cosine) > cosine:
-                    group[find(group, i)] = find(group, j)
+                    group[find_root(group, i)] = find_root(group, j)
     for i in range(len(group)):
-        group[i] = find(group, i)
+        group[i] = find_root(group, i)
 
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
     """Unite the given pairs of entries of ``group``."""
     for i in range(len(first)):
-        group[find(group, first[i])] = find(group, second[i])
+        group[find_root(group, first[i])] = find_root(group, second[i])
     for i in range(len(group)):
-        group[i] = find(group, i)
+        group[i] = find_root(group, i)
 
 
 @compiled

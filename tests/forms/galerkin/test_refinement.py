@@ -143,11 +143,11 @@ def test_errors_are_of_third_order_with_the_same_regions():
 
 
 def multigrid(form):
-    from cpmkit.linear.multigrid.solver import Multigrid
+    from cpmkit.linear.multigrid.solver import MultigridSolver
 
     stiffness = form.stiffness(form.scene.problem.terms())
     b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
-    return Multigrid().prepare(stiffness, form.levels(stiffness)).solve(b, 1e-10)
+    return MultigridSolver().prepare(stiffness, form.levels(stiffness)).solve(b, 1e-10)
 
 
 def test_gradients_and_integrals_are_read(cap):

@@ -81,7 +81,7 @@ def put_on_lattice(
     on = surface.closest_point(samples)
     dimension_along(boundary.name, source, surface, surface.dimensions_at(on))
     gap = _gap(boundary.name, on, radius)
-    found = oriented(boundary).seen_from(lattice.origin, source, surface)
+    found = oriented(boundary).relative_to(lattice.origin, source, surface)
     surface.queries["points"] += found.left.queries[0]
     source.queries["points"] += found.left.queries[1]
     return BoundaryOnLattice(found, gap, samples, lattice.spacing, sheets)

@@ -147,7 +147,7 @@ class BoundaryOnLattice:
         rows, feet = near(self.source, points, radius + self.gap, spacing)
         way = None
         if self.on_sheets is not None and len(rows):
-            feet, way, own = self.on_sheets.seen_from(points[rows], feet, radius + self.gap)
+            feet, way, own = self.on_sheets.relative_to(points[rows], feet, radius + self.gap)
             rows, feet, way = rows[own], feet.take(own), way[own]
         on = self.surface.closest_point(feet.points)
         away = points[rows] - on.points

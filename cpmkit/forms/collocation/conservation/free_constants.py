@@ -67,7 +67,7 @@ def remove_constants(
     tables: Discretization, scene: Scene, operator: Bordered, u: Floats
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return a solution (n, channels) of the lifted system with mean zero on each piece, and what does not balance."""
-    u, means = operator.border.centred(u)
+    u, means = operator.border.remove_means(u)
     sizes = _data_sizes(tables, scene, operator)
     pieces = [
         _defect(tables, scene, operator.border, piece, value, size)

@@ -80,7 +80,7 @@ class BoundaryOnSheets:
     spacing: float
     signed: bool
 
-    def seen_from(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
+    def relative_to(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
         """Return the feet on the boundary, each on its point's own sheet.
 
         Parameters
@@ -112,7 +112,7 @@ class BoundaryOnSheets:
         return nearest.replaced(rows, feet), away, on_sheet
 
     def _from_samples(self, start: ClosestPoints, targets: SurfacePoints) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return the feet of points, walked to along the boundary from samples; the rest as :meth:`seen_from`.
+        """Return the feet of points, walked to along the boundary from samples; the rest as :meth:`relative_to`.
 
         Where the walk strays to another sheet, over a sharp rim, the sample is the foot.
         """

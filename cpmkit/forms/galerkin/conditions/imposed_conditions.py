@@ -16,7 +16,7 @@ from cpmkit.manifold.vectors import norms
 from cpmkit.protocols import SIDES, Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
-from cpmkit.scene.edge_conditions import LoopConditions, check_parts_met, conditions_along
+from cpmkit.scene.edge_conditions import LoopConditions, check_parts_used, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
@@ -189,7 +189,7 @@ def _on_rims(
     else:
         loop_of = _rim_loops_of_table(scene.edge, samples.take(rows), surface, lattice)
     found = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
-    check_parts_met(scene.edge, [condition for condition, _ in found])
+    check_parts_used(scene.edge, [condition for condition, _ in found])
     for condition, own in found:
         yield ImposedCondition(condition.law, EDGE_CONDITION, rows[own], none, kind=condition.kind)
 

@@ -15,11 +15,11 @@ from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert, sample_inserted
 from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.options import Options
-from cpmkit.linear.constant_part import Constants
+from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.protocols import Floats, Progress, no_progress
-from cpmkit.runtime.memory import hand_back
+from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
 
 #: Solutions to mark by need not be better: the residual's own error is larger.
@@ -60,7 +60,7 @@ def solve_for_marking(form: RefinedGalerkin) -> Floats:
     b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
     chosen = "direct" if form.size <= MOST_FACTORISED or form.traits.iterative_solver != "multigrid" else "multigrid"
     prepared = make_solver(chosen, {}).prepare(operator, form.levels(operator))
-    values, _ = Constants.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
+    values, _ = ConstantFunctions.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
     return form.remove_constants(operator, b, values).values
 
 
@@ -95,7 +95,7 @@ def refine_adaptively(
         if finer.level_sizes[0] < LEAST_FIRST_SHARE * whole:
             break
         form = finer
-        hand_back()
+        release_memory()
         progress("refinement", passes / MOST_PASSES)
     progress("refinement", 1.0)
     return replace(form, gain=gain)

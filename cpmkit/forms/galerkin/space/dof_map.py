@@ -141,11 +141,11 @@ def dof_map_from_patches(
 
 def components(patches: int, touching: Any) -> tuple[int, Ints]:
     """Return how many pieces the patches make that touch, and the piece of each patch."""
-    from cpmkit.runtime.disjoint_sets import numbered, unite_pairs
+    from cpmkit.runtime.disjoint_sets import label_sets, unite_pairs
 
     parent = np.arange(patches)
     unite_pairs(parent, np.ascontiguousarray(touching, dtype=np.int32))
-    return numbered(parent)
+    return label_sets(parent)
 
 
 def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find, unite
+from cpmkit.runtime.disjoint_sets import find_root, unite
 
 
 @compiled
@@ -66,7 +66,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
             first[v] = used
             used += 1
     for i in range(q):
-        parent[i] = find(parent, i)
+        parent[i] = find_root(parent, i)
     return parent, first, after, holder
 
 
@@ -156,7 +156,7 @@ def number(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, 
     for a in range(p):
         for place in range(width):
             at = a * width + place
-            root = find(parent, a * width) if single[a] else find(parent, at)
+            root = find_root(parent, a * width) if single[a] else find_root(parent, at)
             if root == at:
                 numbers[at] = n
                 rest = width // 2 if single[a] else place

@@ -1,9 +1,9 @@
-"""Constants taken out of a linear system: a relative residual then compares to what varies, wherever zero lies.
+"""Separation of the constant part of a solution, so that a relative residual measures the part that varies.
 
 With K the functions that are constant and c the least squares solution of ``A K c = b``, ``A v = b - A K c`` is solved
-and ``u = v + K c``. Where u is a large constant and a small variation, b is nearly ``A K c``; a residual relative to b
-would be as large as the variation. Sets of unknowns that A does not couple, as of two spheres, are systems of their own
-that are solved at once: each has its own constants, and is scaled so that a residual weighs as much in each.
+and ``u = v + K c``. Where u is a large constant plus a small variation, b is nearly ``A K c``, and a residual that is
+small relative to b could be as large as the variation. Connected components of A, as of two spheres, are solved at
+once: each has its own constants, and is scaled so that residuals have about the same weight in each.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from cpmkit.protocols import Floats, Ints, Operator, PreparedSolver, Progress, n
 
 
 @dataclass(frozen=True, eq=False)
-class Groups:
-    """Rows (n, ...) in groups, each of one row or more.
+class RowGroups:
+    """Groups of the rows of arrays (n, ...), each with one row or more.
 
     Attributes
     ----------
     label : (n,) int64
-        The group of each row, (1,) where there is one group.
+        Number of the group of each row; shape (1,) if there is one group.
     order : (n,) int64
-        The rows, group by group; a slice of all where there is one group.
+        The rows sorted by group; a slice if there is one group.
     starts : (groups,) int64
-        Where each group begins in that order.
+        Position in ``order`` of the first row of each group.
     """
 
     label: Ints
@@ -36,8 +36,8 @@ class Groups:
     starts: Ints
 
     @classmethod
-    def of(cls, count: int, label: Ints) -> Groups:
-        """Return ``count`` groups by the label of each row."""
+    def of(cls, count: int, label: Ints) -> RowGroups:
+        """Return ``count`` groups from the label of each row."""
         if count == 1:
             return cls(np.zeros(1, dtype=np.int64), slice(None), np.zeros(1, dtype=np.int64))
         order = np.argsort(label, kind="stable")
@@ -45,7 +45,7 @@ class Groups:
         return cls(label, order, np.cumsum(members) - members)
 
     def at(self, values: Any) -> Any:
-        """Return of ``values`` (groups, ...) each row's, (n, ...), or (1, ...) where there is one group."""
+        """Return the values (n, ...) of the rows from ``values`` (groups, ...), or (1, ...) if there is one group."""
         return values if len(self.starts) == 1 else values[self.label]
 
     def sums(self, rows: Any) -> Any:
@@ -74,43 +74,41 @@ class Groups:
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
 
-#: Constants are taken out where that leaves at most this share of b; else a relative residual means nearly the same.
-MOST_LEFT = 0.5
-#: Where b sums to less than this share of its size, quadrature may have made all of the sum.
+#: Constants are separated where at most this share of b remains; otherwise a relative residual means nearly the same.
+MAX_REMAINING_SHARE = 0.5
+#: A sum of b below this share of the sum of its absolute values may be nothing but quadrature error.
 CANCELLING_SHARE = 1e-6
-#: Where ``K' A K`` is less than this share of its parts, rounding is much of it.
+#: ``K' A K`` below this share of ``K' |diag A| K`` has lost most of its digits by cancellation.
 CANCELLED_SHARE = 1e-12
-#: Exponents by which b is scaled lie between plus and minus this: powers of two that are neither zero nor infinite.
-MOST_EXPONENT = 1000
-#: A part of b below this share of it is rounding: no solver is to resolve it.
+#: A remainder below this share of b is rounding, and is not solved for.
 ROUNDING_SHARE = 4 * np.finfo(float).eps
 
 
 @dataclass(frozen=True, eq=False)
-class Constants:
-    """The constants of an operator's unknowns.
+class ConstantFunctions:
+    """The functions of an operator's unknowns that are constant, by which solutions are split.
 
     Attributes
     ----------
     functions : (n, c) float64
-        K, functions that are constant, or zero on some unknowns; on each piece they have factors of their own.
+        K, functions that are constant or zero; each connected component has factors of its own for them.
     images : (n, c)
         A K.
     sizes : (pieces, c) float64
-        ``K' |diag A| K`` of each piece: what ``K' A K`` would be, were its entries not to cancel.
+        ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
     pieces : Groups
-        The sets of unknowns that A couples among themselves alone.
+        The connected components of A.
     """
 
     functions: Floats
     images: Any
     sizes: Floats
-    pieces: Groups
+    pieces: RowGroups
 
     @classmethod
-    def of(cls, operator: Operator, functions: Floats) -> Constants:
-        """Return those of an operator."""
-        pieces = Groups.of(*operator.pieces())
+    def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
+        """Return the constant functions of an operator."""
+        pieces = RowGroups.of(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
 
@@ -124,15 +122,15 @@ class Constants:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        Where that is so small that rounding of b is more than ``tolerance`` of it, the residual is relative to what
-        makes this rounding ``tolerance``.
+        Where rounding of b is more than ``tolerance`` of that, the residual is relative to the size of which it is
+        ``tolerance``.
 
         Parameters
         ----------
         prepared : PreparedSolver
-            Solves with A.
+            Solver for A.
         b, tolerance, guess, progress
-            As for ``prepared.solve``. Of b what rounding has left is not solved for.
+            As for ``prepared.solve``.
 
         Raises
         ------
@@ -140,24 +138,24 @@ class Constants:
             As ``prepared.solve`` does.
         """
         each, at = self.pieces, self.pieces.at
-        exponent = _exponent(each.largest(b))  # scaled by powers of two, squares of b neither overflow nor vanish
+        exponent = _exponent(each.largest(b))  # by powers of two, so that squares of b neither overflow nor vanish
         b = b * at(_powers(-exponent))
         size = each.norms(b)
-        shares, rest = self._taken_out(b)
-        left = each.norms(rest)
-        kept = left > MOST_LEFT * size
-        shares = np.where(kept[:, None], 0.0, shares)
-        rest = np.where(at(kept), b, rest)
-        left = np.where(kept, size, left)
+        shares, rest = self._separate(b)
+        remaining = each.norms(rest)
+        whole = remaining > MAX_REMAINING_SHARE * size
+        shares = np.where(whole[:, None], 0.0, shares)
+        rest = np.where(at(whole), b, rest)
+        remaining = np.where(whole, size, remaining)
         noise = ROUNDING_SHARE * size
-        todo = left > noise
-        allowed = np.where(todo, np.maximum(tolerance * left, noise), 0.0)
-        level = np.where(todo, np.frexp(allowed)[1], 0)
-        level -= np.max(level, axis=0, where=todo, initial=np.iinfo(level.dtype).min) * todo
-        unit = _powers(-level)  # with which a residual weighs about the same in each piece, and rounding hides none
-        rest = np.where(at(todo), rest * at(unit), 0.0)
-        some = todo.any(axis=0)
-        reached = (_norms(allowed * unit)[some] / _norms(left * unit * todo)[some]).min(initial=1.0)
+        unsolved = remaining > noise
+        allowed = np.where(unsolved, np.maximum(tolerance * remaining, noise), 0.0)
+        level = np.where(unsolved, np.frexp(allowed)[1], 0)
+        level -= np.max(level, axis=0, where=unsolved, initial=np.iinfo(level.dtype).min) * unsolved
+        unit = _powers(-level)  # residuals have about the same weight in each component
+        rest = np.where(at(unsolved), rest * at(unit), 0.0)
+        some = unsolved.any(axis=0)
+        reached = (_norms(allowed * unit)[some] / _norms(remaining * unit * unsolved)[some]).min(initial=1.0)
         reached = max(tolerance, float(reached)) if some.any() else tolerance
         start = None
         if guess is not None:
@@ -167,13 +165,13 @@ class Constants:
         return (v * at(_powers(level)) + self._constant(shares)) * at(_powers(exponent)), report
 
     def _constant(self, shares: Any) -> Any:
-        """Return K c for c (pieces, c, channels)."""
+        """Return K c (n, channels) for c (pieces, c, channels)."""
         return np.einsum("nk,nkc->nc", self.functions, self.pieces.at(shares))
 
-    def _taken_out(self, b: Any) -> tuple[Any, Any]:
+    def _separate(self, b: Any) -> tuple[Any, Any]:
         """Return c (pieces, c, channels), and ``b - A K c``.
 
-        By the normal equations of each piece, whose rounding the second of two steps takes out.
+        From the normal equations of each component, in two steps, of which the second corrects rounding.
         """
         conjugate = self.images.conj()
         inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
@@ -183,20 +181,21 @@ class Constants:
             rest = b - np.einsum("nk,nkc->nc", self.images, self.pieces.at(shares))
         return shares, rest
 
-    def chance(self, b: Floats, u: Floats) -> tuple[str, ...]:
-        """Return a warning where the mean of u (n, channels) is a sum of b that cancels, over what is hardly known.
+    def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
+        """Return a warning where the mean of u (n, channels) is a quotient of two sums that cancel.
 
-        That is where the mean is larger than the range, or where rounding is much of ``K' A K``.
+        The numerator is the sum of b; the denominator ``K' A K`` counts where it has lost its digits, or where the mean
+        that results is larger than the range of u.
         """
         each = self.pieces
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
         own = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(own), out=np.zeros_like(sums), where=own != 0)
         unknown = (np.abs(own) <= CANCELLED_SHARE * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
-        felt = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
-        if not felt.any():
+        affected = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
+        if not affected.any():
             return ()
-        share = float((sums[felt] / sizes[felt]).max())
+        share = float((sums[affected] / sizes[affected]).max())
         return (
             f"The mean of the solution follows from a sum of f and the fluxes that cancels to {share:.1g} of their "
             "size, divided by a small c: quadrature and rounding decide it, and the rest of the solution alone is "
@@ -205,8 +204,8 @@ class Constants:
 
 
 def _exponent(size: Any) -> Any:
-    """Return the exponent of the power of two that is about this size, 0 where that is zero."""
-    return np.clip(np.frexp(size)[1], -MOST_EXPONENT, MOST_EXPONENT)
+    """Return the exponent of a power of two near ``size``, from -1000 to 1000, 0 where the size is zero."""
+    return np.clip(np.frexp(size)[1], -1000, 1000)
 
 
 def _powers(exponent: Any) -> Floats:

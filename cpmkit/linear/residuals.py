@@ -1,0 +1,68 @@
+"""Residuals recomputed after a solve, and the judgement whether the solve converged.
+
+A residual that rounding keeps from falling further is accepted: in float64, ``b - A u`` is known to about
+``eps (|A| |u| + |b|)``, the bound of the componentwise backward error (Oettli and Prager, Numer. Math. 6, 1964).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError
+from cpmkit.linear.operators import Bordered
+from cpmkit.linear.solve_report import SolveReport
+from cpmkit.protocols import Floats, Operator
+
+#: Rounding leaves a residual of at most so many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
+ROUNDING_FACTOR = 4.0
+#: A larger residual, relative to b, is never attributed to rounding: for a singular matrix u grows until its rounding
+#: is as large as b.
+MAX_ROUNDING_SHARE = 1e-6
+
+
+def rounding_of(operator: Operator, u: Floats) -> Floats:
+    """Return ``|A| |u|`` (n, channels), entry by entry: times the machine's epsilon, the rounding error of ``A u``."""
+    rounding = abs(operator.to_csr()) @ np.abs(u)
+    if isinstance(operator, Bordered):
+        border = operator.border
+        rounding = rounding + operator.shift * (abs(border.constant_load) @ (abs(border.mean) @ np.abs(u)))
+    return np.asarray(rounding)
+
+
+def judge(
+    operator: Operator,
+    b: Floats,
+    u: Floats,
+    solver: str,
+    tolerance: float,
+    iterations: int,
+    applications: int,
+    remedy: str,
+) -> SolveReport:
+    """Return the report of a solve of ``A u = b``, whose residual is recomputed here.
+
+    Raises
+    ------
+    ConvergenceError
+        If the residual is above the tolerance and above what rounding leaves; the message ends with ``remedy``.
+    """
+    residuals = _relative_to(b, b - operator.apply(u))
+    residual = float(np.max(residuals, initial=0.0))
+    converged = residual <= tolerance
+    reason = f"relative residual {residual:.2e} after {iterations} iterations, {tolerance:.2e} asked for"
+    if not converged and residual <= MAX_ROUNDING_SHARE:
+        eps = ROUNDING_FACTOR * float(np.finfo(float).eps)
+        limits = eps * _relative_to(b, rounding_of(operator, u) + np.abs(b))
+        converged = bool((residuals <= np.maximum(tolerance, limits)).all())
+        reason += f", {float(limits.max()):.2e} left by rounding"
+    report = SolveReport(solver, converged, iterations, applications, residual, tolerance, reason)
+    if not converged:
+        raise ConvergenceError(f"The solver {solver!r} did not converge: {reason}; {remedy}.", report)
+    return report
+
+
+def _relative_to(b: Floats, part: Floats) -> Floats:
+    """Return the norm of each column of ``part`` over the norm of that of b, (channels,); NaN counts as infinite."""
+    defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
+    ratios = np.where(size > 0, defect / np.where(size > 0, size, 1.0), np.where(defect > 0, np.inf, 0.0))
+    return np.where(np.isfinite(ratios), ratios, np.inf)
