@@ -177,14 +177,13 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
 @main.command()
 @scene_argument
 @spacing_option
-@click.option("--rehearse", is_flag=True, help="Count on coarse grids, and look for what may spoil the solution.")
-@click.option(
-    "--seconds", is_flag=True, help="Rehearse, and solve on two coarse grids, and tell how long it would take."
-)
+@click.option("--dry-run", is_flag=True, help="Count on coarse grids, and look for causes of errors.")
+@click.option("--rehearse", is_flag=True, hidden=True)  # the name of --dry-run before
+@click.option("--seconds", is_flag=True, help="Also solve on two coarse grids, and predict the seconds of a solve.")
 @json_option
 @traceback_option
-def explain(scene: Path, spacing: float | None, rehearse: bool, seconds: bool, as_json: bool) -> None:
-    """Say what solving a scene would build, why, and at what cost: an estimate in a second, unless it is rehearsed.
+def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, seconds: bool, as_json: bool) -> None:
+    """Say what solving a scene would build, why, and at what cost: an estimate in a second, or counts by a dry run.
 
     Nothing is solved, unless seconds are asked for, and nothing is written.
     """
@@ -192,13 +191,14 @@ def explain(scene: Path, spacing: float | None, rehearse: bool, seconds: bool, a
     from cpmkit import load_scene
     from cpmkit.runtime.messages import collected_warnings
 
+    if rehearse:
+        click.echo("--rehearse is now called --dry-run; the old name goes with the next release.", err=True)
     with collected_warnings() as heard, progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
-            explanation = explain_scene(
-                loaded.scene, spacing=spacing, rehearse=rehearse, seconds=seconds, progress=progress, **options
-            )
+            options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
+            explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
             _warn(heard, err=True)
             raise

@@ -13,8 +13,7 @@ from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import Kept
 from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
-from cpmkit.forecast.running_out import explain_memory_error
-from cpmkit.forms.choice import FORMS
+from cpmkit.forms.choice import FORMS, explain_memory_error
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options

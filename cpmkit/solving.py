@@ -141,7 +141,7 @@ def solve(
     target, rest = split_options(AccuracyTarget, options)
     target.check_spacing(spacing)
     with shown_progress(progress) as shown:
-        if target.anything:
+        if target.given:
             solution = traded(scene, target, shown, {"backend": backend, **rest})
         else:
             solution = solve_scene(scene, spacing, backend=backend, progress=shown, **rest)

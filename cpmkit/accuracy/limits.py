@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from cpmkit.accuracy.way import Run, Way
 from cpmkit.errors import ResolutionError
-from cpmkit.forecast.growth import Growth, line_through, rising_growth
-from cpmkit.forecast.needs import bytes_needed, solver_for
-from cpmkit.forms.galerkin.galerkin_cost import SAMPLES_PER_UNKNOWN, expected_unknowns
-from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
+from cpmkit.forms.choice import cost_model
+from cpmkit.forms.cost_model import Growth, line_through, rising_growth
 from cpmkit.forms.options import lattice_options
+from cpmkit.grid.fitting import unknowns_at_one
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
@@ -30,9 +27,6 @@ PLANNED_SHARE = 0.8
 #: much again of what is needed, up to so many (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at
 #: most, in processes of their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
 PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.4, 20e6
-#: Bytes for each sample and for each unknown that a coarser solve holds while a finer one is made, since that is held
-#: against it (measured on spheres and meshes: 66 to 73 a sample in all, of 19 to 100 samples an unknown).
-HELD_BYTES_PER_SAMPLE, HELD_BYTES_PER_UNKNOWN = 50.0, 300.0
 #: Rounds in which bytes, which grow faster than unknowns beside factors, are brought to the limit.
 FITTING_ROUNDS = 20
 
@@ -41,7 +35,7 @@ def first_spacing(scene: Scene) -> float:
     """Return the spacing of the first pilot."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    spacing = (expected_unknowns(surface, 1.0, counted=COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
+    spacing = (unknowns_at_one(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
     return float(min(spacing, COARSEST_SPACING_SHARE * np.ptp(surface.bounds, axis=0).max()))
 
 
@@ -69,25 +63,9 @@ def _needed(way: Way, unknowns: float) -> tuple[float, float]:
     """Return the bytes that a solve of so many unknowns needs, and those that coarser ones hold meanwhile."""
     options = lattice_options(way.last.solution.discretized)
     assert options is not None  # what a way solves is on a lattice
-    solver = solver_for(way.scene, options, way.solver, unknowns)
-    used = bytes_needed(way.scene, options, solver, unknowns, _samples(way, unknowns))
-    return used, sum(_held(run) for run in way.runs if run.unknowns < unknowns)
-
-
-def _held(run: Run) -> float:
-    """Return the bytes of a solution that is there."""
-    samples = getattr(run.solution.work, "samples", 0)
-    return HELD_BYTES_PER_SAMPLE * samples + HELD_BYTES_PER_UNKNOWN * run.unknowns
-
-
-def _samples(way: Way, unknowns: float) -> float | None:
-    """Return how many samples the Galerkin form will have: as many an unknown as usual, or those of a fine mesh."""
-    last = way.last.solution
-    if not isinstance(last.work, GalerkinWork):
-        return None
-    options: Any = lattice_options(last.discretized)
-    usual = SAMPLES_PER_UNKNOWN[options.own.degree] * unknowns
-    return max(usual, float(last.work.samples))
+    model = cost_model(way.scene, options)
+    used = model.peak_bytes(unknowns, model.choose_solver(way.solver, unknowns), way.last.solution.work)
+    return used, sum(model.held_bytes(run.solution.work) for run in way.runs if run.unknowns < unknowns)
 
 
 def check_memory(way: Way) -> None:

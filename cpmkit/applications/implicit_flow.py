@@ -65,7 +65,7 @@ def implicit_flow(
 
     Not the first one where something is held: the initial map need not meet it.
     """
-    points = prepared.field(start).resolved().project(target)
+    points = prepared.field(start).projected().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
     length = min(step, prepared.discretized.spacing**2)
     least, energy, rests = LEAST_SHARE * length, [state.energy], False

@@ -1,18 +1,22 @@
-"""Which form discretises a scene, and its options, read off what is given for all of them."""
+"""Which form discretises a scene, with the options for it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import traceback
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from typing import Any
 
-from cpmkit.errors import InputError, shown
-from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
+from cpmkit.errors import InputError, ResolutionError, shown
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
-from cpmkit.grid.fitting import needed_spacing
+from cpmkit.grid.fitting import needed_spacing, other_solver_hint, rounded_up
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
+from cpmkit.runtime import memory
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
@@ -20,15 +24,26 @@ from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
 FORMS: dict[str, type[DeclaredOptions]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
-#: Where each is discretised.
+#: The module of each form, see :func:`module_of`, and the module and class of its cost model.
 MODULES = {"collocation": "cpmkit.forms.collocation.form", "galerkin": "cpmkit.forms.galerkin.discretizing"}
-#: The form that ``auto`` means where nothing in the scene or the options decides.
-DEFAULT_FORM = "galerkin"
+COST_MODELS = {
+    "collocation": ("cpmkit.forms.collocation.collocation_cost", "CollocationCost"),
+    "galerkin": ("cpmkit.forms.galerkin.galerkin_cost", "GalerkinCost"),
+}
+#: Where memory ran out at a spacing that seemed to fit, a spacing this many times as large is advised.
+COARSER_SPACING_FACTOR = 1.5
 
 
 def module_of(form: str) -> Any:
-    """Return a form's module: ``check(scene, options)`` refuses, ``discretize(scene, options, progress)`` makes."""
+    """Return the module of a form, with ``check(scene, options)`` and ``discretize(scene, options, progress)``."""
     return import_module(MODULES[form])
+
+
+def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
+    """Return the cost model of a scene in the form that the options name."""
+    module, name = COST_MODELS[options.form]
+    made: CostModel[Any] = getattr(import_module(module), name)(scene, options)
+    return made
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
@@ -37,7 +52,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
     Raises
     ------
     InputError
-        If there is no spacing, an option is of another form, or a value is not accepted.
+        If there is no spacing, an option belongs to another form, or a value is not accepted.
     """
     form, reason = choose_form(scene, given)
     own, rest = split_options(FORMS[form], given)
@@ -48,17 +63,17 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 
 
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the form that discretises a scene, and why it is that one.
+    """Return the form that discretises a scene, and the reason.
 
     Raises
     ------
     InputError
-        If there is no such form, or one of the options ``given`` is of another form only.
+        If there is no such form, or one of the options ``given`` belongs to another form only.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
     if named is not None:
-        return named, "as asked" if target != AUTO else f"the only one with {_deciding(given)}"
+        return named, "as given" if target != AUTO else f"the only one with {_deciding_option(given)}"
     surface, family, kind = scene.surface, scene.problem.family, scene.problem.kind
     if surface.manifold_dim is None:
         return "collocation", "the manifold has parts of several dimensions"
@@ -69,16 +84,16 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         return "collocation", "the only one with explicit steps"
     if family not in FAMILIES:
-        return "collocation", f"the form 'galerkin' does not yet carry {kind!r}"
-    if any(one.order is not None for one in scene.conditions):
+        return "collocation", f"the form 'galerkin' does not yet solve {kind!r}"
+    if any(condition.order is not None for condition in scene.conditions):
         return "collocation", "the only one with orders of conditions"
-    return DEFAULT_FORM, "the one for curves and surfaces"
+    return "galerkin", "the default for curves and surfaces"
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
-    """Return the form that is asked for, or the only one that has all the options ``names``; None where neither says.
+    """Return the form with the name ``form``, or the only one that has all the options ``names``; None if undecided.
 
-    Of an option that several forms have, as ``degree``, a value that only one accepts says it, where values are given.
+    An option of several forms, as ``degree``, decides by its value where values are given and one form accepts it.
 
     Raises
     ------
@@ -88,12 +103,11 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}{near}.")
-    refuse_removed(names)
     chosen = None if form == AUTO else form
-    for name in sorted(names, key=lambda name: len(_having(name))):  # what one form has says more than a value
-        having, fitting = _having(name), _fitting(name, names)
-        if len(fitting) == 1 and chosen is None:
-            chosen = fitting[0]
+    for name in sorted(names, key=lambda name: len(_forms_with(name))):  # an option of one form decides before values
+        having, accepting = _forms_with(name), _forms_accepting(name, names)
+        if len(accepting) == 1 and chosen is None:
+            chosen = accepting[0]
         elif having and chosen is not None and chosen not in having:
             raise InputError(
                 f"{name} is an option of the form {having[0]!r}, got form={chosen!r}, which takes "
@@ -103,41 +117,80 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
 
 
 def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, ...]]:
-    """Return the options that belong to the form among those ``given`` without a scene, and the names it accepts.
+    """Return the options of the form among those ``given`` without a scene, and the names that it accepts.
 
-    Where neither ``form`` nor another option decides, the options of every form are accepted, and none is given.
+    Where neither ``form`` nor another option decides, the options of every form are accepted.
     """
     named = form_named(given.get("form", AUTO), given)
     kinds = [FORMS[named]] if named is not None else list(FORMS.values())
     return split_options(kinds[0], given)[0], tuple(name for kind in kinds for name in declared_options(kind))
 
 
-def _having(name: str) -> list[str]:
+def _forms_with(name: str) -> list[str]:
     """Return the forms that have an option."""
     return [form for form, kind in FORMS.items() if name in declared_options(kind)]
 
 
-def _fitting(name: str, given: Iterable[str]) -> list[str]:
-    """Return those of them that accept the value that is ``given`` of it, or all of them."""
-    having = _having(name)
+def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
+    """Return the forms that have an option and accept its value, if values are given."""
+    having = _forms_with(name)
     if len(having) < 2 or not isinstance(given, Mapping):
         return having
     return [form for form in having if declared_options(FORMS[form])[name].accepts(given[name])]
 
 
-def _deciding(given: Mapping[str, Any]) -> str:
-    """Return the first option that only one form has, or takes, in words."""
-    deciding = [name for name in given if len(_fitting(name, given)) == 1]
-    name = min(deciding, key=lambda name: len(_having(name)))
-    return f"the option {name!r}" if len(_having(name)) == 1 else f"{name}={given[name]!r}"
+def _deciding_option(given: Mapping[str, Any]) -> str:
+    """Return the first option that only one form has, or whose value only one form accepts, in words."""
+    deciding = [name for name in given if len(_forms_accepting(name, given)) == 1]
+    name = min(deciding, key=lambda name: len(_forms_with(name)))
+    return f"the option {name!r}" if len(_forms_with(name)) == 1 else f"{name}={given[name]!r}"
 
 
 def every_option() -> dict[str, Option]:
-    """Return the options of all forms, and those that they share, by their names; accepted is what one form accepts."""
-    found = dict(declared_options(Options))
+    """Return the options of all forms by name; an option of several forms accepts the values of each."""
+    options = dict(declared_options(Options))
     for kind in FORMS.values():
-        for name, one in declared_options(kind).items():
-            found[name] = (
-                either_option(found[name], one) if name in found and name not in declared_options(Options) else one
-            )
-    return found
+        for name, option in declared_options(kind).items():
+            shared = name in options and name not in declared_options(Options)
+            options[name] = either_option(options[name], option) if shared else option
+    return options
+
+
+@contextmanager
+def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
+    """Replace an error of memory that runs out inside by one with the need, the limit, and a spacing that would fit.
+
+    Tables that the traceback refers to are released first. The ``options`` are None for a
+    form without a lattice.
+
+    Raises
+    ------
+    ResolutionError
+        In place of the error.
+    """
+    limit = memory.memory_limit()
+    try:
+        yield
+    except Exception as error:
+        if not memory.is_out_of_memory(error):
+            raise
+        traceback.clear_frames(error.__traceback__)
+        raise ResolutionError(_memory_sentence(scene, options, solver, limit)) from error
+
+
+def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
+    if options is None:
+        return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
+    spacing, needed, hint, fits = options.spacing, "", "", 0.0
+    with suppress(MemoryError, ValueError, ArithmeticError):
+        model = cost_model(scene, options)
+        unknowns = model.expected_unknowns()
+        chosen = model.choose_solver(solver, unknowns)
+        size, fits = model.peak_bytes(unknowns, chosen), model.fitting_spacing(chosen, limit.bytes)
+        hint = other_solver_hint(chosen, model.smaller_solver)
+        needed = f"about {unknowns:.2g} unknowns need {size / 2**30:.2g} GiB or more with the solver {chosen!r}, and "
+    fits = max(fits, rounded_up(COARSER_SPACING_FACTOR * spacing))
+    return (
+        f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
+        f"try spacing={fits:g} or more{hint}."
+    )

@@ -1,4 +1,4 @@
-"""Fields: values at the points where a discretised scene keeps them, and what is made of them there."""
+"""Fields: values at the points of a discretised scene, which serve as functions of position."""
 
 from __future__ import annotations
 
@@ -14,30 +14,32 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.functionals import Divergence
 
 #: Step of differences of closest points, in spacings, for sources without normals of their own.
 DIFFERENCE_SPACINGS = 0.1
-#: A sequence of more entries is not one a channel, but values at points, and of wrong number.
+#: A sequence with more entries than this is not one value a channel, but an array of values with a wrong length.
 MOST_CHANNELS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class Field:
-    """Values at the points of a prepared scene: samples of the Galerkin form, feet of the collocation form.
+    """Values at the points of a prepared scene: samples of the Galerkin form, closest points of the collocation form.
 
-    A field is a function of points as any other: right-hand sides, initial data, velocities, diffusivities and factors
-    accept it. At its own points, where a problem on the same prepared scene reads it, it gives the values as they are;
-    elsewhere what the form's own functions make of them. Made by ``prepared.field(data)``.
+    A field is a function of points like any other: right-hand sides, initial data, velocities, diffusivities and
+    factors accept it. At its own points it returns the values as they are; elsewhere it interpolates with the functions
+    of the form. Made by ``prepared.field(data)``.
 
     Attributes
     ----------
     form : Discretized
-        With the points.
+        The form with the points.
     values : (p,) or (p, channels) float64
         The values.
     unknowns : (n, channels) float64, optional
-        Of the function that has these values, where it is known: that of a solution.
+        Unknowns of the function with these values, where they are known, as those of a solution are.
 
     Examples
     --------
@@ -63,7 +65,7 @@ class Field:
 
     @cached_property
     def points(self) -> Floats:
-        """(p, d) its points, in the scene's coordinates; all fields share them, and they are not written to."""
+        """(p, d) the points in the scene's coordinates; read-only, and shared by all fields of a form."""
         return self.form.points
 
     @property
@@ -73,49 +75,48 @@ class Field:
 
     @property
     def channels(self) -> int:
-        """How many."""
+        """Number of channels."""
         return int(self.columns.shape[1])
 
     def __call__(self, points: Floats) -> Floats:
         """Return the values (k,) or (k, channels) at points (k, d) of the manifold."""
-        own = self.points
         if not len(points):
             return self.values[:0]
-        if points is own or (np.shape(points) == own.shape and np.array_equal(points, own)):
+        if points is self.points or (np.shape(points) == self.points.shape and np.array_equal(points, self.points)):
             return self.values
-        found = self.form.evaluate(self._unknowns, points)
-        return found if self.values.ndim == 2 else found[:, 0]
+        values = self.form.evaluate(self._unknowns, points)
+        return values if self.values.ndim == 2 else values[:, 0]
 
     @cached_property
     def _unknowns(self) -> Floats:
         return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
-        """Return the field of ``function(points, values)``, which gives (p,) or (p, channels)."""
+        """Return the field of ``function(points, values)``, which returns (p,) or (p, channels)."""
         values = np.asarray(function(self.points, self.values), dtype=np.float64)
         return Field(self.form, values)
 
     def gradient(self) -> Field:
-        """Return the tangential gradient (p, d) of a field of one channel, side by side right up to boundaries.
+        """Return the tangential gradient (p, d) of a field of one channel, one-sided at boundaries.
 
         Raises
         ------
         InputError
-            If it has several channels.
+            If the field has several channels.
         """
         if self.channels != 1:
             raise InputError(f"the gradient is that of one channel, got {self.channels}; take them one by one.")
         return Field(self.form, self.form.gradient(self._unknowns)[:, 0])
 
     def divergence(self, scale: float = 1.0) -> Divergence:
-        """Return ``scale`` times the divergence of a field of vectors (p, d), for a right-hand side.
+        """Return ``scale`` times the weak divergence of a field of vectors (p, d), for a right-hand side.
 
-        Weakly, by its integrals times the gradients of the functions that test it: nothing is differentiated.
+        It is known by its integrals times the gradients of test functions; the field is not differentiated.
 
         Raises
         ------
         InputError
-            If it has not as many channels as the manifold's space has dimensions.
+            If the field does not have one channel for each dimension of space.
         """
         if self.values.shape != self.points.shape:
             raise InputError(
@@ -124,7 +125,7 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the vectors' tangential part; with ``onto`` the points of a source that are closest to the values."""
+        """Return the tangential part of vectors; with ``onto`` the closest points of a source to the values."""
         if self.columns.shape[1] != self.points.shape[1] and onto is None:
             raise InputError(f"vectors have {self.points.shape[1]} channels, got {self.columns.shape[1]}.")
         if onto is not None:
@@ -133,29 +134,31 @@ class Field:
             return replace(self, values=onto.closest_point(self.columns).points, unknowns=None)
         return replace(self, values=tangential(self.form, self.points, self.values), unknowns=None)
 
-    def resolved(self) -> Field:
-        """Return what the form's own functions make of the values, at the same points: as fine as the lattice."""
-        return Field(self.form, self.form.at_points(self._unknowns).reshape(self.values.shape), self._unknowns)
+    def projected(self) -> Field:
+        """Return the projection of the values on the functions of the form, at the same points: lattice resolution."""
+        values = self.form.at_points(self._unknowns)
+        return replace(self, values=values.reshape(self.values.shape), unknowns=self._unknowns)
+
+    resolved = DeprecatedMember("projected")
 
     def mean(self) -> float | Floats:
-        """Return the mean over the manifold, a float or (channels,), by the weights of the points."""
-        weights = self.form.point_weights
-        found = np.average(self.values, axis=0, weights=weights)
-        return float(found) if found.ndim == 0 else found
+        """Return the mean over the manifold, a number or (channels,), by the weights of the points."""
+        mean = np.average(self.values, axis=0, weights=self.form.point_weights)
+        return float(mean) if mean.ndim == 0 else mean
 
     def energy(self) -> float:
-        """Return the integral of |grad u|^2 / 2 over the manifold, of all channels together.
+        """Return the integral of |grad u|^2 / 2 over the manifold, summed over the channels.
 
         Raises
         ------
         InputError
-            In a form whose points have no weights, as ``collocation``.
+            In a form whose points have no quadrature weights, as ``collocation``.
         """
         weights = self.form.point_weights
         if weights is None:
             raise InputError(
-                f"the energy is summed over points with weights, which the form {self.form.form!r} has not; use the "
-                "form 'galerkin'."
+                f"the energy is summed over points with weights, which the form {self.form.form!r} does not have; use "
+                "the form 'galerkin'."
             )
         slopes = self.form.gradient(self._unknowns)
         return 0.5 * float(np.einsum("p,pcd,pcd->", weights, slopes, slopes))
@@ -173,31 +176,34 @@ def tangential(form: Discretized, points: Floats, vectors: Floats) -> Floats:
 
 
 def field_of(form: Discretized, data: Any) -> Field:
-    """Return the field of ``data`` at the points of ``form``: a number, one entry a channel, values, or a function.
+    """Return the field of ``data`` at the points of a form.
 
-    A solution on the same tables is read without loss.
+    Parameters
+    ----------
+    form : Discretized
+        The form.
+    data : number, sequence, array, callable or Solution
+        A number, one value a channel, values (p,) or (p, channels) at the points, or a function of points. A solution
+        on the same unknowns is taken over without loss.
 
     Raises
     ------
     InputError
-        If it is none of these.
+        If the data are none of these.
     """
-    from cpmkit.scene.data import evaluate_data
-
-    own = getattr(data, "discretized", None)
-    if isinstance(own, Discretized):
-        here, there = form.points, own.points
-        if own.size == form.size and (here is there or np.array_equal(here, there)):
+    other = getattr(data, "discretized", None)
+    if isinstance(other, Discretized):
+        if other.size == form.size and (form.points is other.points or np.array_equal(form.points, other.points)):
             values = form.at_points(data.values)
             return Field(form, values if values.shape[1] > 1 else values[:, 0], data.values)
         data = data.evaluate
-    points = form.points
-    if isinstance(data, np.ndarray) and data.shape[:1] == (len(points),):
+    count = len(form.points)
+    if isinstance(data, np.ndarray) and data.shape[:1] == (count,):
         return Field(form, data)
     if not callable(data) and (np.ndim(np.asarray(data, dtype=object)) > 1 or np.size(data) > MOST_CHANNELS):
         raise InputError(
             "a field is made of a number, one entry a channel, a function, a solution, or an array of "
-            f"{len(points)} rows, one for each point, got {shown(data)}."
+            f"{count} rows, one for each point, got {shown(data)}."
         )
-    values = evaluate_data(data, points, None, "a field")
+    values = evaluate_data(data, form.points.copy(), None, "a field")
     return Field(form, values if values.shape[1] > 1 else values[:, 0])

@@ -1,7 +1,7 @@
-"""Data that vary within a spacing: a form reads them at points about as far apart, and takes them for others.
+"""Data that vary within a spacing: a form reads them at points about a spacing apart and cannot see how they vary.
 
 Half the mean squared difference of values at two points, as a function of their distance r, is A + B r^2 for small r
-(the variogram). Of what the points resolve A is zero. What varies faster is A: its "nugget".
+(the variogram). A, the "nugget", is zero for data that the points resolve, and the mean square of what varies faster.
 """
 
 from __future__ import annotations
@@ -20,23 +20,24 @@ from cpmkit.scene.scene import Scene
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
 
-#: Points that are looked at, in so many runs of so many that follow each other.
+#: Points at which data are compared: so many runs of so many consecutive points.
 RUNS, RUN_LENGTH = 24, 128
-#: Neighbours of each point within so many spacings; points nearer than the last are one: nodes have feet in common.
+#: Neighbours of each point, within so many spacings; points nearer than the last are counted once, as nodes may share
+#: closest points.
 NEIGHBOURS, NEIGHBOUR_SPACINGS, SAME_SPACINGS = 6, 0.75, 0.05
-#: The root of A over the data's root mean square from which on data are said not to be resolved. Of sin(k x) on circles
-#: and spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of
-#: a step on the unit sphere at h = .2 it is .06.
+#: Data are unresolved where the root of A is more than this share of their root mean square. Of sin(k x) on circles and
+#: spheres it is below .1 up to k h = 1, .1 to .3 at 3, from .2 on at 6 and .85 to 1.1 from 20 on, in both forms; of a
+#: step on the unit sphere at h = .2 it is .06.
 UNRESOLVED_NUGGET = 0.2
-#: Data are rounding where they change by so many times their size when their points move by this share of a spacing,
-#: in a direction that no side has.
+#: Data are rounding where they change by so many times their size when their points move by this share of a spacing, in
+#: a direction along which no boundary runs.
 ROUNDING_CHANGE, MOVED_SPACINGS, MOVED = 100.0, 1e-9, (0.37, 0.59, 0.43)
 
 
 class DataAtPoints(NamedTuple):
-    """Data of a scene, what they are in sentences, and points (k, d) at which a form reads them."""
+    """Data of a scene, their label in warnings, and points (k, d) at which a form reads them."""
 
-    what: str
+    label: str
     data: Any
     points: Floats
 
@@ -61,15 +62,15 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
     """Return the root of A over the root mean square of ``values`` (k, channels) at points (k, d), the largest."""
     from scipy.spatial import cKDTree
 
-    near = NEIGHBOUR_SPACINGS * spacing
+    radius = NEIGHBOUR_SPACINGS * spacing
     cells = np.round((points - points.min(axis=0)) / (SAME_SPACINGS * spacing)).astype(np.int64)
-    apart = np.unique(cells, axis=0, return_index=True)[1]
-    points, values = points[apart], values[apart]
-    distance, number = cKDTree(points).query(points, NEIGHBOURS + 1, distance_upper_bound=near)
-    first, place = np.nonzero(np.isfinite(distance) & (distance > 0))
+    distinct = np.unique(cells, axis=0, return_index=True)[1]
+    points, values = points[distinct], values[distinct]
+    distance, number = cKDTree(points).query(points, NEIGHBOURS + 1, distance_upper_bound=radius)
+    first, column = np.nonzero(np.isfinite(distance) & (distance > 0))
     if len(first) < NEIGHBOURS:
         return 0.0
-    r, second = distance[first, place] / near, number[first, place]
+    r, second = distance[first, column] / radius, number[first, column]
     halves = 0.5 * (values[first] - values[second]) ** 2
     constant = np.linalg.lstsq(np.stack([np.ones_like(r), r**2], axis=1), halves, rcond=None)[0][0]
     size = np.mean(values**2, axis=0)
@@ -78,52 +79,51 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
 
 
 def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
-    terms = form.scene.problem.terms()
-    points = form.points
-    points = points[_runs(len(points))]
+    terms, points = form.scene.problem.terms(), form.points
+    points = points[_rows_in_runs(len(points))]
     yield DataAtPoints("the right-hand side f", terms.f, points)
     yield DataAtPoints("the factor c", terms.c, points)
     yield DataAtPoints("the diffusivity", terms.diffusivity, points)
-    for one in conditions:
-        yield one._replace(points=one.points[_runs(len(one.points))])
+    for condition in conditions:
+        yield condition._replace(points=condition.points[_rows_in_runs(len(condition.points))])
 
 
-def _runs(count: int) -> Any:
-    """Return numbers of points that follow each other in runs, spread over all of them."""
+def _rows_in_runs(count: int) -> Any:
+    """Return numbers below ``count`` in runs of consecutive ones, spread over all."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
     return np.unique(starts[:, None] + np.arange(RUN_LENGTH))
 
 
-def _warnings(scene: Scene, one: DataAtPoints, spacing: float) -> Iterator[str]:
-    values = _values(scene, one)
-    share = 0.0 if values is None else nugget(values, one.points, spacing)
-    if share > UNRESOLVED_NUGGET and not _is_rounding(scene, one, values, spacing):
+def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
+    values = _values(scene, data)
+    share = 0.0 if values is None else nugget(values, data.points, spacing)
+    if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
         yield (
-            f"{one.what[0].upper()}{one.what[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its size: "
-            f"at spacing={spacing:g} it is read at points too few to see how, and the solution may be off "
-            "by as much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over "
-            "a spacing."
+            f"{data.label[0].upper()}{data.label[1:]} varies within a spacing, by about {min(share, 1.0):.0%} of its "
+            f"size: at spacing={spacing:g} it is read at too few points to resolve it, and the solution may be off by "
+            "as much as its own size; use a spacing of a third of its shortest wave or less, or give its mean over a "
+            "spacing."
         )
 
 
-def _is_rounding(scene: Scene, one: DataAtPoints, values: Any, spacing: float) -> bool:
-    """Tell whether data are zero but for rounding, as ``x`` is on a side at x = 0."""
-    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: one.points.shape[1]]
-    moved = _values(scene, one._replace(points=one.points + step))
+def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
+    """Return whether data are zero up to rounding, as ``x`` is on a side at x = 0."""
+    step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
+    moved = _values(scene, data._replace(points=data.points + step))
     return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
 
 
-def _values(scene: Scene, one: DataAtPoints) -> Floats | None:
-    """Return the values (k, channels) of data that are functions of points; None of others."""
-    data, several = one.data, one.data if isinstance(one.data, (list, tuple)) else (one.data,)
-    kept = isinstance(data, Functional) or getattr(data, "needs_state", False) or hasattr(data, "form")
-    if kept or not any(map(callable, several)) or not len(one.points):
+def _values(scene: Scene, data: DataAtPoints) -> Floats | None:
+    """Return the values (k, channels) of data that are functions of points; None of other data."""
+    function, entries = data.data, data.data if isinstance(data.data, (list, tuple)) else (data.data,)
+    fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")
+    if fixed or not any(map(callable, entries)) or not len(data.points):
         return None
     try:
-        if one.what == "the diffusivity":
-            return evaluate_diffusivity(data, one.points, one.what).reshape(len(one.points), -1)
-        return evaluate_data(data, one.points, None, one.what, scene.problem.start_time)
-    except CpmkitError:  # of a function that is known at all the form's points alone; what else is wrong is told there
+        if data.label == "the diffusivity":
+            return evaluate_diffusivity(function, data.points, data.label).reshape(len(data.points), -1)
+        return evaluate_data(function, data.points, None, data.label, scene.problem.start_time)
+    except CpmkitError:  # of a function known at all the form's points alone; other errors are raised where it is used
         return None

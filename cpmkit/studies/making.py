@@ -9,8 +9,8 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.facade import Solution
-from cpmkit.forecast.needs import bytes_needed, solver_for
 from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.choice import cost_model
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
@@ -115,6 +115,5 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     options, scene = lattice_options(solution.discretized), solution.scene
     if options is None:
         return {"bytes": None, "bytes_are": None}
-    unknowns = solution.discretized.size
-    solver = solver_for(scene, options, "auto", unknowns)
-    return {"bytes": round(bytes_needed(scene, options, solver, unknowns)), "bytes_are": FORETOLD}
+    unknowns, model = solution.discretized.size, cost_model(scene, options)
+    return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": FORETOLD}

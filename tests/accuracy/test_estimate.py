@@ -37,7 +37,7 @@ def test_what_the_source_leaves_is_that_of_the_form(form):
     mesh = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
     scene = ck.Scene(mesh, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]))
     estimate = ck.estimate_error(scene, 0.2, form=form, solver="direct")
-    told = ck.explain(scene, 0.2, form=form, rehearse=True).floor
+    told = ck.explain(scene, 0.2, form=form, dry_run=True).floor
     assert told > 1e-6
     if form == "collocation":
         assert estimate.floor[0] == pytest.approx(told, rel=0.1)

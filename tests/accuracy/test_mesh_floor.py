@@ -57,7 +57,7 @@ def test_it_is_solved_on_the_triangles_only_where_the_floor_matters():
 
 def test_an_explanation_that_counts_tells_the_floor_too():
     of = scene(meshes.rounded_box(1, 0.3)[0])
-    told, solution = ck.explain(of, 0.25, rehearse=True), solved("box with fillets")[0]
+    told, solution = ck.explain(of, 0.25, dry_run=True), solved("box with fillets")[0]
     assert solution.error.floor[0] < told.floor < 4 * solution.error.floor[0]
 
 

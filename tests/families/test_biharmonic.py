@@ -203,7 +203,7 @@ def test_auto_takes_splines_and_multigrid_on_surfaces():
     solution = ck.solve(sphere_problem(1.0)[0], 0.2)
     assert solution.discretized.form == "galerkin"
     assert solution.report.solver == "multigrid"
-    assert ck.explain(sphere_problem(1.0)[0], 0.2, rehearse=True).solver == "multigrid"
+    assert ck.explain(sphere_problem(1.0)[0], 0.2, dry_run=True).solver == "multigrid"
 
 
 def test_channels_are_solved_together():

@@ -384,14 +384,13 @@ def test_a_resonance_that_a_boundary_drives_is_told():
 def test_indefinite_systems_are_factorised_up_to_a_larger_size():
     f = ck.Helmholtz(1.0, 2.0)
     for problem, solver in ((f, "direct"), (ck.ScreenedPoisson(1.0), "reference")):
-        assert ck.explain(ck.Scene(SPHERE, problem), 0.15, form="collocation", rehearse=True).solver == solver
-    assert ck.explain(ck.Scene(SPHERE, f), 0.1, form="galerkin", rehearse=True).solver == "multigrid"
+        assert ck.explain(ck.Scene(SPHERE, problem), 0.15, form="collocation", dry_run=True).solver == solver
+    assert ck.explain(ck.Scene(SPHERE, f), 0.1, form="galerkin", dry_run=True).solver == "multigrid"
     assert (
-        ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.05, form="galerkin", rehearse=True).solver
-        == "multigrid"
+        ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.05, form="galerkin", dry_run=True).solver == "multigrid"
     )
     assert (
-        ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", rehearse=True).solver
+        ck.explain(ck.Scene(SPHERE, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", dry_run=True).solver
         == "reference"
     )
 

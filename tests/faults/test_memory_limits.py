@@ -96,7 +96,7 @@ def test_solve_and_explain_name_the_same_spacing_and_it_fits(monkeypatch, spacin
         text = one_sentence(error, "unknowns and", "this machine has 0.0625 GiB", "or more would fit")
         named.add(text.partition("; spacing=")[2].split()[0])
     assert len(named) == 1
-    assert ck.explain(scene(), float(named.pop()), form=form, rehearse=True).bytes < 64 * 2**20
+    assert ck.explain(scene(), float(named.pop()), form=form, dry_run=True).bytes < 64 * 2**20
 
 
 def test_the_spacing_that_fits_moves_and_scales_with_the_model():
@@ -158,7 +158,10 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
 
 @pytest.mark.parametrize(
     ("form", "step"),
-    [("collocation", "cpmkit.forecast.cost.lay_out"), ("galerkin", "cpmkit.forecast.of_galerkin.discretize")],
+    [
+        ("collocation", "cpmkit.forms.collocation.collocation_cost.lay_out"),
+        ("galerkin", "cpmkit.forms.galerkin.form.discretize"),
+    ],
 )
 def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch, form, step):
     def fail(*arguments, **options):
@@ -166,7 +169,7 @@ def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch, form
 
     monkeypatch.setattr(step, fail)
     with pytest.raises(ck.ResolutionError) as error:
-        ck.explain(scene(), 0.3, form=form, rehearse=True)
+        ck.explain(scene(), 0.3, form=form, dry_run=True)
     one_sentence(error, "Memory ran out at spacing=0.3", "or more")
 
 

@@ -120,7 +120,7 @@ def target(folder: Path, text: str) -> None:
         loaded = ck.load_scene(file)
         check_request(loaded.output, loaded.scene.surface, folder / "results")
         if loaded.spacing is None or not loaded.spacing < 0.1:
-            ck.explain(loaded.scene, loaded.spacing, rehearse=True, **loaded.options)
+            ck.explain(loaded.scene, loaded.spacing, dry_run=True, **loaded.options)
 
     answered(call)
     assert sorted(path.name for path in folder.iterdir()) == ["scene.toml"]
@@ -135,7 +135,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_the_scene_itself_is_explained(folder: Path) -> None:
     (folder / "scene.toml").write_text(written(SCENE), encoding="utf-8")
     loaded = ck.load_scene("scene.toml")
-    assert ck.explain(loaded.scene, loaded.spacing, rehearse=True, **loaded.options).unknowns > 50
+    assert ck.explain(loaded.scene, loaded.spacing, dry_run=True, **loaded.options).unknowns > 50
 
 
 @pytest.mark.parametrize("file", corpus(".toml"), ids=lambda file: file.name)

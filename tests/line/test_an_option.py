@@ -75,7 +75,7 @@ def test_it_arrives_in_a_solve_a_forecast_and_the_tables():
     plain, smooth = ck.solve(CIRCLE, 0.2), ck.solve(CIRCLE, 0.2, smooth=True)
     np.testing.assert_array_equal(smooth.values, ck.solve(CIRCLE, 0.2, degree=5).values)
     assert smooth.work.unknowns > plain.work.unknowns
-    assert ck.explain(CIRCLE, 0.2, smooth=True, rehearse=True).unknowns == smooth.work.unknowns
+    assert ck.explain(CIRCLE, 0.2, smooth=True, dry_run=True).unknowns == smooth.work.unknowns
     assert ck.discretize(CIRCLE, 0.2, smooth=True).size == smooth.work.unknowns
     coarse = [ck.estimate_error(CIRCLE, 0.1, **one).coarse.values for one in ({"smooth": True}, {"degree": 5})]
     np.testing.assert_array_equal(*coarse)

@@ -267,10 +267,10 @@ def test_a_real_scene_is_explained(run):
     Path("scene.toml").write_text(CIRCLE)
     told = json.loads(run("explain", "scene.toml", "--json").stdout)
     assert told["unknowns"] > 50
-    assert "rehearse=True (--rehearse)" in run("explain", "scene.toml").stdout
-    rehearsed = run("explain", "scene.toml", "--rehearse").stdout
+    assert "dry_run=True (--dry-run)" in run("explain", "scene.toml").stdout
+    rehearsed = run("explain", "scene.toml", "--dry-run").stdout
     assert "samples" in rehearsed
-    assert "--rehearse" not in rehearsed
+    assert "--dry-run" not in rehearsed
 
 
 def test_a_real_scene_with_a_wrong_key_is_one_line(run):

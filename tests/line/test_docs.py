@@ -98,7 +98,7 @@ def test_scenes_on_pages(page, tmp_path):
         file = tmp_path / f"{number}.toml"
         file.write_text(text)
         loaded = load_scene(file)
-        assert explain(loaded.scene, loaded.spacing, rehearse=True, **loaded.options).unknowns > 0
+        assert explain(loaded.scene, loaded.spacing, dry_run=True, **loaded.options).unknowns > 0
 
 
 def documented(page):

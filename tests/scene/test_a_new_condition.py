@@ -135,7 +135,7 @@ def test_its_data_have_channels():
 
 def test_it_is_told_by_its_kind_and_what_it_was_given():
     scene = on_the_sphere(ck.ScreenedPoisson(1.0), left=Convection(2.0, ambient), right=Convection(2.0, 3.0))
-    assert "Convection left, Convection right" in str(ck.explain(scene, spacing=0.2, rehearse=True))
+    assert "Convection left, Convection right" in str(ck.explain(scene, spacing=0.2, dry_run=True))
     told = describe_scene(scene)["boundaries"][0]
     assert told["left"] == "convection transfer=2.0 ambient=of position"
     assert told["right"] == "convection transfer=2.0 ambient=3.0"

@@ -36,7 +36,7 @@ def test_no_spacing_suggests_one_that_works():
         ck.solve(sphere_scene())
     one_sentence(error, "try spacing=")
     suggested = float(str(error.value).rpartition("=")[2].rstrip("."))
-    assert 1e3 < ck.explain(sphere_scene(), suggested, rehearse=True).unknowns < 1e5
+    assert 1e3 < ck.explain(sphere_scene(), suggested, dry_run=True).unknowns < 1e5
 
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
@@ -51,7 +51,7 @@ def test_a_spacing_beyond_the_machines_memory(monkeypatch, form):
             call(scene, 0.005, form=form)
         one_sentence(error, "spacing=0.005 needs about", "GiB", "or more would fit")
     fits = float(str(error.value).partition("; spacing=")[2].split()[0])
-    assert ck.explain(scene, fits, form=form, rehearse=True).bytes < 64 * 2**20
+    assert ck.explain(scene, fits, form=form, dry_run=True).bytes < 64 * 2**20
 
 
 @FORMS
@@ -141,7 +141,7 @@ def test_a_boundary_away_from_the_surface(form, farthest):
     far = ck.Boundary(
         "far", ck.source("analytic.circle", radius=3.0, center=[0, 0, 0], normal=[0, 0, 1]), both=ck.Dirichlet(1.0)
     )
-    for call in (ck.solve, partial(ck.explain, rehearse=True)):
+    for call in (ck.solve, partial(ck.explain, dry_run=True)):
         with pytest.raises(ck.SceneError) as error:
             call(sphere_scene(boundaries=[far]), 0.1, form=form)
         one_sentence(error, "'far'", "2 away", farthest, "; move it onto the surface")

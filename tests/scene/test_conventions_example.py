@@ -34,8 +34,8 @@ def test_the_example(in_folder):
             ck.Boundary("pin", ck.source("analytic.point", at=V[0]), both=ck.Dirichlet([0, 0, 1.0])),
         ],
     )
-    assert "ghosts of 'brow'" in str(ck.explain(scene, spacing=50.0, form="collocation", rehearse=True))
-    told = ck.explain(scene, spacing=50.0, rehearse=True)
+    assert "ghosts of 'brow'" in str(ck.explain(scene, spacing=50.0, form="collocation", dry_run=True))
+    told = ck.explain(scene, spacing=50.0, dry_run=True)
     assert "'brow'" in str(told)
     solution = ck.solve(scene, spacing=50.0)
     rgb = solution.evaluate(V)

@@ -95,10 +95,10 @@ def test_the_two_points_of_the_refusal_serve_far_from_zero():
 
 def test_what_a_rule_names_is_told_before_anything_is_built():
     both = ck.Boundary("cut", circle(0.3), both=ck.Dirichlet(1.0))
-    assert "left is named by a rule" in str(ck.explain(scene(Bare(SPHERE), both), 0.2, rehearse=True))
-    assert "left is named by a rule" not in str(ck.explain(scene(SPHERE, both), 0.2, rehearse=True))
+    assert "left is named by a rule" in str(ck.explain(scene(Bare(SPHERE), both), 0.2, dry_run=True))
+    assert "left is named by a rule" not in str(ck.explain(scene(SPHERE, both), 0.2, dry_run=True))
     chosen = ck.Boundary("cut", circle(0.3), both=ck.Dirichlet(1.0), left_of=TOP)
-    assert "left is named by left_of" in str(ck.explain(scene(Bare(SPHERE), chosen), 0.2, rehearse=True))
+    assert "left is named by left_of" in str(ck.explain(scene(Bare(SPHERE), chosen), 0.2, dry_run=True))
 
 
 def test_left_is_the_same_at_every_spacing_and_on_every_lattice():

@@ -86,7 +86,7 @@ def test_short_work_shows_nothing(terminal):
 
 def test_a_callback_gets_all_stages_and_what_is_no_choice_is_refused():
     stages = []
-    for call in (ck.solve, ck.prepare, partial(ck.explain, rehearse=True), ck.discretize):
+    for call in (ck.solve, ck.prepare, partial(ck.explain, dry_run=True), ck.discretize):
         stages.clear()
         call(SCENE, 0.2, progress=lambda stage, fraction: stages.append((stage, fraction)))
         assert stages

@@ -1,19 +1,39 @@
-"""Refusing, before anything is built, what the memory of this process cannot hold."""
+"""The cost of the Galerkin form: unknowns, solver and memory before a scene is discretised."""
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.forms.cost_model import CostModel, growth_through
+from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
+from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
+from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.projection import MOST_FACTORISED_PROJECTION
 from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import COUNTED_BLOCKS, SPARE_MEMORY_SHARE, other_solver_hint, rounded_up, unknowns_at_one
-from cpmkit.manifold.local_source import LocalSource
+from cpmkit.grid.fitting import (
+    COUNTED_BLOCKS,
+    SPARE_MEMORY_SHARE,
+    other_solver_hint,
+    rounded_up,
+    suggest_spacing,
+    unknowns_at_one,
+)
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
+from cpmkit.linear.solver_options import choose_solver
+from cpmkit.manifold.abilities import integral_floor_of
+from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
+from cpmkit.protocols import Progress
 from cpmkit.runtime import memory
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from cpmkit.forms.galerkin.form import Galerkin
 
 #: What of a matrix is factorised beside the multigrid's coarsest level.
 Factors = Literal["", "all", "blocks"]
@@ -59,6 +79,10 @@ BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
 FOLDED_FACTOR = 10.0
 #: Unknowns for each square of the spacing on a surface, about, and more than those for each spacing on a curve.
 UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
+#: Bytes for each sample that a solution holds (measured: 66 to 73 in all, of 19 to 100 samples an unknown).
+BYTES_HELD_PER_SAMPLE = 50.0
+#: The spacing of a dry run is doubled while it is below this share of the largest side.
+COARSEST_DRY_RUN_SHARE = 1 / 16
 #: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
 FITTING_ROUNDS = 30
 
@@ -187,3 +211,126 @@ def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "",
     for _ in range(FITTING_ROUNDS):
         unknowns = max(room * unknowns / peak_bytes(unknowns, m, factors, degree=degree), 1.0)
     return rounded_up((expected_unknowns(surface, 1.0, degree) / unknowns) ** (1 / m))
+
+
+class GalerkinCost(CostModel[GalerkinOptions]):
+    """Unknowns, solver and memory of a scene in the Galerkin form."""
+
+    coarsest_share: ClassVar[float] = COARSEST_SPACING_SHARE
+    boundary_share: ClassVar[float] = 1.0
+    smaller_solver: ClassVar[str] = "multigrid"
+
+    def choose_solver(self, target: str, unknowns: float) -> str:
+        """Return the solver that ``target`` means for so many unknowns."""
+        iterated, problem = multigrid_applies(self.scene), self.scene.problem
+        iterative = "multigrid" if iterated else "direct"
+        m = largest_dim(self.scene.surface)
+        return choose_solver(target, round(unknowns), m, problem.factors_up_to(iterated), iterative)
+
+    def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
+        """Return the bytes at the peak of a solve, with the samples of a coarser solve if there are more than usual."""
+        degree = self.options.own.degree
+        samples = None if work is None else max(SAMPLES_PER_UNKNOWN[degree] * unknowns, float(work.samples))
+        return self._bytes_with_samples(unknowns, solver, samples)
+
+    def _bytes_with_samples(self, unknowns: float, solver: str, samples: float | None) -> float:
+        m, factors = largest_dim(self.scene.surface), factorised_share(self.scene, solver)
+        return peak_bytes(unknowns, m, factors, samples, self.options.own.degree, scene_extras(self.scene))
+
+    def held_bytes(self, work: Any) -> float:
+        """Return the bytes that a solution holds, samples included."""
+        return super().held_bytes(work) + BYTES_HELD_PER_SAMPLE * float(work.samples)
+
+    def check_fits(self, unknowns: float, solver: str) -> None:
+        """Refuse a solve that needs more memory than this process may have."""
+        factors = factorised_share(self.scene, solver)
+        check_unknowns_fit(self.surface, unknowns, self.options.spacing, solver, factors, self.options.own.degree)
+
+    def expected_unknowns(self) -> float:
+        """Return about how many unknowns there are."""
+        return expected_unknowns(self.surface, self.options.spacing, self.options.own.degree)
+
+    def fitting_spacing(self, solver: str, available: int) -> float:
+        """Return the smallest spacing at which a solve fits into ``available`` bytes."""
+        return fitting_spacing(self.surface, available, factorised_share(self.scene, solver), self.options.own.degree)
+
+    def source_error(self) -> float:
+        """Return the error of integrals that the source reports of itself."""
+        return integral_floor_of(self.scene.surface, self.options.spacing)
+
+    def explain(self, solver: str, progress: Progress) -> Explanation:
+        """Return counts from the form at the spacing, or at two coarser ones if the scene is large."""
+        from cpmkit.forms.galerkin.form import discretize
+
+        scene, options = self.scene, self.options
+        progress("dry run", 0.0)
+        surface = localize(scene.surface, lattice_of(scene.surface, options.spacing, options.origin).origin)
+        check_samples_fit(surface, options.spacing, options.own.degree)
+        largest = float(np.ptp(surface.bounds, axis=0).max())
+        spacing, quick = options.spacing, min(suggest_spacing(scene.surface), COARSEST_DRY_RUN_SHARE * largest)
+        while spacing < quick:
+            spacing *= 2
+        exact = spacing == options.spacing
+        plain = replace(options, own=replace(options.own, refine="off"))  # refining takes solutions
+        form = discretize(scene, replace(plain, spacing=spacing))
+        counts = _counts(form)
+        if not exact:
+            progress("dry run", 0.7)
+            coarse = _counts(discretize(scene, replace(plain, spacing=2 * spacing)))
+            for name, fine in counts.items():
+                growth = growth_through((spacing, fine), (2 * spacing, coarse[name]), surface.largest_dim)
+                counts[name] = max(growth.at(options.spacing), fine)
+        progress("dry run", 1.0)
+        chosen = self.choose_solver(solver, counts["unknowns"])
+        if factorised_share(scene, chosen):  # what others need was checked before
+            self.check_fits(counts["unknowns"], chosen)
+        left_out = [] if scene.boundaries else ["a cut (no boundary)"]
+        left_out += ["right-hand side (Laplace)"] if scene.problem.kind == "laplace" else []
+        return Explanation(
+            (*self._parts(form, counts), solver_part(scene, chosen, solver)),
+            tuple(left_out),
+            round(counts["unknowns"]),
+            round(counts["queries"]),
+            round(self._bytes_with_samples(counts["unknowns"], chosen, counts["samples"])),
+            max(form.source_error(), self.source_error()),
+            chosen,
+            exact,
+            form.warnings() if exact else (),
+        )
+
+    def _parts(self, form: Galerkin, counts: Mapping[str, float]) -> list[Part]:
+        own = self.options.own
+        parts = [
+            Part(
+                "samples",
+                f"{round(counts['samples']):,}",
+                f"form 'galerkin': {self.options.reason}; quadrature points of all integrals",
+            ),
+            Part("patches", f"{round(counts['patches']):,}", "connected components of the samples in a lattice cell"),
+            Part(
+                "splines",
+                f"{round(counts['unknowns']):,}",
+                f"unknowns: of degree {own.degree}, strength {own.strength!r}",
+            ),
+        ]
+        if own.refine == "auto":
+            why = "a first solution shows whether finer splines pay; all counts are those before it"
+            parts.append(Part("levels of refine='auto'", f"up to {own.refine_levels}", why))
+        for number, boundary in enumerate(self.scene.boundaries):
+            why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
+            if form.sampled.oriented[number].left_description:
+                why += f"; {form.sampled.oriented[number].left_description}"
+            parts.append(Part(f"samples of {boundary.name!r}", f"{round(counts[f'boundary {number}']):,}", why))
+        return parts
+
+
+def _counts(form: Galerkin) -> dict[str, float]:
+    counts = {
+        "unknowns": form.size,
+        "samples": form.sampled.interior,
+        "patches": len(form.space.dof_map.cells),
+        "queries": form.sampled.queries,
+    }
+    for number, _ in enumerate(form.scene.boundaries):
+        counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
+    return {name: float(count) for name, count in counts.items()}

@@ -45,7 +45,7 @@ def test_numbers_inside_the_spectrum_are_neared_by_solves():
     found = [ck.solve(scene, 0.3, solver=solver) for solver in ("direct", "multigrid")]
     assert found[0].eigenvalues == pytest.approx([6] * 5, rel=5e-3)
     assert found[1].eigenvalues == pytest.approx(found[0].eigenvalues, rel=1e-9)
-    assert ck.explain(scene, 0.05, rehearse=True).solver == "direct"
+    assert ck.explain(scene, 0.05, dry_run=True).solver == "direct"
 
 
 def test_functions_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):

@@ -13,7 +13,7 @@ def test_it_is_the_form_that_auto_takes():
     solution = ck.solve(SCENE, 0.25)
     assert solution.discretized.form == "galerkin"
     assert "curves and surfaces" in solution.summary()["discretization"]["form_reason"]
-    assert "curves and surfaces" in str(ck.explain(SCENE, 0.25, rehearse=True))
+    assert "curves and surfaces" in str(ck.explain(SCENE, 0.25, dry_run=True))
 
 
 def test_modes_that_are_saved_are_read_back_to_the_last_bit(tmp_path):
@@ -33,4 +33,4 @@ def test_they_are_found_on_prepared_tables():
 @pytest.mark.parametrize(("count", "near", "solver"), [(6, None, "multigrid"), (6, 6.0, "direct")])
 def test_explain_foresees_the_solver(count, near, solver):
     scene = ck.Scene(ck.source("analytic.sphere"), ck.Eigen(count, near=near))
-    assert ck.explain(scene, 0.06, rehearse=True).solver == solver
+    assert ck.explain(scene, 0.06, dry_run=True).solver == solver

@@ -165,8 +165,8 @@ def test_noise_stays_bounded_and_is_told(step):
 
 
 def test_explain_tells_the_form_and_the_solver():
-    told = ck.explain(ck.Scene(SPHERE, ck.Heat(three, 0.1, 0.01)), 0.3, rehearse=True)
+    told = ck.explain(ck.Scene(SPHERE, ck.Heat(three, 0.1, 0.01)), 0.3, dry_run=True)
     assert told.solver == "direct"
     assert "form 'galerkin'" in str(told)
-    finer = ck.explain(ck.Scene(SPHERE, ck.Wave(three, 0.1, 0.01)), 0.05, rehearse=True)
+    finer = ck.explain(ck.Scene(SPHERE, ck.Wave(three, 0.1, 0.01)), 0.05, dry_run=True)
     assert finer.solver == "multigrid"

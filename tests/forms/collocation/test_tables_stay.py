@@ -122,7 +122,7 @@ def test_every_reading_leaves_the_tables_as_they_are(name, tmp_path):
         "doubled": lambda: solution.doubled,
         "save": lambda: (solution.save(file), solution.save(tmp_path / "solution.vtp")),
         "load": lambda: ck.load(file, scene).evaluate(points),
-        "explain": lambda: ck.explain(scene, spacing, form="collocation", rehearse=True),
+        "explain": lambda: ck.explain(scene, spacing, form="collocation", dry_run=True),
         "repr": lambda: (repr(solution), solution.discretization(), solution.arrays()),
     }
     for call, ask in calls.items():

@@ -168,7 +168,7 @@ def test_what_is_told_and_saved(tmp_path):
     solution.save(tmp_path / "solution.npz")
     loaded = ck.load(tmp_path / "solution.npz", scene)
     np.testing.assert_array_equal(loaded.evaluate(POINTS[:20]), solution.evaluate(POINTS[:20]))
-    forecast = ck.explain(scene, 0.3, form="galerkin", degree=3, rehearse=True)
+    forecast = ck.explain(scene, 0.3, form="galerkin", degree=3, dry_run=True)
     assert "of degree 3" in str(forecast)
     assert forecast.unknowns == solution.work.unknowns
 

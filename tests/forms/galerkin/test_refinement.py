@@ -277,7 +277,7 @@ def test_a_refined_solution_estimates_its_error_and_is_saved(tmp_path):
 
 
 def test_explaining_solves_nothing():
-    told = str(ck.explain(spike()[0], spacing=0.2, refine="auto", rehearse=True))
+    told = str(ck.explain(spike()[0], spacing=0.2, refine="auto", dry_run=True))
     assert "refine" in told
 
 

@@ -153,7 +153,7 @@ def test_one_preparation_serves_many_equations():
 
 
 def test_a_forecast_is_right_to_a_fifth():
-    told = ck.explain(SCREENED, 0.04, form="galerkin", rehearse=True)
+    told = ck.explain(SCREENED, 0.04, form="galerkin", dry_run=True)
     work = solve(SCREENED, 0.04, solver="auto").work
     assert not told.exact
     assert told.unknowns == pytest.approx(work.unknowns, rel=0.2)

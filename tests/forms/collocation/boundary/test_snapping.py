@@ -30,7 +30,7 @@ def test_the_answer_is_that_of_the_curve_on_the_surface(radius):
 
 def test_the_distance_is_told():
     problem, _, _ = scene(great_circle(1.02))
-    assert "snapped by up to 0.02" in str(ck.explain(problem, 0.1, form="collocation", rehearse=True))
+    assert "snapped by up to 0.02" in str(ck.explain(problem, 0.1, form="collocation", dry_run=True))
     solution = ck.solve(problem, 0.1, form="collocation")
     assert solution.warnings == ()
     assert solution.summary()["discretization"]["snapped_by"]["cut"] == pytest.approx(0.02)

@@ -25,7 +25,7 @@ def nothing(x):
 @pytest.mark.parametrize("edge", [ck.Dirichlet(5.0), {0: ck.Dirichlet(5.0)}, {7: ck.Neumann()}, ck.Neumann(1.0)])
 def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge, form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge)
-    for ask in (ck.solve, partial(ck.explain, rehearse=True)):
+    for ask in (ck.solve, partial(ck.explain, dry_run=True)):
         with pytest.raises(ck.SceneError, match=r"which the manifold has not: it is closed; leave it out"):
             ask(scene, 0.1, form=form)
 

@@ -108,9 +108,9 @@ def test_facets_of_a_smooth_mesh_are_no_creases(closest, edges):
 
 
 def test_an_explanation_from_coarser_lattices_is_of_the_spacing_that_was_asked_for(monkeypatch):
-    monkeypatch.setattr("cpmkit.forecast.cost.REHEARSED_CELLS", 400)
+    monkeypatch.setattr("cpmkit.forms.collocation.collocation_cost.DRY_RUN_CELLS", 400)
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.15), ck.ScreenedPoisson(1.0))
     for spacing, sharp in ((0.06, True), (0.03, False)):
-        explained = ck.explain(scene, spacing, form="collocation", rehearse=True)
+        explained = ck.explain(scene, spacing, form="collocation", dry_run=True)
         assert not explained.exact
         assert (SHARP in str(explained)) == sharp

@@ -42,8 +42,8 @@ def test_the_spacing_that_is_named_does():
 def test_explain_tells_of_it_too():
     arc = ck.source("analytic.arc", radius=1.0, start=0.1, end=2 * np.pi - 0.1)
     scene = ck.Scene(arc, ck.Laplace(), edge=ENDS)
-    assert gaps(ck.explain(scene, 0.1, form="collocation", rehearse=True).told)
-    assert "faces itself across a gap" in str(ck.explain(scene, 0.1, form="collocation", rehearse=True))
+    assert gaps(ck.explain(scene, 0.1, form="collocation", dry_run=True).warnings)
+    assert "faces itself across a gap" in str(ck.explain(scene, 0.1, form="collocation", dry_run=True))
 
 
 def slit_sphere(gap):
@@ -78,7 +78,7 @@ def test_pieces_that_touch_corners_and_small_openings_face_nothing():
     box, tube = ck.source("analytic.box", lower=[0, 0], upper=[1, 1]), ck.source("analytic.cylinder", radius=0.3)
     for surface in (bent, straight, box, tube):
         assert not gaps(
-            ck.explain(ck.Scene(surface, ck.ScreenedPoisson(1.0)), 0.15, form="collocation", rehearse=True).told
+            ck.explain(ck.Scene(surface, ck.ScreenedPoisson(1.0)), 0.15, form="collocation", dry_run=True).warnings
         )
 
 

@@ -95,9 +95,9 @@ def test_three_curves_that_meet_are_told_and_two_are_not():
     longer = ck.source("analytic.segment", start=[2, 0], end=[2, 1])
     branches = ck.source("union", members=[circle, spoke])
     corner = ck.source("union", members=[spoke, longer])
-    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", rehearse=True).told
+    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", dry_run=True).warnings
     assert len([text for text in told if "3 curves meet at (1, 0), where no law holds" in text]) == 1
-    assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1, rehearse=True).told
+    assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1, dry_run=True).warnings
 
 
 def test_a_narrow_tip_is_told_wherever_the_lattice_lies():

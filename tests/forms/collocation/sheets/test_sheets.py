@@ -58,12 +58,12 @@ def test_a_band_without_conflict_has_no_table():
 
 def test_an_explanation_names_the_twins():
     scene, _, _ = circles(0.05)
-    explanation = ck.explain(scene, 0.025, form="collocation", rehearse=True)
+    explanation = ck.explain(scene, 0.025, form="collocation", dry_run=True)
     band = ck.solve(scene, 0.025, form="collocation").discretized.tables.layout.band
     (twins,) = [part for part in explanation.parts if part.name == "twins"]
     assert int(twins.amount.replace(",", "")) == band.inner - band.own_inner > 100
     assert explanation.unknowns == band.inner
-    assert "twins" not in str(ck.explain(circles(0.5)[0], 0.025, rehearse=True))
+    assert "twins" not in str(ck.explain(circles(0.5)[0], 0.025, dry_run=True))
 
 
 def test_a_picture_can_show_the_twins():

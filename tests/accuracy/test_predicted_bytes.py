@@ -1,4 +1,4 @@
-"""Bytes that are foretold of small solves hold the arrays that the solves make, as the interpreter counts them.
+"""Bytes that are predicted of small solves hold the arrays that the solves make, as the interpreter counts them.
 
 What the system counts of a process depends on what else runs, and on what was compiled or freed before:
 ``benchmarks/seconds_foretold.py`` compares that.
@@ -31,8 +31,8 @@ def array_bytes(solve):
         tracemalloc.stop()
 
 
-def are_foretold(foretold, arrays):
-    assert 0.95 * arrays < foretold < 2 * arrays + UNCOUNTED_BYTES
+def are_predicted(predicted, arrays):
+    assert 0.95 * arrays < predicted < 2 * arrays + UNCOUNTED_BYTES
 
 
 def scene_of(name):
@@ -47,7 +47,7 @@ def scene_of(name):
 def test_bytes_of_small_solves(name, spacing):
     scene = scene_of(name)
     _, arrays = array_bytes(lambda: ck.solve(scene, spacing))
-    are_foretold(ck.explain(scene, spacing, rehearse=True).bytes, arrays)
+    are_predicted(ck.explain(scene, spacing, dry_run=True).bytes, arrays)
 
 
 LEVEL_SET = ck.source("levelset.expression", phi="x*x + y*y + z*z - 1", bounds=[[-1.2] * 3, [1.2] * 3])
@@ -61,4 +61,4 @@ TO_A_TOLERANCE = {
 @pytest.mark.parametrize("name", TO_A_TOLERANCE)
 def test_bytes_of_whole_solves_to_a_tolerance(name):
     solution, arrays = array_bytes(lambda: ck.solve(TO_A_TOLERANCE[name], tolerance=0.05))
-    are_foretold(solution.trade.predicted_bytes, arrays)
+    are_predicted(solution.trade.predicted_bytes, arrays)

@@ -10,10 +10,10 @@ import cpmkit as ck
 
 
 def test_predictions_on_a_surface_with_curves(monkeypatch):
-    monkeypatch.setattr("cpmkit.forecast.cost.REHEARSED_CELLS", 3_000)
+    monkeypatch.setattr("cpmkit.forms.collocation.collocation_cost.DRY_RUN_CELLS", 3_000)
     spacing = 0.04
     scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
-    told = ck.explain(scene, spacing, form="collocation", rehearse=True)
+    told = ck.explain(scene, spacing, form="collocation", dry_run=True)
     assert not told.exact
     ck.solve(scene, 0.3, form="collocation")  # what is read for the first time is no table
     tracemalloc.start()
@@ -28,7 +28,7 @@ def test_predictions_on_a_surface_with_curves(monkeypatch):
 
 def test_predictions_for_a_direct_solve():
     scene, _, _ = circle_jump()
-    told = ck.explain(scene, 0.002, form="collocation", rehearse=True)
+    told = ck.explain(scene, 0.002, form="collocation", dry_run=True)
     tracemalloc.start()
     solution = ck.solve(scene, 0.002, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
@@ -41,13 +41,13 @@ def test_predictions_for_a_direct_solve():
 
 def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0))
-    told = ck.explain(scene, 0.1, form="galerkin", rehearse=True)
+    told = ck.explain(scene, 0.1, form="galerkin", dry_run=True)
     assert [part.name for part in told.parts][-1] == "solver 'multigrid'"
     assert "a cut (no boundary)" in told.left_out
-    told = ck.explain(scene, 0.1, form="collocation", rehearse=True)
+    told = ck.explain(scene, 0.1, form="collocation", dry_run=True)
     assert [part.name for part in told.parts] == ["inner nodes", "outer nodes", "solver 'reference'"]
     assert "crossing tests and ghosts (no boundary)" in told.left_out
-    text = str(ck.explain(circle_jump()[0], 0.1, order=1, rehearse=True))
+    text = str(ck.explain(circle_jump()[0], 0.1, order=1, dry_run=True))
     assert "ghosts of 'cut'" in text
     assert "Dirichlet" in text
     assert "mirror points (order 1)" in text
@@ -77,7 +77,7 @@ def test_order_one_makes_no_mirror_query():
 def test_an_option_that_solve_would_refuse_is_refused():
     scene, _, _ = circle_jump()
     assert (
-        ck.explain(scene, 0.1, solver="reference", solver_tolerance=1e-6, max_iterations=5, rehearse=True).unknowns > 0
+        ck.explain(scene, 0.1, solver="reference", solver_tolerance=1e-6, max_iterations=5, dry_run=True).unknowns > 0
     )
     with pytest.raises(ck.InputError, match="no option 'degre'"):
-        ck.explain(scene, 0.1, degre=3, rehearse=True)
+        ck.explain(scene, 0.1, degre=3, dry_run=True)

@@ -6,8 +6,8 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.dispatch import solve_scene
-from cpmkit.explaining import foretold
-from cpmkit.forecast.growth import line_through
+from cpmkit.explaining import extrapolated_cost
+from cpmkit.forms.cost_model import line_through
 
 BALL = ck.source("analytic.sphere")
 RING = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
@@ -24,15 +24,15 @@ def work(solution):
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
     scene, spacing = ck.Scene(BALL, F, boundaries), 0.09
-    told = ck.explain(scene, spacing, form=form, rehearse=True)
+    told = ck.explain(scene, spacing, form=form, dry_run=True)
     spacings = []
 
-    def rehearse(coarse):
+    def solve_coarse(coarse):
         spacings.append(coarse)
         solution = solve_scene(scene, coarse, form=form, solver=told.solver)
         return solution, work(solution)
 
-    found = foretold(rehearse, spacing, told.unknowns, 2)
+    found = extrapolated_cost(solve_coarse, spacing, told.unknowns, 2)
     assert spacings[0] == spacings[1] == 2 * spacings[2]
     assert spacings[2] >= 2 * spacing  # what is asked for is not solved to foretell itself
     assert 0.5 < found / work(solve_scene(scene, spacing, form=form)) < 2
@@ -45,7 +45,7 @@ def test_a_line_goes_through_both_and_never_below_half_a_share():
 
 def test_seconds_are_told_where_they_are_asked_for(tmp_path):
     scene = ck.Scene(BALL, F)
-    assert ck.explain(scene, 0.1, rehearse=True).seconds is None
+    assert ck.explain(scene, 0.1, dry_run=True).seconds is None
     told = ck.explain(scene, 0.1, seconds=True)
     assert told.seconds > 0
     assert "seconds on this machine about" in str(told)

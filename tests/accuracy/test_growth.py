@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpmkit.forecast.growth import Growth, growth_through, rising_growth
+from cpmkit.forms.cost_model import Growth, growth_through, rising_growth
 
 
 @pytest.mark.parametrize("m", [1, 2, 3])

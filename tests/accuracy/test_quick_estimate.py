@@ -6,7 +6,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.forecast.rough import OFF_BY
+from cpmkit.explaining import OFF_BY
 
 SCREENED = ck.ScreenedPoisson(1.0)
 SPHERE = ck.source("analytic.sphere")
@@ -46,7 +46,7 @@ SCENES = {
 def test_unknowns_are_within_a_factor_of_two(name, form):
     surface, boundaries, spacing = SCENES[name]()
     scene = ck.Scene(surface, SCREENED, boundaries)
-    told, counted = (ck.explain(scene, spacing, form=form, rehearse=one) for one in (False, True))
+    told, counted = (ck.explain(scene, spacing, form=form, dry_run=one) for one in (False, True))
     assert told.off_by == OFF_BY == 2
     assert counted.off_by is None
     assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
@@ -57,7 +57,7 @@ def test_unknowns_are_within_a_factor_of_two(name, form):
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_a_real_mesh_is_within_it_too(real_mesh, form):
     scene = ck.Scene(ck.source("mesh.triangles", file=real_mesh("spot.obj")), SCREENED)
-    told, counted = (ck.explain(scene, 0.1, form=form, rehearse=one) for one in (False, True))
+    told, counted = (ck.explain(scene, 0.1, form=form, dry_run=one) for one in (False, True))
     assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
 
 
@@ -85,7 +85,7 @@ def test_what_it_asks_of_a_surface_does_not_grow_with_fineness(form):
 def test_it_says_that_it_is_an_estimate_and_how_to_count(tmp_path):
     (tmp_path / "ball.toml").write_text('[surface]\nkind = "analytic.sphere"\n[problem]\nkind = "screened"\nf = "x"\n')
     command = ["explain", str(tmp_path / "ball.toml"), "--spacing", "0.2"]
-    quick, counted = (CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--rehearse"]))
+    quick, counted = (CliRunner().invoke(main, [*command, *more]).output for more in ([], ["--dry-run"]))
     assert "An estimate" in quick
     assert "within a factor of 2" in quick
     assert "An estimate" not in counted

@@ -1,1 +1,0 @@
-"""What a solve will build and cost, before it is built."""

@@ -1,0 +1,155 @@
+"""The cost of a solve before it is made: one cost model a form, and how counts and costs grow with fineness."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any, ClassVar, Generic
+
+import numpy as np
+
+from cpmkit.forms.explanation import Explanation
+from cpmkit.forms.options import Options, Own
+from cpmkit.grid.band import cell_levels, nodes_of_blocks, stencil_codes
+from cpmkit.grid.lattice import Codes
+from cpmkit.grid.stencils import base_offset
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.protocols import Progress
+from cpmkit.scene.scene import Scene
+
+#: Up to so many cells unknowns are counted; on finer lattices they are estimated from as many blocks of cells.
+COUNTED_CELLS = 3_000
+#: Bytes that a solution holds for each unknown (measured on spheres and meshes).
+BYTES_HELD_PER_UNKNOWN = 300.0
+
+
+@dataclass(frozen=True, eq=False)
+class CostModel(ABC, Generic[Own]):
+    """Unknowns, solver and memory of a scene in one form, before it is discretised.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene.
+    options : Options
+        Spacing and options of the form.
+    """
+
+    scene: Scene
+    options: Options[Own]
+
+    #: The largest spacing, as a share of the largest side of the manifold's bounds.
+    coarsest_share: ClassVar[float]
+    #: Unknowns that a boundary adds, over those of a band around the boundary alone.
+    boundary_share: ClassVar[float]
+    #: The solver that needs less memory than a factorisation.
+    smaller_solver: ClassVar[str]
+
+    @abstractmethod
+    def choose_solver(self, target: str, unknowns: float) -> str:
+        """Return the solver that ``target`` ("auto" or a name) means for so many unknowns."""
+
+    @abstractmethod
+    def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
+        """Return the bytes at the peak of a solve; ``work`` is that of a coarser solve, if there is one."""
+
+    @abstractmethod
+    def check_fits(self, unknowns: float, solver: str) -> None:
+        """Refuse a solve that needs more memory than this process may have.
+
+        Raises
+        ------
+        ResolutionError
+            With the spacing that would fit.
+        """
+
+    @abstractmethod
+    def expected_unknowns(self) -> float:
+        """Return about how many unknowns there are at the spacing of the options, from blocks around the manifold."""
+
+    @abstractmethod
+    def fitting_spacing(self, solver: str, available: int) -> float:
+        """Return the smallest spacing, rounded up to two digits, at which a solve fits into ``available`` bytes."""
+
+    @abstractmethod
+    def source_error(self) -> float:
+        """Return the error that the representation of the manifold leaves, as a share of the solution's range."""
+
+    @abstractmethod
+    def explain(self, solver: str, progress: Progress) -> Explanation:
+        """Return counts by a dry run: the scene is discretised at the spacing, or at coarser ones if it is large.
+
+        Raises
+        ------
+        CpmkitError
+            As a solve does before its equations are assembled.
+        """
+
+    def held_bytes(self, work: Any) -> float:
+        """Return the bytes that a solution holds, from its measures of work."""
+        return BYTES_HELD_PER_UNKNOWN * float(work.unknowns)
+
+    @property
+    def surface(self) -> LocalSource:
+        """The manifold in coordinates of its own."""
+        return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
+
+    def band_unknowns(self, source: LocalSource) -> float:
+        """Return about how many unknowns a band around a source has; 0 for a point."""
+        if source.largest_dim == 0:
+            return 0.0
+        degree: int = getattr(self.options.own, "degree")  # noqa: B009
+        levels = cell_levels(source, self.options.spacing, base_offset(degree))
+        side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)
+        if side > 1:
+            return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
+        return float(len(stencil_codes(blocks, Codes.around(blocks, degree + 1), degree)))
+
+
+@dataclass(frozen=True)
+class Growth:
+    """A number as a function of the spacing h: ``a / h^m + b / h^(m - 1)``.
+
+    The first term is that of a manifold of dimension m, the second that of its edges, boundary curves and curvature.
+    """
+
+    a: float
+    b: float
+    m: int
+
+    def at(self, spacing: float) -> float:
+        """Return the number at a spacing."""
+        return self.a / spacing**self.m + self.b / spacing ** (self.m - 1)
+
+    def spacing_with(self, number: float) -> float:
+        """Return the largest spacing at which the number is reached; a > 0 and b >= 0 are required."""
+        if self.m == 1:
+            return self.a / max(number - self.b, 1e-9 * number)
+        roots = np.roots([number, *[0] * (self.m - 2), -self.b, -self.a])
+        return float(np.min([root.real for root in roots if root.real > 0]))
+
+
+def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
+    """Return the growth through two pairs of a spacing and a number."""
+    (h, n), (wide, few) = fine, coarse
+    b = (few * wide**m - n * h**m) / (wide - h)
+    return Growth(n * h**m - b * h, b, m)
+
+
+def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
+    """Return the growth through two pairs, or ``a / h^m`` through the finer one where a term is negative.
+
+    The coarse lattice then does not resolve the manifold.
+    """
+    growth = growth_through(fine, coarse, m)
+    return growth if growth.a > 0 and growth.b >= 0 else Growth(fine[1] * fine[0] ** m, 0.0, m)
+
+
+def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
+    """Return the constant and the slope of a cost as a function of unknowns, through two pairs of both.
+
+    The slope is at least half the cost per unknown of the finer pair, as first solves also fill caches.
+    """
+    (few, less), (many, more) = coarse, fine
+    slope = max((more - less) / (many - few), 0.5 * more / many)
+    return max(more - slope * many, 0.0), slope
