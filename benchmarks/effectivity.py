@@ -59,7 +59,7 @@ def measured(problem: ExactProblem) -> Measured:
     except CpmkitError as error:
         print(f"{problem.name}: {error}", file=sys.stderr)
     else:
-        if answer.trade.status == "reached":
+        if answer.solve_history.status == "reached":
             reached = problem.errors(answer)[0] / TOLERANCE
     slow = bool(estimate.slow or solution.warnings)
     return Measured(problem, (estimate.of("rms") / rms, estimate.of("max") / largest), slow, reached)

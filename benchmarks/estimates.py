@@ -19,9 +19,9 @@ import numpy as np
 from trade_problems import REFERENCE_UNKNOWNS, Problem, problems
 
 import cpmkit as ck
-from cpmkit.accuracy.companions import expected_of, from_companions
+from cpmkit.accuracy.coarse_solutions import estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
-from cpmkit.accuracy.limits import first_spacing
+from cpmkit.accuracy.spacing_search import first_spacing
 from cpmkit.errors import CpmkitError
 from cpmkit.facade import Solution
 from cpmkit.protocols import Floats
@@ -53,12 +53,12 @@ def shares(problem: Problem) -> Iterator[tuple[float, Floats]]:
     """Yield a ratio of spacings, and (3, 2) estimates over true errors: by another solution, alone, by both."""
     made: list[Solution] = []
     for fine in solutions(problem):
-        alone = expected_of(fine)
+        alone = estimate_alone(fine)
         for coarse in made:
             near = [ratio for ratio in RATIOS if abs(coarse.spacing / fine.spacing / ratio - 1) < 0.02]
             if near and alone is not None:
-                apart = from_companions(fine, [coarse])
-                both = from_companions(fine, [coarse], alone=alone)
+                apart = estimate_from(fine, [coarse])
+                both = estimate_from(fine, [coarse], alone=alone)
                 told = [float(np.max(one / apart.unit)) for one in (alone.rms, alone.largest)]
                 rows = [[one.of("rms"), one.of("max")] for one in (apart, both)]
                 yield near[0], np.array([rows[0], told, rows[1]]) / problem.errors(fine)

@@ -2,8 +2,8 @@
 
 Run ``python benchmarks/knobs.py``, or with the spacings behind it; it needs ``pip install . ./plugins/cpmkit-analytic``
 and takes three minutes. It prints the table of docs/tables/knobs.md; with ``--record`` it also writes the record in the
-package, cpmkit/accuracy/knobs.json, by which ``tolerance=`` chooses the degree. Solutions are in closed form, errors
-root mean squares over the samples, of a solution with range about 1; processor times are of a whole solve on one
+package, cpmkit/accuracy/degree_choice.json, by which ``tolerance=`` chooses the degree. Solutions are in closed form,
+errors root mean squares over the samples, of a solution with range about 1; processor times are of a whole solve on one
 thread, after one that compiles.
 """
 
@@ -27,7 +27,7 @@ DEGREES = (1, 2, 3)
 #: Options of a row, beside the degree.
 KNOBS = ({}, {"strength": "accurate"}, {"samples": "plain"})
 #: Degrees between which a tolerance chooses, and where what it knows of them is kept.
-RECORDED, RECORD = (2, 3), Path(ck.__file__).parent / "accuracy" / "knobs.json"
+RECORDED, RECORD = (2, 3), Path(ck.__file__).parent / "accuracy" / "degree_choice.json"
 #: The radii of the torus.
 MAJOR, MINOR = 1.0, 0.4
 

@@ -61,7 +61,7 @@ def main() -> None:
     for name, scene in to_a_tolerance():
         ck.solve(scene, tolerance=0.3)  # what is compiled or read for the first time is no table
         before = reset_peak_memory()
-        trade = ck.solve(scene, tolerance=0.02).trade
+        trade = ck.solve(scene, tolerance=0.02).solve_history
         used = peak_growth_bytes(before)
         assert trade is not None
         print(table_row([name, f"{trade.predicted_bytes / used:.2f}" if used else "nan"]), flush=True)

@@ -66,7 +66,7 @@ def run(problem: Problem, target: TradeRun) -> TradeRun:
     except CpmkitError as error:
         print(f"{problem.name}: {error}", file=sys.stderr)
         return target
-    used, trade = peak_growth_bytes(before), solution.trade
+    used, trade = peak_growth_bytes(before), solution.solve_history
     return replace(
         target,
         status=trade.status,

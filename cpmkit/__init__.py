@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from cpmkit.runtime.lazy_names import lazy_names
 
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
-    from cpmkit.accuracy.by_spacing import estimate_error_by as estimate_error_by
-    from cpmkit.accuracy.by_spacing import solve_by as solve_by
+    from cpmkit.accuracy.solve_to_target import estimate_error_by as estimate_error_by
+    from cpmkit.accuracy.solve_to_target import solve_by as solve_by
     from cpmkit.errors import ConvergenceError as ConvergenceError
     from cpmkit.errors import CpmkitError as CpmkitError
     from cpmkit.errors import CpmkitWarning as CpmkitWarning
@@ -120,7 +120,7 @@ _PUBLIC = {
     "directions_along": "solution.boundary_points",
     "discretize": "solving",
     "estimate_error": "solving",
-    "estimate_error_by": "accuracy.by_spacing",
+    "estimate_error_by": "accuracy.solve_to_target",
     "explain": "explaining",
     "kinds": "scenefile.kinds",
     "load": "loading",
@@ -131,7 +131,7 @@ _PUBLIC = {
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",
     "solve": "solving",
-    "solve_by": "accuracy.by_spacing",
+    "solve_by": "accuracy.solve_to_target",
     "source": "plugins",
 }
 

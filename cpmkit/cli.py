@@ -166,7 +166,7 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
         f"seconds    {sum(seconds.values()):.1f} ({stages})",
     ]
     lines += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
-    lines += [f"way        {line}" for line in str(solution.trade or "").splitlines()]
+    lines += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
     lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
     if summary["picture"]:
         drawn = summary["picture"]

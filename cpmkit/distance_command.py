@@ -104,8 +104,8 @@ def distance(
         length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()
         click.echo(f"path       {length:.6g} long, written to {Path(folder, f'path-{number}.csv')}")
     click.echo(f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}")
-    if solution.trade is not None:
-        click.echo(f"way        {solution.trade.told}")
+    if solution.solve_history is not None:
+        click.echo(f"way        {solution.solve_history.summary}")
     for file in written.summary["files"]:
         click.echo(f"written    {Path(folder, file)}")
     for sentence in warnings:

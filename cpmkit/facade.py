@@ -16,7 +16,7 @@ from cpmkit.solution.record import SolutionRecord, user_class_of
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
-    from cpmkit.accuracy.trade import Trade
+    from cpmkit.accuracy.solve_history import SolveHistory
     from cpmkit.scenefile.look import LookKeywords, SavingKeywords
     from cpmkit.view import Picture
     from cpmkit.view.showing import Page
@@ -48,7 +48,7 @@ class Solution(SolutionRecord):
         "fluxes" where balanced fluxes were requested.
     estimated : ErrorEstimate, optional
         The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
-    trade : Trade, optional
+    solve_history : SolveHistory, optional
         The solves that led to a requested error, time or memory.
     resonance : Resonance, optional
         The eigenvalue of the operator nearest to zero, of steady problems that may have one near it: where c or a
@@ -56,7 +56,7 @@ class Solution(SolutionRecord):
     """
 
     estimated: ErrorEstimate | Literal[False] | None = field(default=None, kw_only=True)
-    trade: Trade | None = field(default=None, kw_only=True)
+    solve_history: SolveHistory | None = field(default=None, kw_only=True)
 
     @property
     def error(self) -> ErrorEstimate:

@@ -8,7 +8,7 @@ from typing import Any, Literal, Unpack, cast, overload
 
 from cpmkit.accuracy.estimate import estimate_error as estimate_error
 from cpmkit.accuracy.estimate import with_estimate
-from cpmkit.accuracy.trading import traded
+from cpmkit.accuracy.solve_to_target import solve_to_target
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
@@ -142,7 +142,7 @@ def solve(
     target.check_spacing(spacing)
     with shown_progress(progress) as shown:
         if target.given:
-            solution = traded(scene, target, shown, {"backend": backend, **rest})
+            solution = solve_to_target(scene, target, shown, {"backend": backend, **rest})
         else:
             solution = solve_scene(scene, spacing, backend=backend, progress=shown, **rest)
             solution = with_estimate(solution, target.estimate, {"backend": backend, **rest})

@@ -75,7 +75,7 @@ class ClosedFormSolution:
     channels: int = 1
     warnings: tuple[str, ...] = ()
     estimated: Any = None
-    trade: Any = None
+    solve_history: Any = None
     batches: list[int] = field(default_factory=list)
 
     @property

@@ -1,4 +1,4 @@
-"""How large the error of a solution is, from independent solutions of the same scene at larger spacings."""
+"""Estimating the error of a solution by solving the same scene at larger spacings."""
 
 from __future__ import annotations
 
@@ -9,10 +9,8 @@ from typing import Any, Unpack, cast
 
 import numpy as np
 
-from cpmkit.accuracy.companions import expected_of, from_companions
-from cpmkit.accuracy.comparison import difference
+from cpmkit.accuracy.coarse_solutions import difference, estimate_alone, estimate_from
 from cpmkit.accuracy.error_estimate import ErrorEstimate
-from cpmkit.accuracy.facets import floor_by_facets
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.families.eigen.resonance import resolves_waves
@@ -21,38 +19,37 @@ from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options, lattice_options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.protocols import Floats
+from cpmkit.protocols import Floats, ReadsAsTriangles
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import document_options
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import with_further_modes
+from cpmkit.solution.modes import EigenRecord, with_further_modes
 from cpmkit.solution.record import SolutionRecord
 
-#: Spacings of the solutions that one is held against, over its own.
+#: Spacings of the coarser solutions over that of the solution; ``True`` for a tight estimate.
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
-#: By what part of a spacing the coarser lattices are shifted: nodes at the same places make the same errors there.
+#: Shift of coarser lattices, in spacings of theirs: nodes at the same places would make the same errors there.
 SHIFT = (0.37, 0.59, 0.43)
-
-#: A floor of a mesh below this share of the error is not looked at more closely.
+#: An error of the source below this share of the solution's error is not measured more closely.
 FLOOR_SHARE = 0.5
 
-#: Solves a scene at a spacing, with the lattice's origin and all other options as they were.
+#: Solves a scene at a spacing, on a lattice elsewhere, with all other options as they were.
 SolveAt = Callable[[Scene, float], SolutionRecord]
 
 
-def estimated(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
-    """Solve coarser companions of a solution, and estimate its error from the differences.
+def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
+    """Solve a scene at larger spacings, and estimate the error of a solution from the differences.
 
     Parameters
     ----------
-    solution : Solution
+    solution : SolutionRecord
         Whose error is estimated.
     solve_at : callable
         Solves a scene at a spacing.
     tight : bool
-        Whether it is held against solutions at the root of two and at two times the spacing, or at two times alone.
+        Whether the solution is compared at the root of two and at two times the spacing, or at two times alone.
 
     Raises
     ------
@@ -62,20 +59,21 @@ def estimated(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) 
         As ``solve`` does at the larger spacings.
     """
     scene = coarser_scene(solution.scene)
-    companions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
-    in_time = error_in_time(companions[-1], solve_at)
-    found = from_companions(solution, companions, in_time, alone=expected_of(solution))
-    coarse, enough = companions[-1], FLOOR_SHARE * found.of("rms")
-    left = floor_by_facets(coarse, lambda scene: solve_at(scene, coarse.spacing), enough)
-    return replace(found, floor=np.full(len(found.unit), left))
+    coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
+    coarsest = coarse_solutions[-1]
+    in_time = error_in_time(coarsest, solve_at)
+    estimate = estimate_from(solution, coarse_solutions, in_time, alone=estimate_alone(solution))
+    negligible = FLOOR_SHARE * estimate.of("rms")
+    floor = measured_source_error(coarsest, lambda scene: solve_at(scene, coarsest.spacing), negligible)
+    return replace(estimate, floor=np.full(len(estimate.unit), floor))
 
 
 def _coarser_solutions(
     scene: Scene, solution: SolutionRecord, solve_at: SolveAt, ratios: Sequence[float]
 ) -> list[SolutionRecord]:
-    """Return solutions at ``ratios`` times the spacing, at the smallest ratio alone where others are too coarse.
+    """Return solutions at ``ratios`` times the spacing, or at the root of two where these are too coarse.
 
-    So they are where they leave unresolved what the solution resolves: bends of the manifold, or waves.
+    Too coarse is a lattice that leaves unresolved what that of the solution resolves: bends of the manifold, or waves.
 
     Raises
     ------
@@ -84,13 +82,13 @@ def _coarser_solutions(
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
-        found = [solve_at(scene, factor * spacing) for factor in ratios]
+        coarse_solutions = [solve_at(scene, factor * spacing) for factor in ratios]
     except ResolutionError:
-        found = []
-    if found and (_is_unresolved(solution) or not _is_unresolved(found[-1])):
-        return found
-    if len(found) > 1:
-        return found[:1]
+        coarse_solutions = []
+    if coarse_solutions and (_is_unresolved(solution) or not _is_unresolved(coarse_solutions[-1])):
+        return coarse_solutions
+    if len(coarse_solutions) > 1:
+        return coarse_solutions[:1]
     try:
         return [solve_at(scene, ratio * spacing)]
     except ResolutionError as error:
@@ -107,35 +105,62 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
 
 
 def coarser_scene(scene: Scene) -> Scene:
-    """Return the scene that companions are solved of: modes may come in another order there, and further ones help."""
+    """Return the scene for coarser solutions: of eigenvalue problems with further modes, as their order may differ."""
     return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
 
 
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
-    """Return what steps in time add to a solution's error, as a share of its range: solved again with twice the step.
+    """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
-    It depends little on the spacing, and is looked at where that is cheap.
+    It hardly depends on the spacing, so that a coarse solution serves.
     """
     problem = solution.scene.problem
     if not isinstance(problem, Evolution) or 2 * problem.step > problem.duration:
         return 0.0
-    longer: Any = replace(cast("Any", problem), step=2 * problem.step)
+    longer: Any = replace(cast(Any, problem), step=2 * problem.step)
     other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
     return float(difference(solution, other).largest.max() / (2 ** order_in_time(problem) - 1))
 
 
 def order_in_time(problem: Evolution) -> int:
-    """Return the order of a problem's scheme; 1 where something is done after each step."""
+    """Return the order of a problem's scheme; 1 where a function is called after each step."""
     return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
+def measured_source_error(
+    solution: SolutionRecord, solve: Callable[[Scene], SolutionRecord], negligible: float
+) -> float:
+    """Return the error that the source of the manifold leaves, as a share of the solution's range; 0 for eigenvalues.
+
+    The form's estimate is from areas. Where it is above ``negligible`` and the source is a mesh that is read as smooth,
+    the scene is also solved on the flat triangles: solutions differ by less than areas do.
+
+    Parameters
+    ----------
+    solution : SolutionRecord
+        A coarse one, as the further solve costs as much.
+    solve : callable
+        Solves a scene on the lattice of the solution.
+    negligible : float
+        A smaller error need not be known exactly.
+    """
+    if isinstance(solution, EigenRecord):
+        return 0.0
+    form, surface = solution.discretized, solution.scene.surface
+    by_areas = form.source_error()
+    if by_areas <= max(negligible, form.source_error(0.0)) or not isinstance(surface, ReadsAsTriangles):
+        return by_areas
+    flat = solve(replace(solution.scene, surface=surface.faceted()))
+    return form.source_error(float(difference(solution, flat).rms.max()))
+
+
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
-    """Estimate the error of a solution from what it tells of how it was discretised.
+    """Estimate the error of a solution with the options of its discretisation.
 
     Raises
     ------
     InputError
-        If it was not solved on a lattice.
+        If the solution is not one on a lattice, or its error has no estimate.
     """
     form = solution.discretized
     options = lattice_options(form)
@@ -147,11 +172,11 @@ def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
             "backend='cpm', or on a finer mesh and compare."
         )
     check_estimable(form)
-    return estimated(solution, companion_solver({**options.as_dict(), "form": form.form}), tight)
+    return estimate_by_solving(solution, coarse_solver({**options.as_dict(), "form": form.form}), tight)
 
 
 def check_estimable(form: Discretized) -> None:
-    """Refuse to estimate an error of which differences of solutions say nothing.
+    """Refuse an estimate where differences of solutions say nothing of their errors.
 
     Raises
     ------
@@ -164,29 +189,29 @@ def check_estimable(form: Discretized) -> None:
 
 
 def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Mapping[str, Any]) -> SolutionRecord:
-    """Return a solution with its estimate made, ``True`` or ``"tight"``, refused, ``False``, or left for later."""
+    """Return a solution with its estimate made at once (``True``, ``"tight"``), never (``False``), later (``None``)."""
     if how is None:
         return solution
     if how is False:
         return replace(solution, estimated=False)
-    if solution.discretized.diagnosis().no_estimate:  # which its warnings say; what was solved is not lost
+    if solution.discretized.diagnosis().no_estimate:  # its warnings say so; the solution is not lost
         return solution
-    return replace(solution, estimated=estimated(solution, companion_solver(options), how == "tight"))
+    return replace(solution, estimated=estimate_by_solving(solution, coarse_solver(options), how == "tight"))
 
 
-def companion_solver(options: Mapping[str, Any]) -> SolveAt:
-    """Return what solves companions with the options of ``solve``, on lattices whose nodes lie elsewhere."""
-    kept = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
+def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
+    """Return the function that solves with the options of ``solve``, on lattices whose nodes lie elsewhere."""
+    given = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
     def solve_at(scene: Scene, spacing: float) -> SolutionRecord:
         with collected_warnings():
-            return solve_scene(scene, spacing, origin=shifted_origin(scene, spacing), **kept)
+            return solve_scene(scene, spacing, origin=shifted_origin(scene, spacing), **given)
 
     return solve_at
 
 
 def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
-    """Return where the lattice of companion ``number`` has a node: no two at the same place of theirs."""
+    """Return a node (d,) of the lattice of coarse solution ``number``: no two have nodes at the same places."""
     shift = number * np.array(SHIFT)[: scene.surface.dim] % 1.0
     return np.asarray(np.asarray(scene.surface.bounds).mean(axis=0) + spacing * shift)
 
@@ -197,22 +222,21 @@ def estimate_error(
 ) -> ErrorEstimate:
     """Solve a scene at ``spacing`` and at twice it, and estimate the error of the finer solution.
 
-    On a single position of the lattice the estimate is within a factor of two or three of the true error; where the
-    coarse grid does not see the scene (thin parts, boundaries near each other) it is larger than that. Eigenvalues are
-    matched by their functions, multiplets as a whole.
+    For one position of the lattice the estimate is within a factor of two or three of the true error; where the coarse
+    lattice does not resolve the scene (thin parts, boundaries near each other) it is larger. Eigenvalues are matched by
+    their functions, multiplets as a whole.
 
     Parameters
     ----------
     scene : Scene
-        What is solved.
+        The scene.
     spacing : float
         Of the finer solution.
     tight : bool
-        Whether a third solution, at the root of two times the spacing, is taken into account: half as dear again, and
-        nearer to the truth.
+        Whether a third solution, at the root of two times the spacing, is used: it costs half as much again, and the
+        estimate is nearer to the true error.
     **options
-        As for :func:`cpmkit.solve`. The error is taken to fall with the power ``order`` of the spacing, 3 counting as
-        2.
+        As for :func:`cpmkit.solve`.
 
     Returns
     -------
@@ -236,6 +260,6 @@ def estimate_error(
     with collected_warnings():
         solution = solve_scene(scene, spacing, **options)
         check_estimable(solution.discretized)
-        estimate = estimated(solution, companion_solver(options), tight)
+        estimate = estimate_by_solving(solution, coarse_solver(options), tight)
     warn_each(solution.warnings)
     return estimate

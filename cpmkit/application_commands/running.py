@@ -140,7 +140,7 @@ def _lines(made: Made, summary: dict[str, Any], folder: Path) -> Iterable[str]:
     yield f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}"
     yield f"seconds    {sum(seconds.values()):.1f} ({stages})"
     yield from (f"error      {line}" for line in str(solution.estimated or "").splitlines())
-    yield from (f"way        {line}" for line in str(solution.trade or "").splitlines())
+    yield from (f"way        {line}" for line in str(solution.solve_history or "").splitlines())
     yield from made.told
     yield from (f"written    {Path(folder, file)}" for file in files)
 

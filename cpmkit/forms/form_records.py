@@ -137,6 +137,8 @@ class FormTraits:
         Errors of eigenvalues and waves.
     work_record : type
         The class of the record that ``work`` returns.
+    higher_degree : int or None
+        A degree that reaches small errors sooner on the scene's manifold, where that is known.
     libraries : tuple of str
         Distributions whose versions the summary of a solution lists.
     """
@@ -145,6 +147,7 @@ class FormTraits:
     factorise_up_to: float = 1.0
     dispersion: Dispersion = SECOND_ORDER
     work_record: type = PlainWork
+    higher_degree: int | None = None
     libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")
 
 

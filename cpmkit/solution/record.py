@@ -15,6 +15,7 @@ from cpmkit.forms.form_records import MeasuredWork
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasGivenMesh, Ints, ReadSides, Side, Sides
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import summarize
 
@@ -105,7 +106,7 @@ class SolutionRecord:
         "fluxes" where balanced fluxes were requested.
     estimated : ErrorField, optional
         The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
-    trade : SolveHistory, optional
+    solve_history : SolveHistory, optional
         The solves that led to a requested error, time or memory.
     resonance : Resonance, optional
         The eigenvalue of the operator nearest to zero, of steady problems that may have one near it: where c or a
@@ -120,8 +121,11 @@ class SolutionRecord:
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
     estimated: ErrorField | Literal[False] | None = field(default=None, kw_only=True)
-    trade: SolveHistory | None = field(default=None, kw_only=True)
+    solve_history: SolveHistory | None = field(default=None, kw_only=True)
     resonance: Resonance | None = field(default=None, kw_only=True)
+
+    #: The name of :attr:`solve_history` before.
+    trade = DeprecatedMember("solve_history")
 
     def __new__(cls, *_args: Any, **_fields: Any) -> Self:
         """Return an object of the class that users hold, once it is registered."""

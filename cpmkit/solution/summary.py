@@ -30,7 +30,7 @@ def summarize(solution: SolutionRecord) -> dict[str, Any]:
         "seconds": dict(solution.seconds),
         "warnings": list(solution.warnings),
         **({"error": solution.estimated.as_dict()} if solution.estimated else {}),
-        **({"trade": solution.trade.as_dict()} if solution.trade else {}),
+        **({"trade": solution.solve_history.as_dict()} if solution.solve_history else {}),
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "versions": {"python": platform.python_version(), **versions},
     }

@@ -77,7 +77,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 def _measured(solution: Solution, truth: Truth, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
-    trade = solution.trade
+    trade = solution.solve_history
     twins = len(form.doubled) if isinstance(form, Collocation) else None  # none without a grid
     return {
         "spacing": solution.spacing if run.spacing is None else run.spacing,
@@ -100,10 +100,10 @@ def _measured(solution: Solution, truth: Truth, run: Run) -> Record:
 
 def _stages(solution: Solution) -> dict[str, float]:
     """Return the seconds of each stage, or, where several were solved on the way, of each purpose."""
-    if solution.trade is None:
+    if solution.solve_history is None:
         return dict(solution.seconds)
     spent: dict[str, float] = {}
-    for step in solution.trade.steps:
+    for step in solution.solve_history.steps:
         spent[step.purpose] = spent.get(step.purpose, 0.0) + step.seconds
     return spent
 

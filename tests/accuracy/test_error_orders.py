@@ -6,7 +6,7 @@ from galerkin_scenes import fold, plate
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy.companions import from_companions
+from cpmkit.accuracy.coarse_solutions import estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.forms.galerkin.error_orders import BENDING_DIVISOR, ERROR_DIVISORS, order_of_divisor
 
@@ -16,7 +16,7 @@ SPHERE, AT = ck.source("analytic.sphere"), sphere_points()
 def estimate_of(scene, spacing, coarse):
     """Return a solution's estimate from one at a coarser spacing, elsewhere."""
     other = ck.solve(scene, coarse, origin=shifted_origin(scene, coarse), form="galerkin")
-    return from_companions(ck.solve(scene, spacing, form="galerkin"), [other])
+    return estimate_from(ck.solve(scene, spacing, form="galerkin"), [other])
 
 
 @pytest.mark.parametrize("ratio", [1.5, 2.0])

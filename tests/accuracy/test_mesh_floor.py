@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.accuracy.estimate import companion_solver, estimated
+from cpmkit.accuracy.estimate import coarse_solver, estimate_by_solving
 from cpmkit.protocols import ReadsAsTriangles
 
 PROBLEM = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1])
@@ -49,9 +49,9 @@ def test_it_is_solved_on_the_triangles_only_where_the_floor_matters():
 
         def solve_at(scene, spacing, solves=solves):
             solves.append((scene.surface.smooth, spacing))
-            return companion_solver({})(scene, spacing)
+            return coarse_solver({})(scene, spacing)
 
-        estimated(solution, solve_at)
+        estimate_by_solving(solution, solve_at)
         assert solves == [(True, 0.5)] + further * [(False, 0.5)]
 
 
@@ -64,7 +64,7 @@ def test_an_explanation_that_counts_tells_the_floor_too():
 def test_a_tolerance_below_the_floor_is_told():
     with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
         solution = ck.solve(scene(sphere(1)), tolerance=1e-3)
-    assert solution.trade.status == "floor"
+    assert solution.solve_history.status == "floor"
     assert solution.error.floor[0] > 1e-3
 
 

@@ -31,9 +31,9 @@ def test_the_best_solution_before_a_refusal_is_returned_with_a_warning(count, er
     recipe, spacings = refused_from(count, error)
     with pytest.warns(ck.CpmkitWarning, match="not reached: root mean square about .* a further solve was refused: "):
         found = ck.solve_by(recipe, SCENE, tolerance=1e-9)
-    assert found.trade.status == "not reached"
+    assert found.solve_history.status == "not reached"
     assert found.spacing == spacings[-1]
-    assert found.trade.error == found.error.of("rms")
+    assert found.solve_history.error == found.error.of("rms")
     points = CIRCLE.mesh(0.1)[0]
     assert np.abs(found.evaluate(points) - points[:, 0]).max() < 4 * found.error.error[0]
 
@@ -43,7 +43,7 @@ def test_a_first_solution_alone_is_returned_though_its_error_is_not_known():
     with pytest.warns(ck.CpmkitWarning, match="seconds=100 not reached: root mean square not known .*no more"):
         found = ck.solve_by(recipe, SCENE, seconds=100.0)
     assert found.spacing == spacings[0]
-    assert np.isnan(found.trade.error)
+    assert np.isnan(found.solve_history.error)
 
 
 def test_where_nothing_is_found_the_first_reason_is_the_error_and_speaks_of_what_was_asked():
@@ -93,12 +93,12 @@ def test_a_search_ends_where_linear_solves_leave_more_than_the_spacing_does(opti
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", ck.CpmkitWarning)
         found = ck.solve(SCENE, **options)
-    steps = found.trade.steps
-    assert found.trade.status == ("not reached" if "tolerance" in options else "within")
+    steps = found.solve_history.steps
+    assert found.solve_history.status == ("not reached" if "tolerance" in options else "within")
     assert len(steps) <= 10
     assert max(step.unknowns for step in steps) <= most_unknowns
-    assert found.trade.error == min(step.error for step in steps[1:])
+    assert found.solve_history.error == min(step.error for step in steps[1:])
     assert steps[-1].error >= steps[-2].error
-    assert found.trade.told.endswith(
+    assert found.solve_history.summary.endswith(
         ", and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much."
     )

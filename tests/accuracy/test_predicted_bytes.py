@@ -61,4 +61,4 @@ TO_A_TOLERANCE = {
 @pytest.mark.parametrize("name", TO_A_TOLERANCE)
 def test_bytes_of_whole_solves_to_a_tolerance(name):
     solution, arrays = array_bytes(lambda: ck.solve(TO_A_TOLERANCE[name], tolerance=0.05))
-    are_predicted(solution.trade.predicted_bytes, arrays)
+    are_predicted(solution.solve_history.predicted_bytes, arrays)

@@ -28,7 +28,7 @@ def test_at_once(form, how):
     off = np.abs(solution.evaluate(AT) - u(AT)) / np.ptp(u(AT))
     assert 0.5 < solution.error.rms[0] / np.sqrt(np.mean(off**2)) < 3
     assert 0.5 < solution.error.largest[0] / off.max() < 3
-    assert len(solution.error.companions) == (2 if how == "tight" else 1)
+    assert len(solution.error.coarse_solutions) == (2 if how == "tight" else 1)
     assert solution.summary()["error"]["rms"] == solution.error.rms.tolist()
     near = solution.error_at(AT)
     assert near.shape == (len(AT),)

@@ -10,9 +10,9 @@ from plane_zones import POINTS, slit
 from sample_shapes import box
 
 import cpmkit as ck
-from cpmkit.accuracy.companions import expected_of
-from cpmkit.accuracy.trading import algebraic_tolerance
-from cpmkit.accuracy.way import Run
+from cpmkit.accuracy.adaptive_run import TimedSolve
+from cpmkit.accuracy.coarse_solutions import estimate_alone
+from cpmkit.accuracy.solve_to_target import algebraic_tolerance
 from cpmkit.families.eigen.fewer import fewer_modes
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
@@ -38,7 +38,7 @@ def true_error(solution, norm):
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-5])
 def test_the_error_is_below_the_tolerance(form, norm, tolerance):
     solution = ck.solve(ON_CIRCLE, tolerance=tolerance, norm=norm, form=form)
-    trade = solution.trade
+    trade = solution.solve_history
     assert trade.status == "reached"
     assert true_error(solution, norm) < tolerance
     assert 0.4 < trade.error / true_error(solution, norm) < 6
@@ -52,13 +52,13 @@ def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
     far = ck.source("analytic.circle", radius=1e-3, center=[5.0, -7.0])
     move = lambda x: (x - [5.0, -7.0]) * 1e3  # noqa: E731
     scaled = ck.Scene(far, ck.ScreenedPoisson(lambda x: (16e6 + 1e6) * wave(move(x)), c=1e6))
-    ways = [ck.solve(scene, tolerance=1e-4).trade for scene in (ON_CIRCLE, scaled)]
+    ways = [ck.solve(scene, tolerance=1e-4).solve_history for scene in (ON_CIRCLE, scaled)]
     assert [step.unknowns for step in ways[0].steps] == [step.unknowns for step in ways[1].steps]
     assert ways[0].error == pytest.approx(ways[1].error, rel=1e-4)
 
 
 def test_solves_grow_like_the_logarithm_of_what_is_asked():
-    counts = [len(ck.solve(ON_CIRCLE, tolerance=tolerance).trade.steps) for tolerance in (1e-2, 1e-4, 1e-6)]
+    counts = [len(ck.solve(ON_CIRCLE, tolerance=tolerance).solve_history.steps) for tolerance in (1e-2, 1e-4, 1e-6)]
     assert counts[0] <= counts[1] <= counts[2] <= 8
 
 
@@ -74,11 +74,11 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
             one = ck.solve(scene, tolerance=tolerance, norm=norm)
             off = (one.evaluate(at) - exact) / np.ptp(exact)
             assert (np.sqrt(np.mean(off**2)) if norm == "rms" else np.abs(off).max()) < tolerance
-            counts.append(len(one.trade.steps))
+            counts.append(len(one.solve_history.steps))
         return counts
 
     few = solves()
-    monkeypatch.setattr("cpmkit.accuracy.way.expected_of", lambda solution: None)
+    monkeypatch.setattr("cpmkit.accuracy.adaptive_run.estimate_alone", lambda solution: None)
     many = solves()
     assert sum(few) < sum(many)
     assert all(one <= other for one, other in zip(few, many, strict=True))
@@ -91,16 +91,16 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
 )
 def test_where_a_solution_says_nothing_by_itself_estimates_do(problem, options):
     solution = ck.solve(ck.Scene(SPHERE, problem), 0.25, estimate=True, **options)
-    assert expected_of(solution) is None
-    assert np.isnan(Run("pilot", solution, 0.0, None, solution.error).expected("rms"))
+    assert estimate_alone(solution) is None
+    assert np.isnan(TimedSolve("pilot", solution, 0.0, None, solution.error).expected("rms"))
 
 
 def test_eigenvalues_are_as_many_as_asked_and_as_right():
     solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(4)), tolerance=1e-2)
     assert solution.channels == 4
-    assert solution.trade.status == "reached"
+    assert solution.solve_history.status == "reached"
     np.testing.assert_allclose(solution.eigenvalues[1:], 2, rtol=1e-2)
-    spacings = [step.spacing for step in solution.trade.steps]
+    spacings = [step.spacing for step in solution.solve_history.steps]
     assert len(set(spacings)) == len(spacings)  # further modes of pilots are left out, and not solved without
 
 
@@ -121,7 +121,7 @@ def test_modes_out_of_more_are_those_that_are_asked_for(count, near):
 def test_steps_in_time_are_shortened_and_count():
     heat = ck.Heat(lambda x: x[:, 0], until=1.0, step=0.25, scheme="backward-euler")
     solution = ck.solve(ck.Scene(CIRCLE, heat), tolerance=2e-2)
-    trade, exact = solution.trade, np.exp(-1) * AT[:, 0]
+    trade, exact = solution.solve_history, np.exp(-1) * AT[:, 0]
     assert trade.steps[-1].step < trade.steps[0].step == 0.25
     off = np.sqrt(np.mean((solution.evaluate(AT) - exact) ** 2)) / np.ptp(exact)
     assert trade.status == "reached"
@@ -149,27 +149,27 @@ def test_a_time_and_a_memory_bound_the_work():
     at = sphere_points()
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 7 * x[:, 0] * x[:, 1]))
     small, large = (ck.solve(scene, memory=size) for size in ("32 MB", "80 MB"))
-    assert small.trade.predicted_bytes < 32e6 < large.trade.predicted_bytes < 80e6
-    assert small.trade.status == large.trade.status == "within"
+    assert small.solve_history.predicted_bytes < 32e6 < large.solve_history.predicted_bytes < 80e6
+    assert small.solve_history.status == large.solve_history.status == "within"
     assert large.error.of("rms") < small.error.of("rms")
     assert np.abs(large.evaluate(at) - at[:, 0] * at[:, 1]).max() < 2 * large.error.bound.max()
     with pytest.warns(ck.CpmkitWarning, match="not reached"):
         bound = ck.solve(scene, tolerance=1e-7, memory="32 MB")
-    assert bound.trade.status == "not reached"
+    assert bound.solve_history.status == "not reached"
     assert bound.discretized.size == pytest.approx(small.discretized.size, rel=0.2)
-    assert "30.52 MiB" in bound.trade.told
+    assert "30.52 MiB" in bound.solve_history.summary
     with pytest.raises(ck.ResolutionError, match=r"less than the .* of a coarse solve"):
         ck.solve(scene, memory="1 MB")
 
 
 def test_an_answer_to_a_memory_knows_its_error():
     solution = ck.solve(slit("flux")[0], memory="64 MiB")
-    assert np.isfinite(solution.trade.error)
+    assert np.isfinite(solution.solve_history.error)
 
 
 def test_a_time_of_nothing_is_answered_by_the_pilots():
     with pytest.warns(ck.CpmkitWarning, match="1e-06 seconds were not enough"):
-        trade = ck.solve(ON_CIRCLE, seconds=1e-6).trade
+        trade = ck.solve(ON_CIRCLE, seconds=1e-6).solve_history
     assert [step.purpose for step in trade.steps] == ["pilot", "pilot"]
     assert trade.status == "not reached"
 
@@ -180,7 +180,7 @@ def test_what_a_representation_leaves_is_the_floor():
     scene = ck.Scene(coarse, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]))
     with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
         solution = ck.solve(scene, tolerance=1e-9)
-    assert solution.trade.status == "floor"
+    assert solution.solve_history.status == "floor"
     assert solution.discretized.size < 100_000
 
 
@@ -190,7 +190,7 @@ def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
     faceted = ck.source("mesh.triangles", vertices=mesh[0], faces=mesh[1], closest="faceted")
     scene = ck.Scene(faceted, ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1]))
     solution = ck.solve(scene, tolerance=1e-4)
-    assert solution.trade.status == "reached"
+    assert solution.solve_history.status == "reached"
     points = mesh[0][mesh[1]].mean(axis=1)
     finer = ck.solve(scene, solution.spacing / 2).evaluate(points)
     assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
@@ -201,7 +201,7 @@ def test_what_triangles_do_not_reach_within_the_memory_is_told():
     faceted = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
     with pytest.warns(ck.CpmkitWarning, match="tolerance 1e-09 not reached: .* 64 MiB of memory allow"):
         solution = ck.solve(ck.Scene(faceted, ck.ScreenedPoisson(lambda x: x[:, 0])), tolerance=1e-9, memory="64 MiB")
-    assert solution.trade.status == "not reached"
+    assert solution.solve_history.status == "not reached"
 
 
 def test_the_origin_that_is_given_is_that_of_the_answer():
@@ -212,7 +212,9 @@ def test_the_origin_that_is_given_is_that_of_the_answer():
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_an_origin_that_is_given_costs_no_further_solve(tolerance):
-    free, held = (ck.solve(ON_CIRCLE, tolerance=tolerance, **kind).trade for kind in ({}, {"origin": [0.01, 0.02]}))
+    free, held = (
+        ck.solve(ON_CIRCLE, tolerance=tolerance, **kind).solve_history for kind in ({}, {"origin": [0.01, 0.02]})
+    )
     assert len(held.steps) == len(free.steps)
     assert all(coarse.spacing > 1.2 * fine.spacing for coarse, fine in pairwise(held.steps))
 
@@ -233,7 +235,7 @@ def test_a_body_with_flat_sides_is_solved_to_the_tolerance(closest):
     at = np.random.default_rng(0).uniform(-half, half, (900, 3))
     at[:300, 0] = at[300:600, 1] = at[600:, 2] = half
     u = np.cos(np.pi * at / half).sum(axis=1)
-    assert solution.trade.status == "reached"
+    assert solution.solve_history.status == "reached"
     assert np.sqrt(np.mean((solution.evaluate(at @ turned.T) - u) ** 2)) / 6 < 5e-3
 
 
@@ -242,7 +244,7 @@ def solved_to(tolerance, refine):
     scene, value = slit("value")
     solution = ck.solve(scene, tolerance=tolerance, refine=refine)
     off = (solution.evaluate(POINTS) - value(POINTS)) / np.ptp(value(POINTS))
-    assert solution.trade.status == "reached"
+    assert solution.solve_history.status == "reached"
     assert np.sqrt(np.mean(off**2)) < tolerance
     return solution
 

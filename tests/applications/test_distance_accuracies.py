@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.accuracy import way
-from cpmkit.accuracy.trade import Purpose
+from cpmkit.accuracy import adaptive_run
+from cpmkit.accuracy.solve_history import Purpose
 from cpmkit.applications import geodesic_distance, signed_distance
 
 SPHERE = ck.source("analytic.sphere")
@@ -20,7 +20,7 @@ EXACT = np.arccos(np.clip(POINTS[:, 2], -1, 1))
 
 def test_a_tolerance_is_reached_and_told() -> None:
     distance = geodesic_distance(SPHERE, [0, 0, 1], tolerance=2e-2, method="heat")
-    trade, estimate = distance.solution.trade, distance.error
+    trade, estimate = distance.solution.solve_history, distance.error
     assert trade is not None
     assert trade.status == "reached"
     assert len(trade.steps) > 1
@@ -33,18 +33,20 @@ def test_a_tolerance_is_reached_and_told() -> None:
 def clock_of_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a solve take a millisecond an unknown, whatever else the machine does, and nothing beside take time."""
 
-    def timed(purpose: Purpose, solution: ck.Solution, _: float, *told: Any) -> way.Run:
-        return Run(purpose, solution, 1e-3 * solution.discretized.size, *told)
+    def timed(purpose: Purpose, solution: ck.Solution, _: float, *estimates: Any) -> adaptive_run.TimedSolve:
+        return Timed(purpose, solution, 1e-3 * solution.discretized.size, *estimates)
 
-    Run = way.Run
-    monkeypatch.setattr(way, "Run", timed)
-    monkeypatch.setattr(way.Way, "elapsed", property(lambda self: sum(run.seconds for run in self.runs)))
+    Timed = adaptive_run.TimedSolve
+    monkeypatch.setattr(adaptive_run, "TimedSolve", timed)
+    monkeypatch.setattr(
+        adaptive_run.AdaptiveRun, "elapsed", property(lambda self: sum(one.seconds for one in self.solves))
+    )
 
 
 @pytest.mark.usefixtures("clock_of_unknowns")
 def test_seconds_are_kept() -> None:
     distance = geodesic_distance(SPHERE, [0, 0, 1], seconds=4.0, method="heat")
-    trade = distance.solution.trade
+    trade = distance.solution.solve_history
     assert trade is not None
     assert trade.status == "within"
     assert len(trade.steps) > 2

@@ -38,7 +38,7 @@ def ratios(problem):
 def kept(problem, tolerance):
     """Return whether an answer that is said to keep a tolerance is within BEYOND of it."""
     answer = problem.solve(tolerance=tolerance)
-    return answer.trade.status != "reached" or problem.errors(answer)[0] <= BEYOND * tolerance
+    return answer.solve_history.status != "reached" or problem.errors(answer)[0] <= BEYOND * tolerance
 
 
 @pytest.mark.parametrize("name", FEW)
@@ -56,7 +56,7 @@ def test_tolerances_of_a_few(name):
 def test_what_may_fall_slowly_keeps_a_tolerance():
     problem, tolerance = PROBLEMS["slit, value, 0.2"], 1.6e-3
     answer = problem.solve(tolerance=tolerance)
-    assert answer.trade.status == "reached"
+    assert answer.solve_history.status == "reached"
     assert answer.error.slow
     assert problem.errors(answer)[0] <= tolerance
 

@@ -159,8 +159,8 @@ def test_parts_nearer_than_four_spacings_are_joined_and_a_tolerance_is_not_reach
     points = np.array([[1.0, 0, 0], [0, 0, 1.0], [-1.0, 0, 0]])
     assert np.abs(far.evaluate(points) - alone.evaluate(points)).max() < 1e-3
     coarse = ck.solve(apart, memory=2e7)
-    assert np.isnan(coarse.trade.error)
-    assert "not known at spacing" in coarse.trade.told
+    assert np.isnan(coarse.solve_history.error)
+    assert "not known at spacing" in coarse.solve_history.summary
 
 
 def test_parts_of_unlike_dimension_far_from_each_other_have_estimates():

@@ -1,4 +1,4 @@
-"""What was done to reach an error, or to stay within a time or a memory."""
+"""The record of the solves by which an error was reached, or a time or a memory was kept."""
 
 from __future__ import annotations
 
@@ -6,32 +6,34 @@ from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.runtime.deprecation import DeprecatedMember
 
-#: ``reached``: the estimate is below the tolerance. ``floor``: the source leaves more than the tolerance, and the
-#: estimate is below that. ``within``: nothing but a time or a memory was asked for. ``not reached``: neither.
+#: ``reached``: the estimate is below the tolerance. ``floor``: the source of the manifold leaves more than the
+#: tolerance, and the estimate is below that. ``within``: without a tolerance, time and memory were kept. ``not
+#: reached``: none of these.
 Status = Literal["reached", "floor", "within", "not reached"]
 Purpose = Literal["pilot", "companion", "answer", "correction"]
 
 
 @dataclass(frozen=True)
-class Step:
-    """One solve on the way.
+class SolveStep:
+    """One solve on the way to a target.
 
     Attributes
     ----------
     purpose : str
-        ``pilot``: to see how the error falls and what solves cost; ``companion``: what the answer is held against;
-        ``answer``; ``correction``: a finer answer, for the first one's estimate was above the tolerance.
+        ``pilot``: shows how the error falls and what solves cost; ``companion``: a coarser solution to compare the
+        answer with; ``answer``; ``correction``: a finer answer, as the estimate of the first was above the tolerance.
     spacing : float
         Of the lattice.
     step : float
-        In time; 0 where there is none.
+        Step in time; 0 without one.
     unknowns : int
         Size of the system.
     seconds : float
-        That it took.
+        Duration.
     error : float
-        The estimate, as a share of the range; NaN where nothing coarser was there.
+        The estimate, as a share of the range; NaN without a coarser solution to compare with.
     """
 
     purpose: Purpose
@@ -43,27 +45,27 @@ class Step:
 
 
 @dataclass(frozen=True)
-class Trade:
-    """The way to a solution for which an error, a time or a memory was asked.
+class SolveHistory:
+    """The solves by which a target (error, time or memory) was met.
 
     Attributes
     ----------
     target : AccuracyTarget
-        What was asked for.
+        The target.
     status : str
         ``reached``, ``floor``, ``within`` or ``not reached``.
     error : float
-        The estimate of the answer's error in the norm that was asked for.
+        The estimate of the solution's error in the norm of the target.
     predicted_bytes : float
-        Memory at the peak, as foretold for the answer.
+        Predicted peak of memory of the last solve.
     seconds : float
-        In all.
-    steps : tuple of Step
+        Of all solves together.
+    steps : tuple of SolveStep
         Every solve, in order.
-    told : str
-        What came of it, in a sentence.
+    summary : str
+        The result, in a sentence.
     chosen : str
-        What was chosen beside the spacing, and why; empty where nothing was.
+        Options that were chosen beside the spacing, with the reason; empty without any.
     """
 
     target: AccuracyTarget
@@ -71,17 +73,19 @@ class Trade:
     error: float
     predicted_bytes: float
     seconds: float
-    steps: tuple[Step, ...]
-    told: str
+    steps: tuple[SolveStep, ...]
+    summary: str
     chosen: str = ""
+
+    told = DeprecatedMember("summary")
 
     @property
     def cost_over_last_solve(self) -> float:
-        """Seconds in all, estimates included, over those of the last solve."""
+        """Seconds of all solves and estimates over those of the last solve."""
         return self.seconds / self.steps[-1].seconds
 
     def as_dict(self) -> dict[str, Any]:
-        """Return all of it as plain values."""
+        """Return the record as plain values."""
         return {**asdict(self), "cost_over_last_solve": self.cost_over_last_solve}
 
     def __str__(self) -> str:
@@ -90,4 +94,4 @@ class Trade:
             f"{'error not yet known' if step.error != step.error else f'error about {step.error:.2g}'}"
             for step in self.steps
         ]
-        return "\n".join([*lines, *([self.chosen] if self.chosen else []), self.told])
+        return "\n".join([*lines, *([self.chosen] if self.chosen else []), self.summary])

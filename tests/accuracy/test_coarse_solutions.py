@@ -5,7 +5,7 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy.companions import LEAST_OF_APART, expected_of, from_companions
+from cpmkit.accuracy.coarse_solutions import LEAST_OF_APART, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
 
 SPHERE, AT = ck.source("analytic.sphere"), sphere_points(2000)
@@ -33,8 +33,8 @@ def test_both_together_are_seldomer_too_small_than_either():
     found = []
     for u, k in HARMONICS.values():
         for fine, coarse, true in pairs(u, k):
-            alone, apart = expected_of(fine), from_companions(fine, [coarse])
-            both = from_companions(fine, [coarse], alone=alone)
+            alone, apart = estimate_alone(fine), estimate_from(fine, [coarse])
+            both = estimate_from(fine, [coarse], alone=alone)
             told = float(np.max(alone.rms / apart.unit))
             found.append(np.array([apart.of("rms"), told, both.of("rms")]) / true)
     apart, told, both = np.log(found).T
@@ -46,7 +46,7 @@ def test_both_together_are_seldomer_too_small_than_either():
 def test_errors_at_points_follow_the_estimate():
     u, k = HARMONICS["cubic"]
     estimate = ck.estimate_error(ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: (k + 1) * u(x))), 0.2)
-    alone = from_companions(estimate.solution, estimate.companions)
+    alone = estimate_from(estimate.solution, estimate.coarse_solutions)
     assert estimate.factor[0] == pytest.approx(estimate.largest[0] / alone.largest[0])
     at = estimate.at_points(AT)
     assert at.max() == pytest.approx(estimate.error[0], rel=0.3)
@@ -56,10 +56,10 @@ def test_errors_at_points_follow_the_estimate():
 def test_what_a_solution_says_alone_takes_no_more_than_a_share_away():
     """A solution that is constant but for what is not resolved says nothing of its error."""
     estimate = ck.estimate_error(ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: x[:, 0])), 0.2)
-    silent = expected_of(estimate.solution)
+    silent = estimate_alone(estimate.solution)
     none = type(silent)(0 * silent.rms, 0 * silent.largest, False)
-    apart = from_companions(estimate.solution, estimate.companions)
-    both = from_companions(estimate.solution, estimate.companions, alone=none)
+    apart = estimate_from(estimate.solution, estimate.coarse_solutions)
+    both = estimate_from(estimate.solution, estimate.coarse_solutions, alone=none)
     np.testing.assert_allclose(both.rms, LEAST_OF_APART * apart.rms)
 
 

@@ -1,0 +1,294 @@
+"""The solves on the way to a target: each is timed, and compared with a coarser one of them."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Any, cast
+
+import numpy as np
+
+from cpmkit.accuracy.coarse_solutions import error_unit, estimate_alone, estimate_from
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.estimate import (
+    coarser_scene,
+    error_in_time,
+    measured_source_error,
+    order_in_time,
+    shifted_origin,
+)
+from cpmkit.accuracy.solve_history import Purpose, SolveStep
+from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.families.eigen.fewer import fewer_modes
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.form_records import ExpectedError
+from cpmkit.forms.options import lattice_options
+from cpmkit.protocols import Floats, Progress, no_progress
+from cpmkit.scene.compound_equations import Eigen
+from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.record import SolutionRecord
+
+#: Ratios of spacings at which two solutions are compared, least, best and most. With the estimate from the solution
+#: alone a large ratio is as exact as a small one, and the coarse solution costs less.
+LEAST_RATIO, BEST_RATIO, MOST_RATIO = 1.3, 2.5, 2.75
+#: A first spacing that is too coarse for a scene is divided by the root of two, at most so many times.
+MOST_TRIALS = 10
+#: Steps in time are shortened until their error is this share of the tolerance.
+TIME_SHARE = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class TimedSolve:
+    """One solve.
+
+    Attributes
+    ----------
+    purpose : str
+        See :class:`cpmkit.accuracy.solve_history.SolveStep`.
+    solution : SolutionRecord
+        The solution.
+    seconds : float
+        Duration.
+    alone : ExpectedError, optional
+        The estimate of the error from the solution alone.
+    estimate : ErrorEstimate, optional
+        The estimate from a coarser solution too.
+    """
+
+    purpose: Purpose
+    solution: SolutionRecord
+    seconds: float
+    alone: ExpectedError | None
+    estimate: ErrorEstimate | None
+
+    @property
+    def spacing(self) -> float:
+        """Of the lattice."""
+        return self.solution.spacing
+
+    @property
+    def unknowns(self) -> int:
+        """Size of the system."""
+        return self.solution.discretized.size
+
+    def error(self, norm: str) -> float:
+        """Return the estimate in a norm; NaN without one."""
+        return math.nan if self.estimate is None else self.estimate.of(norm)
+
+    def expected(self, norm: str) -> float:
+        """Return the estimate from the solution alone in a norm, as a share of the range; NaN without one."""
+        if self.alone is None:
+            return math.nan
+        return float(np.max((self.alone.rms if norm == "rms" else self.alone.largest) / self._unit))
+
+    @cached_property
+    def _unit(self) -> Floats:
+        return error_unit(self.solution)
+
+    def step(self, norm: str) -> SolveStep:
+        """Return the record of the solve, with its error in a norm."""
+        problem = self.solution.scene.problem
+        length = problem.step if isinstance(problem, Evolution) else 0.0
+        return SolveStep(self.purpose, self.spacing, length, self.unknowns, self.seconds, self.error(norm))
+
+
+@dataclass(eq=False)
+class AdaptiveRun:
+    """The target and the solves so far.
+
+    Attributes
+    ----------
+    scene : Scene
+        The scene; its steps in time may be shorter than those of the user.
+    solve_scene : callable
+        ``solve_scene(scene, spacing, progress=..., **options)`` returns a solution.
+    target : AccuracyTarget
+        Tolerance, seconds, memory.
+    progress : callable
+        Called with the purpose, spacing and stage of each solve, and the share of it that is done.
+    in_time : float
+        The error of the steps in time, as a share of the range; zero before it is measured.
+    started : float
+        When the run began, ``time.perf_counter()``.
+    solves : list of TimedSolve
+        In order.
+    origin : sequence, optional
+        A node of the answer's lattice, if the user gave one.
+    solver : str
+        The linear solver that the user gave, or "auto".
+    degree_given : bool
+        Whether the user gave a degree.
+    chosen_options : dict
+        Options that the run chose.
+    order : float, optional
+        The order at which errors fall, where it is not the form's.
+    trials : int
+        How often a first spacing that is too coarse is divided.
+    failure : Exception, optional
+        The error that ended the run before its target.
+    measured_floor : float, optional
+        The error that the source leaves, once it is measured.
+    """
+
+    scene: Scene
+    solve_scene: Callable[..., SolutionRecord]
+    target: AccuracyTarget
+    progress: Progress = no_progress
+    in_time: float = 0.0
+    started: float = field(default_factory=lambda: time.perf_counter())
+    solves: list[TimedSolve] = field(default_factory=list)
+    origin: Any = None
+    solver: str = "auto"
+    degree_given: bool = False
+    chosen_options: dict[str, Any] = field(default_factory=dict)
+    order: float | None = None
+    trials: int = MOST_TRIALS
+    failure: Exception | None = None
+    measured_floor: float | None = None
+
+    @property
+    def best(self) -> TimedSolve:
+        """The solve with the smallest known error; the last one where none is known."""
+        known = [one for one in self.solves if self._has_steps_of(one.solution) and np.isfinite(self.error_of(one))]
+        return min(known, key=self.error_of) if known else self.last
+
+    @property
+    def last(self) -> TimedSolve:
+        """The finest solve."""
+        return self.solves[-1]
+
+    def error_of(self, solve: TimedSolve) -> float:
+        """Return the estimate of a solve's error in the norm of the target; NaN without one."""
+        return solve.error(self.target.norm)
+
+    @property
+    def error(self) -> float:
+        """The estimate of the last solve's error in the norm of the target."""
+        return self.error_of(self.last)
+
+    @property
+    def expected(self) -> float:
+        """The estimate from the last solution alone, in the norm of the target; NaN without one."""
+        return self.last.expected(self.target.norm)
+
+    def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
+        """Return a solution with the modes that the scene has: coarse solutions of eigenvalue problems have more."""
+        modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenRecord)
+        return fewer_modes(cast("EigenRecord", solution), self.scene) if modes else solution
+
+    @property
+    def elapsed(self) -> float:
+        """Seconds since the start."""
+        return time.perf_counter() - self.started
+
+    def solve(self, purpose: Purpose, spacing: float, expected: float | None = None) -> TimedSolve:
+        """Solve at a spacing; ``expected`` seconds are reported to the progress callback."""
+        scene = self.scene if purpose in ("answer", "correction") else coarser_scene(self.scene)
+        about = "" if expected is None else f", about {expected:.2g} s"
+        label = f"{purpose} at spacing {spacing:.3g}{about}"
+        began = time.perf_counter()
+        solution = self.solve_scene(
+            scene,
+            spacing,
+            progress=lambda stage, share: self.progress(f"{label}: {stage}", share),
+            origin=self._origin(spacing),
+            **self.chosen_options,
+        )
+        seconds, alone = time.perf_counter() - began, None if self.order is not None else estimate_alone(solution)
+        self.solves.append(TimedSolve(purpose, solution, seconds, alone, self._estimate(solution, alone)))
+        return self.last
+
+    def solve_first(self, spacing: float) -> TimedSolve:
+        """Solve at a spacing, or at the first finer one at which the scene can be solved.
+
+        Raises
+        ------
+        CpmkitError
+            If there is none, with the reason for which the first spacing was refused.
+        """
+        refusal: ResolutionError | SceneError | None = None
+        for trial in range(self.trials):
+            try:
+                return self.solve("pilot", spacing / math.sqrt(2) ** trial)
+            except (ResolutionError, SceneError) as error:
+                refusal = refusal or error
+        assert refusal is not None
+        finest = spacing / math.sqrt(2) ** (self.trials - 1)
+        if "spacing" not in str(refusal):
+            raise refusal
+        raise type(refusal)(  # the user gave no spacing
+            f"{self.target.target} was asked for, and the scene was refused at every spacing that was tried, from "
+            f"{spacing:.3g} to {finest:.3g}, the first time because: {refusal}"
+        ) from refusal
+
+    def shorten_steps(self) -> bool:
+        """Shorten the steps in time until their error is a small share of the tolerance; return whether they changed.
+
+        Measured on the first solve, as that error hardly depends on the spacing.
+        """
+        problem: Any = self.scene.problem
+        if not isinstance(problem, Evolution):
+            return False
+        first = self.last.solution
+        same = {"origin": first.discretization()["origin"]}  # elsewhere errors in space would count
+        self.in_time = error_in_time(first, lambda scene, spacing: self.solve_scene(scene, spacing, **same))
+        order, most = order_in_time(problem), TIME_SHARE * (self.target.tolerance or np.inf)
+        if self.in_time <= most:
+            return False
+        parts = math.ceil((self.in_time / most) ** (1 / order))
+        self.scene = replace(self.scene, problem=replace(cast("Any", problem), step=problem.step / parts))
+        self.in_time /= parts**order
+        return True
+
+    def source_error(self) -> float:
+        """Return the error that the source leaves, measured by a solve on a mesh's triangles where it matters."""
+        solution = self.last.solution
+        if self.measured_floor is None:
+            if self.target.tolerance is None or self.order is not None or self.failure is not None:
+                return solution.discretized.source_error()  # a recipe makes no solution on triangles
+            origin = solution.discretization()["origin"]
+            solve = partial(self.solve_scene, spacing=solution.spacing, origin=origin, **self.chosen_options)
+            self.measured_floor = measured_source_error(solution, solve, self.target.tolerance)
+        return self.measured_floor
+
+    def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
+        """Return whether a solution has the form and options of another one, by default the last."""
+        options = (lattice_options(one.discretized) for one in (solution, other or self.last.solution))
+        mine, others = options
+        return mine is not None and others is not None and mine.own == others.own
+
+    def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
+        """Return the solution with which another is compared: that with the best ratio of spacings, if one serves."""
+        ratios = {
+            one.spacing / solution.spacing: one.solution
+            for one in self.solves
+            if self._has_steps_of(one.solution) and self.is_like_last(one.solution, solution)
+        }
+        near = {ratio: coarse for ratio, coarse in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
+        return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
+
+    def _has_steps_of(self, solution: SolutionRecord) -> bool:
+        """Return whether the steps in time of a solution are those of the scene now."""
+        problem = self.scene.problem
+        return not isinstance(problem, Evolution) or cast("Any", solution.scene.problem).step == problem.step
+
+    def _estimate(self, solution: SolutionRecord, alone: ExpectedError | None) -> ErrorEstimate | None:
+        coarse, solution = self._coarse_solution(solution), self.with_scene_modes(solution)
+        if coarse is None or any(one.discretized.diagnosis().no_estimate for one in (solution, coarse)):
+            return None
+        return estimate_from(solution, [coarse], self.in_time, self.order, alone)
+
+    def _origin(self, spacing: float) -> Any:
+        """Return a node of the lattice: the user's for what may be the answer, else one that no other solve has."""
+        if self.origin is not None and any(one.spacing > spacing for one in self.solves):
+            return self.origin  # further ratios of spacings are no whole numbers
+        return shifted_origin(self.scene, spacing, len(self.solves) + 1)
+
+    def steps(self) -> tuple[SolveStep, ...]:
+        """Return the records of all solves."""
+        return tuple(solve.step(self.target.norm) for solve in self.solves)

@@ -1,0 +1,190 @@
+"""The error of a solution from its differences to coarser solutions, and from an estimate that needs no other one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.forms.form_records import Diagnosis, ExpectedError
+from cpmkit.protocols import Floats
+from cpmkit.solution.modes import EigenRecord, compare_modes
+from cpmkit.solution.record import SolutionRecord
+
+#: Number of points at which solutions are compared, for each unknown of the finer one, at least, and at most.
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
+#: Eigenvalues below this share of the largest are zero: the unit of their errors is the first that is not.
+ZERO_SHARE = 1e-6
+#: A range below this share of a solution's size is rounding.
+ROUNDING_SHARE = 1e-12
+#: Weight of the estimate from coarse solutions, in the geometric mean with that from the solution alone, where it is
+#: the larger one (a coarse lattice that does not resolve the solution makes differences large), and where it is not.
+WEIGHT_ABOVE, WEIGHT_BELOW = 0.35, 0.5
+#: The result is at least this share of the estimate from coarse solutions: the solution alone does not show the errors
+#: of quadrature.
+LEAST_OF_APART = 0.45
+#: Estimates are so many times too small where a solution is hardly resolved (measured).
+UNRESOLVED_FACTOR = 1.7
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """The difference of two solutions.
+
+    Attributes
+    ----------
+    rms, largest : (channels,) float64
+        Of the difference, as shares of ``unit``; of eigenvalue problems both are the relative difference of each
+        eigenvalue, infinite where the coarser solution has no matching mode.
+    unit : (channels,) float64
+        The range of the finer solution, its size where it is constant; of eigenvalue problems each eigenvalue.
+    at : (d,) float64
+        Where they differ most, in the scene's coordinates.
+    ratio : float
+        The coarser spacing over the finer one.
+    """
+
+    rms: Floats
+    largest: Floats
+    unit: Floats
+    at: Floats
+    ratio: float
+
+
+def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
+    """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
+    form = solution.discretized
+    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
+    rows, points = form.some_points(count)
+    if form.point_weights is None:
+        weights, values = np.ones(len(rows)), solution.evaluate(points)
+    else:
+        weights, values = form.point_weights[rows], form.at_points(solution.values, rows)
+    return points, weights / weights.sum(), values.reshape(len(points), -1)
+
+
+def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
+    """Return the difference of a solution from one at a larger spacing, at points of the finer one."""
+    points, weights, values = compared_points(fine)
+    ratio = coarse.spacing / fine.spacing
+    if isinstance(fine, EigenRecord) and isinstance(coarse, EigenRecord):
+        differences, pointwise = compare_modes(fine, coarse, points)
+        size = np.abs(fine.eigenvalues)
+        unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
+        at = points[int(pointwise.max(axis=1).argmax())]
+        return Difference(differences / unit, differences / unit, unit, at, ratio)
+    pointwise = np.abs(values - coarse.evaluate(points).reshape(len(points), -1))
+    unit = _ranges(values)
+    at = points[int((pointwise / unit).max(axis=1).argmax())]
+    return Difference(np.sqrt(weights @ pointwise**2) / unit, pointwise.max(axis=0) / unit, unit, at, ratio)
+
+
+def error_unit(solution: SolutionRecord) -> Floats:
+    """Return the unit (channels,) of a solution's relative errors: its range at the points of comparison."""
+    return _ranges(compared_points(solution)[2])
+
+
+def _ranges(values: Floats) -> Floats:
+    """Return the range of each channel of (k, channels), its size where that is rounding, and 1 where it is zero."""
+    extent, size = np.ptp(values, axis=0), np.abs(values).max(axis=0)
+    return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))
+
+
+def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
+    """Return the estimate of a solution's error from that solution alone; None where the form has none."""
+    return None if isinstance(solution, EigenRecord) else solution.discretized.estimate(solution.values)
+
+
+def estimate_from(
+    solution: SolutionRecord,
+    coarse_solutions: Sequence[SolutionRecord],
+    in_time: float = 0.0,
+    order: float | None = None,
+    alone: ExpectedError | None = None,
+) -> ErrorEstimate:
+    """Estimate the error of a solution from coarser ones.
+
+    Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is their geometric
+    mean. The order p is that of the form for differences at that ratio (docs/explanation/galerkin.md, section 10). With
+    ``alone`` the result is a weighted geometric mean of that and of the estimate from the solution alone: the two are
+    independent, and together are less often too small than either (measured: docs/explanation/galerkin.md).
+
+    Parameters
+    ----------
+    solution : SolutionRecord
+        Whose error is estimated.
+    coarse_solutions : sequence of Solution
+        At larger spacings, the coarsest last.
+    in_time : float
+        The error of the steps in time, as a share of the range, which is added.
+    order : float, optional
+        The order p in place of the form's.
+    alone : ExpectedError, optional
+        See :func:`estimate_alone`.
+    """
+    differences = [difference(solution, coarse) for coarse in coarse_solutions]
+    diagnoses = [_diagnosis(solution, *pair) for pair in zip(coarse_solutions, differences, strict=True)]
+    orders = [order or diagnosis.order for diagnosis in diagnoses]
+    divisors = [apart.ratio**p - 1 for apart, p in zip(differences, orders, strict=True)]
+    coarsest = differences[-1]
+    by_norm = {
+        norm: _geometric_mean([getattr(apart, norm) / by for apart, by in zip(differences, divisors, strict=True)])
+        for norm in ("rms", "largest")
+    }
+    rms, largest = (_combined(error, norm, alone, coarsest.unit) for norm, error in by_norm.items())
+    resonant_rms, resonant_largest = _resonance_error(solution, coarse_solutions[-1], coarsest)
+    rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
+    source_error = 0.0 if isinstance(solution, EigenRecord) else solution.discretized.source_error()
+    slow = diagnoses[-1].slow
+    if not slow and alone is not None and alone.unresolved:
+        slow = "waves or peaks that the spacing hardly resolves; the error may fall slowly"
+    if not slow and resonant_largest >= 1:
+        slow = "an eigenvalue is as near as its error: size and sign of the solution are not determined"
+    return ErrorEstimate(
+        rms + in_time,
+        largest + in_time,
+        coarsest.unit,
+        in_time,
+        np.full(len(coarsest.unit), source_error),
+        coarsest.at,
+        slow,
+        solution,
+        tuple(coarse_solutions),
+        orders[-1],
+        np.ones_like(largest) if alone is None else largest / by_norm["largest"],
+    )
+
+
+def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> tuple[float, float]:
+    """Return the errors, rms and largest, that come from an eigenvalue near zero: 0 where there is none.
+
+    The error of the eigenvalue is measured on the coarser lattice, which has one of its own.
+    """
+    fine, other = solution.resonance, coarse.resonance
+    if fine is None:
+        return 0.0, 0.0
+    order = solution.discretized.diagnosis(coarse.discretized, apart.ratio, eigenvalues=True).order
+    error = fine.error if other is None else abs(fine.gap - other.gap) / (apart.ratio**order - 1)
+    return fine.amplified(error)
+
+
+def _combined(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
+    """Return the mean of an estimate from coarse solutions and of that from the solution alone, if it is known."""
+    if alone is None:
+        return error
+    expected = getattr(alone, norm) / unit
+    weight = np.where(error > expected, WEIGHT_ABOVE, WEIGHT_BELOW)
+    tiny = np.finfo(float).tiny
+    mean = np.maximum(error, tiny) ** weight * np.maximum(expected, tiny) ** (1 - weight)
+    return np.asarray(np.maximum(mean, LEAST_OF_APART * error) * (UNRESOLVED_FACTOR if alone.unresolved else 1.0))
+
+
+def _diagnosis(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> Diagnosis:
+    eigenvalues = isinstance(solution, EigenRecord)
+    return solution.discretized.diagnosis(coarse.discretized, apart.ratio, float(apart.rms.max()), eigenvalues)
+
+
+def _geometric_mean(errors: Sequence[Floats]) -> Floats:
+    return np.asarray(np.exp(np.mean(np.log(np.maximum(errors, np.finfo(float).tiny)), axis=0)))

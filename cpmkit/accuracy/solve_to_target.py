@@ -1,0 +1,262 @@
+"""Solving to an error, within a time, or within a memory: the target goes in, the solution and its history come out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any, TypeVar, cast
+
+import numpy as np
+
+from cpmkit.accuracy.adaptive_run import AdaptiveRun, TimedSolve
+from cpmkit.accuracy.coarse_solutions import estimate_alone, estimate_from
+from cpmkit.accuracy.degree_choice import error_of_equal_cost
+from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.estimate import shifted_origin
+from cpmkit.accuracy.solve_history import SolveHistory, Status
+from cpmkit.accuracy.spacing_search import errors_stay, predicted_bytes, search_spacing
+from cpmkit.dispatch import solve_scene
+from cpmkit.errors import InputError
+from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
+from cpmkit.protocols import Progress, no_progress
+from cpmkit.runtime.messages import collected_warnings, warn_each
+from cpmkit.runtime.options import declared_options, document_options, split_options
+from cpmkit.scene.equations_in_time import Wave
+from cpmkit.scene.scene import Scene
+from cpmkit.solution.record import SolutionRecord
+
+#: The relative residual of linear solves over the tolerance, which leaves less than a twentieth of it; the largest and
+#: the smallest residual (measured: tests/accuracy/test_tolerance.py).
+RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
+#: A recipe's first spacing is divided so many times at most: a recipe may refuse a scene at every spacing.
+MOST_RECIPE_TRIALS = 4
+
+#: The class of the solutions that a recipe makes.
+Made = TypeVar("Made", bound=SolutionRecord)
+#: Makes a solution at a spacing, on a lattice that has a node at the given origin, or at one of its own choice.
+Recipe = Callable[[float, Any], SolutionRecord]
+
+
+def solve_to_target(
+    scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]
+) -> SolutionRecord:
+    """Solve until the target is met, or cannot be.
+
+    Returns
+    -------
+    Solution
+        With its estimate, its history, and a warning where the tolerance was not reached.
+
+    Raises
+    ------
+    InputError
+        If an option determines what is to be chosen.
+    CpmkitError
+        As ``solve`` does, where no spacing serves.
+    """
+    _check(scene, options)
+    given = {name: value for name, value in options.items() if name != "origin"}
+    if target.tolerance is not None:
+        given = {"solver_tolerance": algebraic_tolerance(target.tolerance), **given}
+
+    def solve(scene: Scene, spacing: float, **further: Any) -> SolutionRecord:
+        with collected_warnings():
+            return solve_scene(scene, spacing, **{**given, **further})
+
+    return answer_of(
+        AdaptiveRun(
+            scene,
+            solve,
+            target,
+            progress,
+            origin=options.get("origin"),
+            solver=str(options.get("solver", "auto")),
+            degree_given="degree" in options,
+        )
+    )
+
+
+@document_options(AccuracyTarget)
+def solve_by(
+    recipe: Callable[[float, Any], Made],
+    scene: Scene,
+    *,
+    order: float | None = None,
+    progress: Progress = no_progress,
+    **target: Any,
+) -> Made:
+    """Find a spacing for a recipe by an error, a time or a memory, as :func:`cpmkit.solve` does.
+
+    Parameters
+    ----------
+    recipe : callable
+        ``recipe(spacing, origin)`` returns the solution at a spacing; ``origin`` is to be passed on to
+        :func:`cpmkit.prepare` or :func:`cpmkit.solve`.
+    scene : Scene
+        With the manifold of the solution.
+    order : float, optional
+        At which errors are assumed to fall; by default that of the form.
+    progress : callable, optional
+        ``progress(stage, fraction)``.
+    **target
+        A tolerance, seconds or a memory at least.
+
+    Returns
+    -------
+    Solution
+        With its estimate, its history, and a warning where the tolerance was not reached.
+
+    Raises
+    ------
+    InputError
+        If there is no target, or it is not accepted.
+    CpmkitError
+        As the recipe does, where no spacing serves.
+
+    Examples
+    --------
+    >>> import cpmkit as ck
+    >>> circle = ck.source("analytic.circle")
+    >>> scene = ck.Scene(circle, ck.ScreenedPoisson(lambda points: 2 * points[:, 0]))
+    >>> found = ck.solve_by(lambda spacing, origin: ck.solve(scene, spacing, origin=origin), scene, tolerance=1e-3)
+    >>> found.solve_history.status
+    'reached'
+    """
+    goal, others = split_options(AccuracyTarget, target)
+    if others or not goal.given:
+        raise InputError(
+            "solve_by needs a tolerance, seconds or a memory"
+            + (f", and takes no {next(iter(others))!r}." if others else ", none of which was given.")
+        )
+
+    def solve(_: Scene, spacing: float, progress: Progress = no_progress, origin: Any = None) -> SolutionRecord:
+        progress("solve", 0.0)
+        with collected_warnings():
+            return recipe(spacing, origin)
+
+    # a recipe has no degree that could be chosen
+    run = AdaptiveRun(scene, solve, goal, progress, order=order, trials=MOST_RECIPE_TRIALS, degree_given=True)
+    solution = answer_of(run)
+    warn_each(solution.warnings)
+    return cast("Made", solution)
+
+
+def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float | None = None) -> ErrorEstimate:
+    """Estimate the error of a solution that a recipe made, by making it again at twice the spacing.
+
+    Parameters
+    ----------
+    recipe, order
+        As for :func:`solve_by`.
+    solution : SolutionRecord
+        Whose error is estimated.
+
+    Raises
+    ------
+    CpmkitError
+        As the recipe does at twice the spacing.
+    """
+    spacing = 2.0 * solution.spacing
+    with collected_warnings():
+        coarse = recipe(spacing, shifted_origin(solution.scene, spacing))
+    return estimate_from(solution, [coarse], order=order, alone=estimate_alone(solution) if order is None else None)
+
+
+def answer_of(run: AdaptiveRun) -> SolutionRecord:
+    """Search for the spacing and return the answer, with its estimate and its history."""
+    target = run.target
+    status, aim = search_spacing(run)
+    best = run.last if status in ("reached", "floor") else run.best
+    answer, estimate = run.with_scene_modes(best.solution), best.estimate
+    if estimate is not None and run.measured_floor is not None:
+        estimate = replace(estimate, floor=np.full(len(estimate.unit), run.measured_floor))
+    history = SolveHistory(
+        target,
+        status,
+        run.error_of(best),
+        predicted_bytes(run, best.unknowns),
+        run.elapsed,
+        run.steps(),
+        _summary(run, best, status, aim),
+        _chosen_degree(run, best),
+    )
+    warnings = (history.summary,) if status in ("floor", "not reached") or run.failure is not None else ()
+    return replace(answer, estimated=estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
+
+
+def algebraic_tolerance(tolerance: float) -> float:
+    """Return the relative residual at which linear systems are solved well enough for an error of ``tolerance``."""
+    return min(max(RESIDUAL_SHARE * tolerance, SMALLEST_RESIDUAL), LARGEST_RESIDUAL)
+
+
+def _check(scene: Scene, options: Mapping[str, Any]) -> None:
+    """Refuse options and scenes for which a spacing must be given."""
+    given = [name for name in declared_options(Checkpointing) if name in options]
+    given += ["backend"] if options["backend"] != "cpm" else []
+    if given:
+        raise InputError(
+            f"{given[0]}={options[given[0]]!r} goes with one solve at one spacing, and a tolerance, seconds or memory "
+            "may take several; give a spacing."
+        )
+    joints = touching_joints(scene.surface)
+    if joints:
+        raise InputError(
+            "A tolerance, seconds or memory goes by estimates of the error, of which there is none here; give a "
+            f"spacing. {joints_sentence(scene.surface, joints)}"
+        )
+    if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
+        raise InputError(
+            "scheme 'leapfrog' ties its step to the spacing, which is not known where a tolerance, seconds or memory "
+            "is asked for; use scheme='newmark', or give a spacing."
+        )
+
+
+def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> str:
+    """Return the result in a sentence."""
+    target, estimate = run.target, best.estimate
+    where = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
+    size, norm = run.error_of(best), {"rms": "root mean square", "max": "largest error"}[target.norm]
+    error = f"{norm} not known {where}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {where}"
+    slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
+    if run.failure is not None:
+        why = str(run.failure) or f"memory ran out ({type(run.failure).__name__})."
+        return f"{target.target} not reached: {error}{slow}; a further solve was refused: {why}"
+    finest = f"the finest that {_limits(run)} allow"
+    if errors_stay(run):
+        finest = "and smaller spacings gave no less: rounding, noise or the residuals of linear solves leave that much"
+    if status == "within":
+        return f"{error}, {finest}{slow}."
+    if status == "reached":
+        return f"tolerance {target.tolerance:g} reached: {error}{slow}."
+    if status == "floor":
+        causes = " ".join(advice_of(run.scene.surface, best.spacing).warnings)
+        return (
+            f"tolerance {target.tolerance:g} is below what the surface's representation alone leaves, about {aim:.1g} "
+            f"of the range at any spacing: {error}{slow}; give a more accurate surface.{' ' if causes else ''}{causes}"
+        )
+    if target.tolerance is None:
+        return f"{target.seconds:g} seconds were not enough, it took {run.elapsed:.2g}: {error}{slow}."
+    doubt = "; errors do not fall yet as they should" if size <= target.tolerance else ""
+    return f"tolerance {target.tolerance:g} not reached: {error}, {finest}{doubt}{slow}."
+
+
+def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
+    if not run.chosen_options or not run.is_like_last(best.solution):  # the last one has the degree that was chosen
+        return ""
+    return (
+        f"degree {run.chosen_options['degree']} was chosen: on smooth surfaces that are known exactly it reaches "
+        f"errors below {error_of_equal_cost():.1g} sooner than degree 2 does; degree=2 takes less memory per unknown."
+    )
+
+
+def _limits(run: AdaptiveRun) -> str:
+    target = run.target
+    limits = [] if target.seconds is None else [f"{target.seconds:g} seconds"]
+    limits.append(
+        "the memory of this machine" if target.memory is None else f"{target.memory / 2**20:.4g} MiB of memory"
+    )
+    return " and ".join(limits)
