@@ -117,7 +117,7 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     problem = solution.scene.problem
     if not isinstance(problem, Evolution) or 2 * problem.step > problem.duration:
         return 0.0
-    longer: Any = replace(cast(Any, problem), step=2 * problem.step)
+    longer: Any = replace(cast("Any", problem), step=2 * problem.step)
     other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
     return float(difference(solution, other).largest.max() / (2 ** order_in_time(problem) - 1))
 

@@ -75,10 +75,10 @@ PLANTED = [
         "cpmkit.grid.band -> cpmkit.solving",
     ),
     (
-        "cpmkit_mesh/tree.py",
+        "cpmkit_mesh/box_tree.py",
         "from cpmkit.protocols import Floats",
         "A plugin imports the facade alone",
-        "cpmkit_mesh.tree -> cpmkit.protocols",
+        "cpmkit_mesh.box_tree -> cpmkit.protocols",
     ),
     (
         "cpmkit_levelset/search.py",

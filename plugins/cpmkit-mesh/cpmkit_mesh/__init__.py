@@ -2,11 +2,11 @@
 
 from cpmkit_mesh import plugin
 from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.geodesic_path import path
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
-from cpmkit_mesh.obj_texture import read_texture_coordinates
-from cpmkit_mesh.path import path
+from cpmkit_mesh.mesh_files import read_mesh
+from cpmkit_mesh.obj import read_texture_coordinates
 from cpmkit_mesh.polyline import Polyline, polyline
-from cpmkit_mesh.reading import read_mesh
 from cpmkit_mesh.triangles import TriangleMesh
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Edges of a mesh put in order: chains that end where other than two edges meet, and loops."""
+"""Edges of a mesh ordered to chains, which end where a number of edges other than two meet, and loops."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class Chains:
     Attributes
     ----------
     vertices : (k,) int64
-        The vertices along each chain; a vertex where several chains meet stands in each of them. A closed
-        chain does not repeat its first vertex.
+        The vertices along each chain; a vertex where several chains meet is in each of them. A closed chain does not
+        repeat its first vertex.
     chain : (k,) int64
         The number of the chain, ascending.
     closed : (c,) bool
-        True where a chain leads back to its first vertex.
+        Whether each chain leads back to its first vertex.
     """
 
     vertices: Ints
@@ -37,7 +37,7 @@ class Chains:
         return Chains(vertices, np.zeros(len(vertices), dtype=np.int64), self.closed[[number]])
 
     def segments(self) -> Ints:
-        """Return (m, 2) the places in ``vertices`` that follow each other along a chain."""
+        """Return (m, 2) the positions in ``vertices`` of the ends of each segment."""
         first, last = _first_and_last(self.chain)
         after = np.arange(len(self.vertices)) + 1
         after[last] = first
@@ -53,20 +53,20 @@ class Chains:
         return ends
 
 
-def in_chains(edges: Ints, positions: Floats) -> Chains:
-    """Return the chains that ``edges`` (m, 2) form, no edge given twice.
+def order_chains(edges: Ints, positions: Floats) -> Chains:
+    """Return the chains of ``edges`` (m, 2), none of which is given twice.
 
-    A chain is travelled the way in which most of its edges lead from their first vertex to their second.
+    The direction of a chain is that of most of its edges, from their first vertex to their second.
 
     Parameters
     ----------
     edges : (m, 2) int64
         Vertices, numbers of rows of ``positions``.
     positions : (n, d) float64
-        Tell which chain is the longest.
+        Of the vertices, for the lengths of chains.
     """
-    node, vertex = _cut(edges)
-    path, place, forward = _ordered(node, len(vertex))
+    node, vertex = _split_at_branches(edges)
+    path, place, forward = _order_nodes(node, len(vertex))
     length = np.bincount(path[node[:, 0]], np.linalg.norm(positions[edges[:, 1]] - positions[edges[:, 0]], axis=1))
     agreement = np.bincount(path[node[:, 0]], forward)
     place = np.where(agreement[path] < 0, -place, place)
@@ -76,13 +76,13 @@ def in_chains(edges: Ints, positions: Floats) -> Chains:
     chain, vertices = rank[path][order], vertex[order]
     first, last = _first_and_last(chain)
     closed = vertices[first] == vertices[last]
-    kept = np.ones(len(vertices), dtype=bool)
-    kept[last[closed]] = False
-    return Chains(vertices[kept], chain[kept], closed)
+    listed = np.ones(len(vertices), dtype=bool)
+    listed[last[closed]] = False
+    return Chains(vertices[listed], chain[listed], closed)
 
 
 def components(node: Ints, count: int) -> Ints:
-    """Return (count,) the number of the connected part of each node, joined by edges ``node`` (m, 2)."""
+    """Return (count,) the number of the connected component of each node; ``node`` (m, 2) are edges."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
@@ -90,11 +90,11 @@ def components(node: Ints, count: int) -> Ints:
     return connected_components(links, directed=False)[1].astype(np.int64)
 
 
-def _cut(edges: Ints) -> tuple[Ints, Ints]:
-    """Cut the graph into simple paths: return the nodes (m, 2) that edges join, and the vertex of each node.
+def _split_at_branches(edges: Ints) -> tuple[Ints, Ints]:
+    """Split the graph into simple paths: return the nodes (m, 2) of the edges, and the vertex (n,) of each node.
 
-    A vertex is one node where two edges meet, one a edge where it is another number. A loop is cut at its
-    lowest vertex, between the end of one edge and the start of the other where they follow each other.
+    A vertex is one node where two edges meet, and one node for each edge otherwise. A loop is split at its lowest
+    vertex, between the end of one edge and the start of the next where they follow each other.
     """
     half = edges.T.ravel()  # the starts of all edges, then their ends
     joined = np.bincount(half)[half] == 2
@@ -111,8 +111,8 @@ def _cut(edges: Ints) -> tuple[Ints, Ints]:
     return node.reshape(2, -1).T, vertex
 
 
-def _ordered(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
-    """Return each node's path and its place along it, and of each edge 1 or -1 as it leads onwards or back."""
+def _order_nodes(node: Ints, count: int) -> tuple[Ints, Ints, Ints]:
+    """Return the path and the place along it of each node (n,), and 1 or -1 for each edge (m,) along or against it."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 

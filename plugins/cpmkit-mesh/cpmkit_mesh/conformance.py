@@ -9,8 +9,8 @@ import numpy as np
 
 from cpmkit.plugin import Floats, Ints
 from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.geodesic_path import path
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
-from cpmkit_mesh.path import path
 from cpmkit_mesh.polyline import Polyline, polyline
 from cpmkit_mesh.triangles import TriangleMesh
 
@@ -25,24 +25,24 @@ def cases() -> list[ConformanceCase]:
     from cpmkit.plugin import ConformanceCase
 
     meshes = {"closed": _torus(), "open": _cone(), "two components": _two_tori()}
-    found = []
+    conformance = []
     for name, (points, faces) in meshes.items():
         turn = turning_angle(triangles(vertices=points, faces=faces))
         for closest in ("faceted", "smooth"):
-            make = _bound(triangles, vertices=points, faces=faces, closest=closest)
+            make = _factory(triangles, vertices=points, faces=faces, closest=closest)
             samples = _on_triangles(points, faces)
-            found.append(ConformanceCase("mesh.triangles", f"{name}, {closest}", make, samples, 0.15, turn))
+            conformance.append(ConformanceCase("mesh.triangles", f"{name}, {closest}", make, samples, 0.15, turn))
     helix = _helix()
     curves = {"open in space": helix, "closed in space": _knot(), "open in the plane": helix[:, :2] * [1.0, 0.5]}
     for name, points in curves.items():
-        make = _bound(polyline, points=points)
+        make = _factory(polyline, points=points)
         segments = np.stack([points[:-1], points[1:]], axis=1)
-        found.append(ConformanceCase("mesh.polyline", name, make, _on_segments(segments), None, 0.0))
-    return [*found, *_mesh_curves()]
+        conformance.append(ConformanceCase("mesh.polyline", name, make, _on_segments(segments), None, 0.0))
+    return [*conformance, *_mesh_curves()]
 
 
 def _mesh_curves() -> list[ConformanceCase]:
-    """Return cases of the curves that a mesh brings with it: closed ones, one that ends, some that meet."""
+    """Return cases of curves of a mesh: closed, open, and several that meet."""
     from cpmkit.plugin import ConformanceCase
 
     (cone, sides), (wedge, planes), (box, walls) = _cone(), _wedge(), _box()
@@ -52,12 +52,16 @@ def _mesh_curves() -> list[ConformanceCase]:
     both = np.concatenate([low, high])
     plane, cells = _plane()
     corners_passed = np.array([3, 27, 45])
-    bent = np.stack([plane[corners_passed], plane[np.roll(corners_passed, -1)]], axis=1)
+    path_edges = np.stack([plane[corners_passed], plane[np.roll(corners_passed, -1)]], axis=1)
     keys_of_plane = {"vertices": plane, "faces": cells}
     curves = {
         "mesh.path": {  # straight where the mesh is flat
-            "open, by numbers": (path, bent[:2], {**keys_of_plane, "through": corners_passed}),
-            "closed, by points": (path, bent, {**keys_of_plane, "through": plane[corners_passed], "closed": True}),
+            "open, by numbers": (path, path_edges[:2], {**keys_of_plane, "through": corners_passed}),
+            "closed, by points": (
+                path,
+                path_edges,
+                {**keys_of_plane, "through": plane[corners_passed], "closed": True},
+            ),
         },
         "mesh.edge_loop": {
             "two loops": (edge_loop, both, {"vertices": cone, "faces": sides}),
@@ -69,7 +73,7 @@ def _mesh_curves() -> list[ConformanceCase]:
         },
     }
     return [
-        ConformanceCase(kind, name, _bound(make, **keys), _on_segments(segments))
+        ConformanceCase(kind, name, _factory(make, **keys), _on_segments(segments))
         for kind, shapes in curves.items()
         for name, (make, segments, keys) in shapes.items()
     ]
@@ -90,7 +94,7 @@ def turning_angle(mesh: TriangleMesh) -> float:
     return float(max(angles))
 
 
-def _bound(factory: Callable[..., TriangleMesh | Polyline], **keys: Any) -> Callable[[], TriangleMesh | Polyline]:
+def _factory(factory: Callable[..., TriangleMesh | Polyline], **keys: Any) -> Callable[[], TriangleMesh | Polyline]:
     return lambda: factory(**keys)
 
 

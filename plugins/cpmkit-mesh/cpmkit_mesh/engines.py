@@ -1,8 +1,8 @@
-"""Which library finds the nearest triangle: the own tree, or python-fcl or Open3D for whoever has them.
+"""The library that finds the nearest triangle: the box tree of this plugin, python-fcl or Open3D.
 
-The others only name a triangle; the foot on it is computed here, in float64, so that the interpolation of normals sits
-on top of each of them alike. They are for comparison: both are slower, and Open3D now and then names a neighbour
-of the nearest triangle.
+The two others only name a triangle; the point on it is computed here in float64, so that the interpolation of normals
+works with each of them. They are for comparison: both are slower, and Open3D now and then names a neighbour of the
+nearest triangle.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, thread_count
-from cpmkit_mesh.tree import Nearest, Tree, nearest, nearest_in
+from cpmkit_mesh.box_tree import BoxTree, Nearest, find_nearest, project_onto
 
 ENGINES = ("own", "fcl", "open3d")
-#: Twice the area over the square of the longest edge, below which fcl's answers about a whole mesh are wrong.
+#: Twice the area over the square of the longest edge below which a triangle makes fcl's answers for the mesh wrong.
 SLIVER_SHARE_FOR_FCL = 1e-12
 #: Packages of Debian whose name does not follow from that of their library.
 DEBIAN_PACKAGES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.6": "libx11-6"}
@@ -27,8 +27,8 @@ DEBIAN_PACKAGES = {"libGL.so.1": "libgl1", "libEGL.so.1": "libegl1", "libX11.so.
 Search = Callable[[Floats], Nearest]
 
 
-def search_with(engine: str, tree: Tree) -> Search:
-    """Return what answers queries (n, 3) about the triangles of ``tree`` with the library ``engine``.
+def nearest_search(engine: str, tree: BoxTree) -> Search:
+    """Return the search for nearest points (n, 3) of the triangles of ``tree`` by the library ``engine``.
 
     Raises
     ------
@@ -38,14 +38,14 @@ def search_with(engine: str, tree: Tree) -> Search:
         If it cannot answer for this mesh.
     """
     if engine == "own":
-        return partial(nearest, tree)
-    named = {"fcl": _fcl, "open3d": _open3d}[engine](tree)
-    return lambda x: nearest_in(tree, x, named(x))
+        return partial(find_nearest, tree)
+    slots = {"fcl": _fcl, "open3d": _open3d}[engine](tree)
+    return lambda x: project_onto(tree, x, slots(x))
 
 
-def _fcl(tree: Tree) -> Callable[[Floats], Ints]:
-    """Return what names the nearest slot to each query, in float64, by a loop in Python."""
-    fcl = _imported("fcl", "python-fcl")
+def _fcl(tree: BoxTree) -> Callable[[Floats], Ints]:
+    """Return a function that finds the nearest slot to each query, in float64, by a loop in Python."""
+    fcl = _import_optional("fcl", "python-fcl")
     first, second = tree.frames[:, 1], tree.frames[:, 2]
     longest = np.max([np.sum(edge**2, axis=1) for edge in (first, second, second - first)], axis=0)
     flat = np.linalg.norm(np.cross(first, second), axis=1) <= SLIVER_SHARE_FOR_FCL * longest
@@ -69,9 +69,9 @@ def _fcl(tree: Tree) -> Callable[[Floats], Ints]:
     return lambda x: np.array([name(query) for query in x], dtype=np.int64)
 
 
-def _open3d(tree: Tree) -> Callable[[Floats], Ints]:
-    """Return what names a slot near each query, in float32 about the middle of the mesh in units of its size."""
-    open3d = _imported("open3d", "open3d")
+def _open3d(tree: BoxTree) -> Callable[[Floats], Ints]:
+    """Return a function that finds a slot near each query, in float32, relative to the mesh's middle and size."""
+    open3d = _import_optional("open3d", "open3d")
     corners = _corners(tree).reshape(-1, 3)
     middle, size = 0.5 * (corners.min(axis=0) + corners.max(axis=0)), np.ptp(corners, axis=0).max()
     scene = open3d.t.geometry.RaycastingScene()
@@ -82,20 +82,20 @@ def _open3d(tree: Tree) -> Callable[[Floats], Ints]:
     def name(x: Floats) -> Ints:
         if not len(x):
             return np.zeros(0, dtype=np.int64)
-        found = scene.compute_closest_points(((x - middle) / size).astype(np.float32), nthreads=thread_count())
-        return found["primitive_ids"].numpy().astype(np.int64)
+        answer = scene.compute_closest_points(((x - middle) / size).astype(np.float32), nthreads=thread_count())
+        return answer["primitive_ids"].numpy().astype(np.int64)
 
     return name
 
 
-def _corners(tree: Tree) -> Floats:
+def _corners(tree: BoxTree) -> Floats:
     corners = tree.frames.copy()
     corners[:, 1:] += corners[:, :1]
     return corners
 
 
-def _imported(module: str, distribution: str) -> Any:
-    """Return an optional module, with one sentence for what it lacks."""
+def _import_optional(module: str, distribution: str) -> Any:
+    """Return an optional module, or raise one sentence that says what is missing."""
     try:
         return import_module(module)
     except ModuleNotFoundError as error:
@@ -104,10 +104,10 @@ def _imported(module: str, distribution: str) -> Any:
             f"engine = '{module}' needs the package {package}: `pip install {package}`, or take engine = 'own'."
         ) from error
     except (ImportError, OSError) as error:
-        raise MissingDependencyError(_unloadable(distribution, str(error))) from error
+        raise MissingDependencyError(_loading_error(distribution, str(error))) from error
 
 
-def _unloadable(distribution: str, message: str) -> str:
+def _loading_error(distribution: str, message: str) -> str:
     library = re.search(r"(lib[\w.+-]+?\.so(?:\.\d+)*): cannot open shared object file", message)
     if library is None:
         return f"{distribution} is installed but does not load: {message}; engine = 'own' needs no other library."

@@ -1,4 +1,4 @@
-"""The kind ``mesh.triangles``: from the keys of a scene to a mesh that is welded and rid of what repeats itself."""
+"""The kind ``mesh.triangles``: from the keys of a scene to a repaired mesh."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import InputError, positive, shown
+from cpmkit_mesh.corner_normals import corner_normals
 from cpmkit_mesh.engines import ENGINES
-from cpmkit_mesh.folds import in_degrees
-from cpmkit_mesh.normals import corner_normals
+from cpmkit_mesh.face_geometry import checked_angle
+from cpmkit_mesh.mesh_files import as_mesh, read_mesh
 from cpmkit_mesh.oriented import OrientedTriangleMesh
-from cpmkit_mesh.reading import as_mesh, read_mesh
-from cpmkit_mesh.repair import repaired
+from cpmkit_mesh.repair import repair_mesh
 from cpmkit_mesh.triangles import TriangleMesh
 
 
@@ -34,25 +34,24 @@ def triangles(
     file : str or Path
         An OBJ, PLY, STL or OFF file.
     vertices : (n, 3) or (n, 2) array
-        Those of a mesh in the plane get z = 0. Vertices that lie at exactly the same place count as one, and so do
-        those at rims that rounding parted.
+        Those of a mesh in the plane get z = 0. Vertices at exactly the same place are merged, and so are vertices at
+        rims that differ by rounding.
     faces : (m, c) array, or a sequence of sequences
-        Indices of vertices, three or more a face; polygons are cut into triangles, which then count as the faces that
-        were given. Triangles that repeat a vertex are left out, and so are those that repeat an
-        earlier triangle, however wound, and those whose corners lie on a line. Faces that are wound against most of
-        their piece are turned. What was changed is told in the mesh's warnings.
+        Indices of vertices, three or more for each face. Polygons are cut into triangles, which then count as the faces
+        given. Triangles that repeat a vertex or an earlier triangle, in any winding, and those whose corners lie on a
+        line, are left out. Faces that are wound against most of their component are flipped. Changes are listed in the
+        mesh's warnings.
     closest : "smooth" or "faceted"
-        Whether feet follow interpolated vertex normals, as if the mesh sampled a smooth surface,
-        or are the nearest points of the triangles as they stand.
+        Whether closest points follow interpolated vertex normals, as those of a smooth surface that the mesh samples,
+        or are the nearest points of the triangles.
     engine : "own", "fcl" or "open3d"
-        Which library finds the nearest triangle; what is wrong with the two others is in this plugin's README.
+        The library that finds the nearest triangle; the README of this plugin lists the faults of the two others.
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the triangles
         beside them flat, whatever ``closest`` says; the form ``collocation`` warns of them.
     weld : float, optional
-        Up to which distance, in the unit of the vertices, vertices at rims are the same, and lie on edges of other
-        rims, which are divided there; at most .3 of the shortest edge at a vertex. By default as far as rounding parts
-        them.
+        The distance, in the unit of the vertices, up to which vertices at rims are merged, or lie on edges of other
+        rims, which are split there; at most .3 of the shortest edge at a vertex. By default that of rounding.
 
     Raises
     ------
@@ -71,27 +70,27 @@ def triangles(
         raise InputError("mesh.triangles takes either a file or vertices and faces, got both.")
     if file is None and (vertices is None or faces is None):
         raise InputError("mesh.triangles needs a file, or both vertices and faces.")
-    in_degrees(crease_angle, "crease_angle")
+    checked_angle(crease_angle, "crease_angle")
     weld = None if weld is None else positive(weld, "weld")
     given_vertices, given_faces = as_mesh(vertices, faces) if file is None else read_mesh(file)
-    made = repaired(given_vertices, given_faces, weld)
-    oriented = OrientedTriangleMesh if made.adjacency.consistent else TriangleMesh
-    mesh = oriented(
-        vertices=made.vertices,
-        faces=made.faces,
+    repaired = repair_mesh(given_vertices, given_faces, weld)
+    mesh_class = OrientedTriangleMesh if repaired.adjacency.consistent else TriangleMesh
+    mesh = mesh_class(
+        vertices=repaired.vertices,
+        faces=repaired.faces,
         smooth=closest == "smooth",
-        adjacency=made.adjacency,
-        normals_at_corners=corner_normals(made.vertices, made.faces, made.adjacency),
-        given_faces=made.given_faces,
-        given_index=made.given_index,
-        turned=made.turned,
+        adjacency=repaired.adjacency,
+        normals_at_corners=corner_normals(repaired.vertices, repaired.faces, repaired.adjacency),
+        given_faces=repaired.given_faces,
+        given_index=repaired.given_index,
+        flipped=repaired.flipped,
         value_count=len(given_vertices),
         engine=engine,
         crease_angle=float(crease_angle),
-        notes=made.notes,
+        notes=repaired.notes,
         shift=np.zeros(3),
-        as_given=(given_vertices, given_faces),
+        given_arrays=(given_vertices, given_faces),
     )
     if engine != "own":
-        mesh.closest_point(made.vertices[:0])  # what the library lacks shows now, not at a solve's first query
+        mesh.closest_point(repaired.vertices[:0])  # a fault of the library is found now, not at a solve's first query
     return mesh

@@ -1,4 +1,4 @@
-"""The kinds ``mesh.edge_loop`` and ``mesh.feature_edges``: curves that a mesh brings with it."""
+"""The kinds ``mesh.edge_loop`` and ``mesh.feature_edges``: boundary loops and creases of a mesh as curves."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import InputError, shown
-from cpmkit_mesh.chains import Chains, in_chains
+from cpmkit_mesh.chains import Chains, order_chains
+from cpmkit_mesh.face_geometry import checked_angle, nonmanifold_edges
 from cpmkit_mesh.factory import triangles
-from cpmkit_mesh.folds import crowded_edges, in_degrees
 from cpmkit_mesh.polyline import Polyline
 from cpmkit_mesh.triangles import TriangleMesh
 
@@ -23,10 +23,10 @@ def edge_loop(
     surface: Any = None,
     loop: int | None = None,
 ) -> Polyline:
-    """Return where an open mesh ends: one loop of its edge, or all of them.
+    """Return the boundary of an open mesh: one of its loops, or all of them.
 
-    It is travelled so that the mesh is on the left of whoever walks along it with the head along the normals
-    of the faces (by their winding; where faces are wound against each other, by that of most of a loop's faces).
+    Its direction is such that the mesh lies to its left, seen from the tips of the normals of the faces (by their
+    winding; where that is inconsistent, by that of most faces at a loop).
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def edge_loop(
         Instead of both, a source of the kind ``mesh.triangles``. A scene file's boundary takes the scene's
         surface where it names no mesh.
     loop : int, optional
-        Number of the loop, 0 the longest: what ``edge`` is in the records of ``mesh.triangles``. By default all.
+        Number of the loop, 0 the longest: the value of ``edge`` in the answers of ``mesh.triangles``. By default all.
 
     Raises
     ------
@@ -51,7 +51,7 @@ def edge_loop(
         raise InputError("mesh.edge_loop needs an open mesh; this one is closed and has no edge.")
     if loop is not None:
         boundary = boundary[number == _number(loop, "loop", int(number.max()) + 1)]
-    return _curve(mesh, in_chains(boundary, mesh.vertices))
+    return _curve(mesh, order_chains(boundary, mesh.vertices))
 
 
 def feature_edges(
@@ -65,8 +65,8 @@ def feature_edges(
 ) -> Polyline:
     """Return the creases of a mesh, one chain of them or all, and with them edges that three or more triangles share.
 
-    Chains end where other than two such edges meet; a closed crease is one chain. They are travelled the way in
-    which most of their edges lead to the vertex of the higher number.
+    Chains end where a number of such edges other than two meet; a closed crease is one chain. Their direction is that
+    in which most of their edges lead to the vertex of the higher number.
 
     Parameters
     ----------
@@ -88,15 +88,15 @@ def feature_edges(
         If none or several meshes are given, no edge is as sharp, or there is no such chain.
     """
     mesh = as_mesh_source("mesh.feature_edges", file, vertices, faces, surface)
-    sharp = mesh.folds.ends[mesh.folds.angle > np.deg2rad(in_degrees(angle, "angle"))]
-    edges = np.concatenate([np.sort(sharp, axis=1), crowded_edges(mesh.faces, mesh.adjacency)])
+    sharp = mesh.inner_edges.ends[mesh.inner_edges.angle > np.deg2rad(checked_angle(angle, "angle"))]
+    edges = np.concatenate([np.sort(sharp, axis=1), nonmanifold_edges(mesh.faces, mesh.adjacency)])
     if not len(edges):
-        largest = np.rad2deg(mesh.folds.angle.max(initial=0.0))
+        largest = np.rad2deg(mesh.inner_edges.angle.max(initial=0.0))
         raise InputError(
             f"mesh.feature_edges finds no edge that turns by more than {angle:g} degrees; the sharpest of this mesh "
             f"turns by {largest:.3g}."
         )
-    chains = in_chains(edges, mesh.vertices)
+    chains = order_chains(edges, mesh.vertices)
     return _curve(mesh, chains if chain is None else chains.take(_number(chain, "chain", len(chains))))
 
 
@@ -113,7 +113,7 @@ def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
 
 
 def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any, surface: Any) -> TriangleMesh:
-    """Return the one mesh that the keys of ``kind`` give.
+    """Return the mesh that the keys of ``kind`` give.
 
     Raises
     ------
@@ -121,10 +121,10 @@ def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any
         If they give none or several, or a surface that is no mesh.
     """
     arrays = vertices is not None or faces is not None
-    given = (file is not None) + arrays + (surface is not None)
-    if given != 1:
+    count = (file is not None) + arrays + (surface is not None)
+    if count != 1:
         raise InputError(
-            f"{kind} takes one mesh, as a file, as vertices and faces or as a surface, got {given or 'none'}."
+            f"{kind} takes one mesh, as a file, as vertices and faces or as a surface, got {count or 'none'}."
         )
     if surface is None:
         return triangles(file=file, vertices=vertices, faces=faces, closest="faceted")
@@ -135,7 +135,8 @@ def as_mesh_source(kind: str, file: str | Path | None, vertices: Any, faces: Any
     return surface
 
 
-def _number(value: Any, what: str, count: int) -> int:
+def _number(value: Any, name: str, count: int) -> int:
+    """Return ``value``, that of the key ``name``, as a number from 0 to ``count`` - 1."""
     if isinstance(value, bool) or not isinstance(value, (int, np.integer)) or not 0 <= value < count:
-        raise InputError(f"{what} must be a whole number from 0 to {count - 1}, the longest first, got {shown(value)}.")
+        raise InputError(f"{name} must be a whole number from 0 to {count - 1}, the longest first, got {shown(value)}.")
     return int(value)

@@ -1,12 +1,14 @@
-"""OBJ files: vertices and faces, and no other file that they name."""
+"""OBJ files: vertices, faces and texture coordinates; no other file that they name is read."""
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError, Ints
-from cpmkit_mesh.polygons import Polygons
-from cpmkit_mesh.text import floats_of, ints_of, lines_of
+from cpmkit.plugin import Floats, InputError, Ints, existing_file, read_bytes, shown
+from cpmkit_mesh.polygons import Polygons, triangulate
+from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 #: Words that begin a line which says nothing about the surface: names, normals, materials, points, lines, curves.
 SKIPPED_WORDS = frozenset(
@@ -37,7 +39,7 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
     for number, words in split_lines(data):
         word = words[0]
         if word == "v":
-            if len(words) not in VERTEX_LINE_WORDS or (len(words) in (5, 8) and not _is_one(words[4])):
+            if len(words) not in VERTEX_LINE_WORDS or (len(words) in (5, 8) and not _is_unit(words[4])):
                 raise InputError(f"line {number} holds no vertex of three coordinates.")
             coordinates += words[1:4]
             vertex_lines.append(number)
@@ -52,33 +54,33 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
             raise InputError(f"line {number} begins with {REFUSED_WORDS.get(word, 'no word of the format')}.")
     size = np.array(counts, dtype=np.int64)
     lines = np.repeat(np.array(face_lines, dtype=np.int64), size)
-    index = from_zero(ints_of(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
-    return floats_of(coordinates, 3, vertex_lines), Polygons(size, index)
+    index = zero_based(parse_ints(corners, lines), np.repeat(before, size), len(vertex_lines), lines)
+    return parse_floats(coordinates, 3, vertex_lines), Polygons(size, index)
 
 
 def split_lines(data: bytes) -> list[tuple[int, list[str]]]:
     """Return the number of each line that is not empty, and its words; a backslash joins a line to the next."""
-    found, joined = [], ""
-    for number, line in enumerate(lines_of(data), 1):
+    rows, joined = [], ""
+    for number, line in enumerate(text_lines(data), 1):
         if line.endswith("\\"):
             joined += line[:-1] + " "
             continue
         words = (joined + line).split() if joined else line.split()
         joined = ""
         if words:
-            found.append((number, words))
-    return [*found, (0, joined.split())] if joined.strip() else found
+            rows.append((number, words))
+    return [*rows, (0, joined.split())] if joined.strip() else rows
 
 
-def _is_one(word: str) -> bool:
+def _is_unit(word: str) -> bool:
     try:
         return float(word) == 1.0
     except ValueError:
         return False
 
 
-def from_zero(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
-    """Return numbers of vertices from zero; OBJ counts from one, and negative ones back from the last so far."""
+def zero_based(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
+    """Return (n,) zero-based numbers of vertices; OBJ counts from 1, negative numbers back from the last one so far."""
     zero = np.flatnonzero(index == 0)
     if len(zero):
         raise InputError(f"line {lines[zero[0]]} names vertex 0, and OBJ counts vertices from 1.")
@@ -87,3 +89,60 @@ def from_zero(index: Ints, before: Ints, count: int, lines: Ints) -> Ints:
     if len(bad):
         raise InputError(f"line {lines[bad[0]]} names vertex {index[bad[0]]}, and there are {count}.")
     return np.asarray(named, dtype=np.int64)
+
+
+def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
+    """Read the texture coordinates of an OBJ file, for the faces that :func:`read_mesh` returns.
+
+    Parameters
+    ----------
+    path : str or Path
+        An OBJ file whose faces have a texture vertex at each corner: ``f v/vt`` or ``f v/vt/vn``.
+
+    Returns
+    -------
+    coordinates : (k, 2) float64
+        u to the right and v upwards, as the file has them; a third coordinate is left out.
+    corners : (m, 3) int64
+        Those of the corners of each triangle, in the order of the triangles and corners of :func:`read_mesh`.
+
+    Raises
+    ------
+    InputError
+        If the file is none, is damaged, or a corner has no texture coordinates.
+    """
+    file = existing_file(path)
+    if file.suffix.lower() != ".obj":
+        raise InputError(f"texture coordinates are read from .obj files, got {shown(file.name)}.")
+    try:
+        data = read_bytes(file)
+        vertices, polygons = read_obj(data)
+        coordinates, of_corner = _texture(data)
+        slots = Polygons(polygons.counts, np.arange(len(polygons.corners)))
+        return coordinates, of_corner[triangulate(vertices[polygons.corners], slots)]
+    except OSError as error:
+        raise InputError(f"{shown(file.name)} cannot be read: {error.strerror or error}.") from error
+    except InputError as error:
+        raise InputError(f"texture coordinates of {shown(file.name)}: {error}") from error
+
+
+def _texture(data: bytes) -> tuple[Floats, Ints]:
+    """Return the texture coordinates (k, 2) of a file, and which of them each corner of its faces has."""
+    words_of, lines, corners, corner_lines, before = [], [], [], [], []
+    for number, words in split_lines(data):
+        if words[0] == "vt":
+            if len(words) not in (3, 4):
+                raise InputError(f"line {number} holds no texture vertex of two coordinates.")
+            words_of += words[1:3]
+            lines.append(number)
+        elif words[0] in ("f", "fo"):
+            for corner in words[1:]:
+                parts = corner.split("/")
+                if len(parts) < 2 or not parts[1]:
+                    raise InputError(f"line {number} holds a face with a corner that has none; unwrap the whole mesh.")
+                corners.append(parts[1])
+                corner_lines.append(number)
+                before.append(len(lines))
+    at = np.array(corner_lines, dtype=np.int64)
+    index = zero_based(parse_ints(corners, at), np.array(before, dtype=np.int64), len(lines), at)
+    return parse_floats(words_of, 2, lines), index

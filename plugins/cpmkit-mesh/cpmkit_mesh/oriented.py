@@ -1,4 +1,4 @@
-"""A triangle mesh whose triangles are wound alike: its normals have one sign, and its creases are known by them."""
+"""A triangle mesh of consistent winding: its normals have one sign."""
 
 from __future__ import annotations
 
@@ -7,57 +7,54 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.plugin import Bools, ClosestPoints, Floats, unit
-from cpmkit_mesh.directions import face_normals
-from cpmkit_mesh.folds import crowded_edges
-from cpmkit_mesh.support import support_warnings, supported_normals
+from cpmkit_mesh.face_geometry import face_normals, nonmanifold_edges
 from cpmkit_mesh.triangles import ON_EDGE_COORDINATE, TriangleMesh
+from cpmkit_mesh.unsupported_edges import support_warnings, supported_normals
 
-#: A foot with a barycentric coordinate below this lies beside the edge opposite that corner: those of points of the
-#: smooth surface above it do not lie on it to rounding.
-BESIDE_EDGE_COORDINATE = 1e-3
+#: A closest point with a barycentric coordinate below this lies at the edge opposite that corner: those of points of
+#: the smooth surface above the edge do not lie on it to rounding.
+NEAR_EDGE_COORDINATE = 1e-3
 
 
 class OrientedTriangleMesh(TriangleMesh):
-    """A mesh whose triangles are wound alike, so that its normals have one sign."""
+    """A mesh of consistent winding, so that its normals have one sign."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices; their sign is the faces' winding."""
-        face, local = self._located(feet)
-        mixed = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
-        vanished = np.linalg.norm(mixed, axis=1) <= ON_EDGE_COORDINATE
-        mixed[vanished] = self.normals_at_corners[face[vanished], 0]
-        return unit(mixed)
+        """Return (n, 3) unit normals at ``feet``, interpolated from the vertices, of the sign of the faces' winding."""
+        face, local = self._locate(feet)
+        normals = np.einsum("nc,nck->nk", local, self.normals_at_corners[face])
+        vanished = np.linalg.norm(normals, axis=1) <= ON_EDGE_COORDINATE
+        normals[vanished] = self.normals_at_corners[face[vanished], 0]
+        return unit(normals)
 
     def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return what was changed in the mesh, and how much of it is not as smooth as it is read."""
-        if self._first is not self:
-            return self._first.own_warnings(spacing)
-        found = super().own_warnings(spacing)
-        return (*found, *support_warnings(self)) if self.smooth else found
+        """Return warnings that hold at any spacing: what was changed, and how much of the mesh is not smooth."""
+        if self._original is not self:
+            return self._original.own_warnings(spacing)
+        warnings = super().own_warnings(spacing)
+        return (*warnings, *support_warnings(self)) if self.smooth else warnings
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit normals of triangles with a corner at a crease, NaN elsewhere.
+        """Return (n, 3) unit normals of those triangles at ``feet`` that are flat: with a corner at a crease.
 
-        NaN as well at corners off creases, and on edges between such: from the other side the surface is smooth there.
+        They are NaN elsewhere, and at corners off creases and on edges between such corners, where the surface is
+        smooth from the other side.
         """
-        face, local = self._located(feet)
-        held = (self.at_crease[self.faces[face]] & (local > BESIDE_EDGE_COORDINATE)).any(axis=1)
-        found = np.full((len(face), 3), np.nan)
-        found[held] = face_normals(self.vertices, self.faces[face[held]])
-        return found
+        face, local = self._locate(feet)
+        is_flat = (self.at_crease[self.faces[face]] & (local > NEAR_EDGE_COORDINATE)).any(axis=1)
+        normals = np.full((len(face), 3), np.nan)
+        normals[is_flat] = face_normals(self.vertices, self.faces[face[is_flat]])
+        return normals
 
     @cached_property
     def at_crease(self) -> Bools:
-        """(k,) whether an edge that ends at each vertex is a crease of a mesh that is read as smooth.
-
-        Edges at which three or more triangles meet are creases, whatever the angles there.
-        """
+        """(k,) whether a smooth mesh has a crease at each vertex; edges of three triangles or more are creases too."""
         at = np.zeros(len(self.vertices), dtype=bool)
         if self.smooth:
-            at[self.folds.ends[self.folds.angle > np.deg2rad(self.crease_angle)]] = True
-            at[crowded_edges(self.faces, self.adjacency)] = True
+            at[self.inner_edges.ends[self.inner_edges.angle > np.deg2rad(self.crease_angle)]] = True
+            at[nonmanifold_edges(self.faces, self.adjacency)] = True
         return at
 
     @property
-    def _followed_normals(self) -> Floats:
+    def _normals_to_follow(self) -> Floats:
         return supported_normals(self)

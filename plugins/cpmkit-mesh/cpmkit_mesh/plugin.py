@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_mesh.factory import triangles
+from cpmkit_mesh.geodesic_path import path
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
-from cpmkit_mesh.obj_texture import read_texture_coordinates
-from cpmkit_mesh.path import path
+from cpmkit_mesh.mesh_files import read_mesh
+from cpmkit_mesh.obj import read_texture_coordinates
 from cpmkit_mesh.polyline import polyline
-from cpmkit_mesh.reading import read_mesh
 
 # cpmkit's functions of the same names call the last two
 __all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh", "read_texture_coordinates"]

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, dots, shown, unit
 
-#: A fan whose least triangle has this share of the mean one's area is taken from the first corner, as it is written.
+#: A fan from the first corner is taken if its least triangle has at least this share of the mean triangle's area.
 FIRST_FAN_AREA_SHARE = 1e-3
 #: Rounding of areas, as a share of the mean triangle's.
 AREA_ROUNDING_SHARE = 1e-9
@@ -41,13 +41,13 @@ def polygons_of(faces: Any) -> Polygons:
         If they are neither, hold what is no whole number, or a face has fewer than three corners.
     """
     accepted = "faces must be whole numbers, indices of vertices, three or more a face"
-    given = np.asarray(faces) if hasattr(faces, "__array__") else faces
+    rows = np.asarray(faces) if hasattr(faces, "__array__") else faces
     try:
-        if isinstance(given, np.ndarray) and given.ndim == 2:
-            counts, corners = np.full(len(given), given.shape[1], dtype=np.int64), given.ravel()
+        if isinstance(rows, np.ndarray) and rows.ndim == 2:
+            counts, corners = np.full(len(rows), rows.shape[1], dtype=np.int64), rows.ravel()
         else:
-            counts = np.fromiter(map(len, given), dtype=np.int64)
-            corners = np.asarray(list(chain.from_iterable(given)))
+            counts = np.fromiter(map(len, rows), dtype=np.int64)
+            corners = np.asarray(list(chain.from_iterable(rows)))
     except (TypeError, ValueError) as error:
         raise InputError(f"{accepted}, got {shown(faces)}.") from error
     if not len(counts) or counts.min() < 3:
@@ -57,11 +57,11 @@ def polygons_of(faces: Any) -> Polygons:
     return Polygons(counts, np.ascontiguousarray(corners, dtype=np.int64))
 
 
-def as_triangles(vertices: Floats, polygons: Polygons) -> Ints:
-    """Return (k, 3) the triangles of ``polygons``, in their order: of each a fan around one of its corners.
+def triangulate(vertices: Floats, polygons: Polygons) -> Ints:
+    """Return (k, 3) the triangles of ``polygons`` in their order: of each a fan around one of its corners.
 
-    The first corner whose triangles all turn one way is taken: a fan around another would fold over where the polygon
-    is not convex. Where no corner is one, ears are clipped.
+    It is the first corner whose fan does not fold over, as others may where the polygon is not convex. If there is no
+    such corner, ears are clipped.
 
     Raises
     ------
@@ -119,9 +119,9 @@ def _ears(vertices: Floats, corners: Ints, which: Ints) -> Ints:
 
 
 def _fan(corners: Ints, start: int) -> Ints:
-    turned = np.roll(corners, -start, axis=1)
+    flipped = np.roll(corners, -start, axis=1)
     middle = np.arange(1, corners.shape[1] - 1)
-    return np.stack(np.broadcast_arrays(turned[:, :1], turned[:, middle], turned[:, middle + 1]), axis=2)
+    return np.stack(np.broadcast_arrays(flipped[:, :1], flipped[:, middle], flipped[:, middle + 1]), axis=2)
 
 
 def _least_share(vertices: Floats, fan: Ints) -> Floats:

@@ -1,4 +1,4 @@
-"""The kind ``mesh.polyline``, and what all curves of straight segments are: one chain of them or several."""
+"""The kind ``mesh.polyline``, and the source of all curves of straight segments, in one chain or several."""
 
 from __future__ import annotations
 
@@ -22,32 +22,32 @@ from cpmkit.plugin import (
     source_repr,
     unit,
 )
+from cpmkit_mesh.box_tree import BoxTree, build_tree, find_nearest
+from cpmkit_mesh.mesh_files import as_numbers
 from cpmkit_mesh.polyline_files import read_polyline
-from cpmkit_mesh.reading import as_numbers
-from cpmkit_mesh.tree import Tree, build_tree, nearest
 
-#: Error of a solution as a share of its range, over the angle by which a polygon turns at its corners (on circles of
-#: 16 to 64 corners: 0.13 to 0.5).
+#: The error of a solution, relative to its range, over the angle in radians by which a polygon turns at its corners. On
+#: circles of 16 to 64 corners it is 0.13 to 0.5.
 ERROR_PER_CORNER_RADIAN = 0.3
-#: A foot that is nearer to a vertex than this share of its segment is at the vertex.
+#: A closest point nearer to a vertex than this share of its segment is at the vertex.
 AT_VERTEX_SHARE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class Polyline:
-    """Segments between consecutive vertices of one or several chains; travelled in the order of the vertices.
+    """Segments between consecutive vertices of one or several chains, in the direction of the vertices' order.
 
     Attributes
     ----------
     vertices : (k, d) float64
-        Those of one chain after those of another. Where chains meet each has a vertex of its own.
+        Those of one chain after those of another. Where chains meet, each has a vertex of its own.
     segments : (m, 2) int64
-        Vertices at the start and the end of each segment, which differ in place; a vertex starts at most one
+        The vertices at the start and the end of each segment, which differ in position. A vertex starts at most one
         segment and ends at most one.
     ends : (k,) int64
-        What ``edge`` is at each vertex: 0 where an open chain starts, 1 where it ends, -1 elsewhere.
+        The value of ``edge`` at each vertex: 0 where an open chain starts, 1 where it ends, -1 elsewhere.
     given : (k,) int64
-        Where each vertex stands among the points that the user gave.
+        The number of each vertex among the points that the user gave.
     value_count : int
         How many points the user gave: the rows that :meth:`interpolate` expects.
     given_points : (value_count, d) float64
@@ -73,7 +73,7 @@ class Polyline:
 
     @property
     def closed(self) -> bool:
-        """True where no chain has an end."""
+        """Whether no chain has an end."""
         return bool((self.ends < 0).all())
 
     @property
@@ -84,23 +84,23 @@ class Polyline:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
-        ``element`` is the segment of the foot, ``local`` (n, 1) its share of the way along it, and
-        ``edge`` 0 at the start and 1 at the end of an open chain.
+        ``element`` is the segment of the closest point, ``local`` (n, 1) its share of the segment, and ``edge`` 0 at
+        the start and 1 at the end of an open chain.
 
         Raises
         ------
         InputError
             If ``x`` does not have shape (n, d) or is not finite.
         """
-        found = nearest(self._tree, _in_space(as_points(x, self.dim)))
-        segment, t = self._tree.order[found.slot], found.local[:, :1]
+        nearest = find_nearest(self._tree, _in_three_dimensions(as_points(x, self.dim)))
+        segment, t = self._tree.order[nearest.slot], nearest.local[:, :1]
         start, end = self.segments[segment].T
         edge = np.where(t[:, 0] <= 0.0, self.ends[start], np.where(t[:, 0] >= 1.0, self.ends[end], -1))
-        return ClosestPoints(np.ascontiguousarray(found.foot[:, : self.dim]), found.distance, edge, segment, t)
+        return ClosestPoints(np.ascontiguousarray(nearest.point[:, : self.dim]), nearest.distance, edge, segment, t)
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit tangents in the direction of travel; at a vertex the bisector of both segments'."""
-        segment, t = self._located(feet)
+        """Return (n, d) unit tangents in the direction of the curve, at a vertex the mean of both segments'."""
+        segment, t = self._locate(feet)
         direction = self._directions[segment]
         at_start, at_end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
         direction[at_start] = self._bisectors[self.segments[segment[at_start], 0]]
@@ -108,15 +108,15 @@ class Polyline:
         return direction
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...), one row a given point, interpolated along the segments."""
-        segment, t = self._located(feet)
+        """Return ``values`` (value_count, ...) at the user's points interpolated along the segments at ``feet``."""
+        segment, t = self._locate(feet)
         values = one_row_each(values, self.value_count, "points")
         ends = self.given[self.segments[segment]]
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
     def advice(self, _spacing: float, /) -> Advice:
-        """Return the error that the corners leave in a solution on the polyline."""
+        """Return the error that the corners leave in any solution on the polyline."""
         start, end = self.segments.T
         along = np.concatenate([self._directions, self._directions])
         cosine = np.einsum("nd,nd->n", along, self._bisectors[np.concatenate([start, end])])
@@ -133,11 +133,12 @@ class Polyline:
         return self.given_points, self.given[self.segments]
 
     def translated(self, offset: Floats, /) -> Polyline:
-        """Return the polyline moved by ``offset`` (d,)."""
+        """Return the polyline translated by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
         return replace(self, vertices=self.vertices + shift, given_points=self.given_points + shift)
 
-    def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
+    def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
+        """Return the segment (n,) of each closest point, and its share (n,) of the segment."""
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this polyline answered: they lack element or local.")
         return feet.element, feet.local[:, 0]
@@ -148,18 +149,18 @@ class Polyline:
 
     @cached_property
     def _bisectors(self) -> Floats:
-        """(k, d): the tangent at each vertex; where the polyline turns back on itself, that of its arrival."""
+        """(k, d) the tangent at each vertex; where the polyline turns back on itself, that of the segment before."""
         start, end = self.segments.T
         arriving, leaving = np.zeros_like(self.vertices), np.zeros_like(self.vertices)
-        arriving[start], leaving[end] = self._directions, self._directions  # at an end, where only one of both is
+        arriving[start], leaving[end] = self._directions, self._directions  # at an end, where there is one segment
         arriving[end], leaving[start] = self._directions, self._directions
         both = arriving + leaving
         turned_back = np.linalg.norm(both, axis=1) <= AT_VERTEX_SHARE
         return unit(np.where(turned_back[:, None], arriving, both))
 
     @cached_property
-    def _tree(self) -> Tree:
-        points = _in_space(self.vertices)
+    def _tree(self) -> BoxTree:
+        points = _in_three_dimensions(self.vertices)
         return build_tree(points[self.segments[:, [0, 1, 1]]])
 
 
@@ -190,26 +191,29 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     array = as_numbers(points, "points") if file is None else read_polyline(file)
     if array.ndim != 2 or array.shape[1] not in (2, 3):
         raise InputError(f"points must have shape (n, 2) or (n, 3), got {array.shape}.")
-    given = as_positions(array, array.shape[1])
-    if len(given) < 2:
-        raise InputError(f"A polyline needs at least 2 points, got {len(given)}.")
-    kept = np.flatnonzero(np.r_[True, (given[1:] != given[:-1]).any(axis=1)])
-    returns = bool((given[kept[-1]] == given[kept[0]]).all())
-    if len(kept) == 1:
-        raise InputError(f"A polyline needs 2 points that differ, got {len(given)} times the same; use analytic.point.")
-    kept = kept[:-1] if returns and closed is not False else kept
-    return _one_chain(given, kept, returns if closed is None else bool(closed))
+    places = as_positions(array, array.shape[1])
+    if len(places) < 2:
+        raise InputError(f"A polyline needs at least 2 points, got {len(places)}.")
+    distinct = np.flatnonzero(np.r_[True, (places[1:] != places[:-1]).any(axis=1)])
+    returns = bool((places[distinct[-1]] == places[distinct[0]]).all())
+    if len(distinct) == 1:
+        raise InputError(
+            f"A polyline needs 2 points that differ, got {len(places)} times the same; use analytic.point."
+        )
+    distinct = distinct[:-1] if returns and closed is not False else distinct
+    return _single_chain(places, distinct, returns if closed is None else bool(closed))
 
 
-def _one_chain(given: Floats, kept: Ints, closed: bool) -> Polyline:
-    k = len(kept)
+def _single_chain(points: Floats, rows: Ints, closed: bool) -> Polyline:
+    """Return the polyline through those of the user's ``points`` (n, d) at ``rows`` (k,)."""
+    k = len(rows)
     start = np.arange(k if closed else k - 1)
     ends = np.full(k, -1)
     if not closed:
         ends[[0, -1]] = 0, 1
-    return Polyline(given[kept], np.stack([start, (start + 1) % k], axis=1), ends, kept, len(given), given)
+    return Polyline(points[rows], np.stack([start, (start + 1) % k], axis=1), ends, rows, len(points), points)
 
 
-def _in_space(points: Floats) -> Floats:
+def _in_three_dimensions(points: Floats) -> Floats:
     """Return (n, 3) points, those of the plane with a third coordinate of zero."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

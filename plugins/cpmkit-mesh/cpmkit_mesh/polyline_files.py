@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, existing_file, read_array, read_bytes, shown
-from cpmkit_mesh.obj import VERTEX_LINE_WORDS, from_zero, split_lines
-from cpmkit_mesh.text import floats_of, ints_of, lines_of
+from cpmkit_mesh.obj import VERTEX_LINE_WORDS, split_lines, zero_based
+from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
 
 def read_polyline(path: str | Path) -> np.ndarray:
-    """Return the points (n, d) of a polyline, in the direction of travel, as they stand in a file.
+    """Return the points (n, d) of a polyline in the order of a file.
 
-    Of an OBJ file they are those of its one line, ``l``, or of several of which each begins where the last ended;
-    a line that ends at its first vertex gives that point twice.
+    In an OBJ file they are those of its line ``l``, or of several lines each of which begins where the last ended. A
+    line that ends at its first vertex gives that point twice.
 
     Raises
     ------
@@ -36,8 +36,8 @@ def read_polyline(path: str | Path) -> np.ndarray:
 
 
 def _rows(data: bytes) -> Floats:
-    """Return the numbers of a text, a row a point, with commas or blanks between them."""
-    rows = [(number, line.replace(",", " ").split()) for number, line in enumerate(lines_of(data), 1)]
+    """Return the numbers (n, d) of a text with one point in each line, separated by commas or blanks."""
+    rows = [(number, line.replace(",", " ").split()) for number, line in enumerate(text_lines(data), 1)]
     rows = [(number, words) for number, words in rows if words]
     if not rows:
         raise InputError("it holds no point.")
@@ -45,10 +45,11 @@ def _rows(data: bytes) -> Floats:
     for number, words in rows:
         if len(words) != columns:
             raise InputError(f"line {number} holds {len(words)} numbers, and the first point has {columns}.")
-    return floats_of([word for _, words in rows for word in words], columns, [number for number, _ in rows])
+    return parse_floats([word for _, words in rows for word in words], columns, [number for number, _ in rows])
 
 
 def _obj_line(data: bytes) -> Floats:
+    """Return the points (n, 3) of the line of an OBJ file."""
     coordinates: list[str] = []
     vertex_lines: list[int] = []
     chain: list[int] = []
@@ -60,14 +61,14 @@ def _obj_line(data: bytes) -> Floats:
             vertex_lines.append(number)
         elif words[0] == "l":
             lines, count = np.full(len(words) - 1, number), len(vertex_lines)
-            given = ints_of([word.partition("/")[0] for word in words[1:]], lines)
-            found = from_zero(given, np.full(len(given), count), count, lines).tolist()
-            if chain and found and found[0] != chain[-1]:
+            numbers = parse_ints([word.partition("/")[0] for word in words[1:]], lines)
+            vertices = zero_based(numbers, np.full(len(numbers), count), count, lines).tolist()
+            if chain and vertices and vertices[0] != chain[-1]:
                 raise InputError(f"line {number} begins a second line, which does not go on where the first ended.")
-            chain += found[1:] if chain else found
+            chain += vertices[1:] if chain else vertices
     if not chain:
         raise InputError("it holds no line, which begins with l; points alone are read from a .csv file.")
-    return floats_of(coordinates, 3, vertex_lines)[chain]
+    return parse_floats(coordinates, 3, vertex_lines)[chain]
 
 
 #: By suffix; other files are read as those of NumPy.

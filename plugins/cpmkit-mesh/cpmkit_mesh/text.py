@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, Ints
 
 
-def lines_of(data: bytes) -> list[str]:
+def text_lines(data: bytes) -> list[str]:
     """Return the lines of a text, without its byte order mark and comments, which begin with #."""
     text = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace")
     text = text.replace("\r\n", "\n").replace("\r", "\n")
@@ -17,7 +17,7 @@ def lines_of(data: bytes) -> list[str]:
     return [line.partition("#")[0] for line in lines] if "#" in text else lines
 
 
-def floats_of(words: Sequence[str], per_line: int, lines: Sequence[int]) -> Floats:
+def parse_floats(words: Sequence[str], per_line: int, lines: Sequence[int]) -> Floats:
     """Return (n, per_line) numbers written as ``words``; ``lines`` (n,) are the numbers of their lines.
 
     Raises
@@ -33,7 +33,7 @@ def floats_of(words: Sequence[str], per_line: int, lines: Sequence[int]) -> Floa
     raise InputError(f"line {lines[_first_bad(words, float) // per_line]} holds something else than numbers.")
 
 
-def ints_of(words: Sequence[str], lines: Ints) -> Ints:
+def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
     """Return (n,) whole numbers written as ``words``; ``lines`` (n,) are the numbers of their lines.
 
     Raises

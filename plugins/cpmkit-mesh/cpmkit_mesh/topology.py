@@ -1,4 +1,4 @@
-"""How the triangles of a mesh hang together: neighbours and boundary loops."""
+"""Adjacency of the triangles of a mesh: neighbours, boundary loops, and consistent winding."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.plugin import Floats, Ints
+from cpmkit.plugin import Bools, Floats, Ints
+from cpmkit_mesh.chains import components
 
-#: What stands in ``neighbours`` where more than two triangles meet, and the walk has no one way on.
+#: The entry of ``neighbours`` at an edge of three triangles or more.
 BLOCKED = -1
-#: Boundary edge k stands in ``neighbours`` as ``FIRST_BOUNDARY - k``.
+#: The entry of ``neighbours`` at boundary edge k is ``FIRST_BOUNDARY - k``.
 FIRST_BOUNDARY = -2
 
 
@@ -24,13 +25,13 @@ class Topology:
         The triangle across each edge; ``FIRST_BOUNDARY - k`` for boundary edge k; ``BLOCKED``
         where three or more triangles share the edge.
     boundary : (k, 2) int64
-        Start and end vertex of each boundary edge, as its triangle winds.
+        Start and end vertex of each boundary edge, in the orientation of its triangle.
     boundary_face, boundary_edge : (k,) int64
         Triangle of each boundary edge, and which of its edges it is.
     loop : (k,) int64
         Number of the loop of each boundary edge, by decreasing length.
     consistent : bool
-        True where triangles that share an edge wind alike.
+        Whether the winding is consistent: two triangles pass a common edge in opposite directions.
     """
 
     neighbours: Ints
@@ -49,8 +50,8 @@ def topology(vertices: Floats, faces: Ints) -> Topology:
     first = np.flatnonzero(np.r_[True, np.diff(name[order]) != 0])
     uses = np.diff(np.r_[first, len(name)])
     neighbours = np.full(3 * len(faces), BLOCKED)
-    one, other = order[first[uses == 2]], order[first[uses == 2] + 1]
-    neighbours[one], neighbours[other] = other // 3, one // 3
+    slot, other = order[first[uses == 2]], order[first[uses == 2] + 1]
+    neighbours[slot], neighbours[other] = other // 3, slot // 3
     alone = np.sort(order[first[uses == 1]])
     neighbours[alone] = FIRST_BOUNDARY - np.arange(len(alone))
     boundary = np.stack([start[alone], end[alone]], axis=1)
@@ -60,7 +61,7 @@ def topology(vertices: Floats, faces: Ints) -> Topology:
         alone // 3,
         alone % 3,
         _loops(vertices, boundary),
-        not (start[one] == start[other]).any(),
+        not (start[slot] == start[other]).any(),
     )
 
 
@@ -79,3 +80,40 @@ def _loops(vertices: Floats, boundary: Ints) -> Ints:
     rank = np.empty(len(length), dtype=np.int64)
     rank[np.argsort(-length, kind="stable")] = np.arange(len(length))
     return rank[part]
+
+
+def find_flipped_faces(faces: Ints, adjacency: Topology) -> tuple[Bools, Bools]:
+    """Return the faces to flip so that the winding of each component is consistent.
+
+    Components are connected by edges of two faces.
+
+    Returns
+    -------
+    flipped : (m,) bool
+        Faces that are wound against most faces of their component; of equally many, against the first.
+    one_sided : (m,) bool
+        Faces of a component that cannot be wound consistently, as a Moebius strip; none of them is flipped.
+    """
+    count = len(faces)
+    if adjacency.consistent:
+        return np.zeros(count, dtype=bool), np.zeros(count, dtype=bool)
+    face, corner = np.nonzero(adjacency.neighbours > np.arange(count)[:, None])
+    other = adjacency.neighbours[face, corner]
+    start, end = faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]
+    along = (faces[other] == start[:, None]) & (np.roll(faces[other], -1, axis=1) == end[:, None])
+    opposite = along.any(axis=1)
+    # Each face is two nodes, as it is and flipped; links connect those that are consistent with each other.
+    links = np.concatenate(
+        [
+            np.stack([face, np.where(opposite, other + count, other)], axis=1),
+            np.stack([face + count, np.where(opposite, other, other + count)], axis=1),
+        ]
+    )
+    part = components(links, 2 * count)
+    as_it_is, flipped = part[:count], part[count:]
+    one_sided = as_it_is == flipped
+    component = np.minimum(as_it_is, flipped)
+    _, first, number = np.unique(component, return_index=True, return_inverse=True)
+    as_first = as_it_is == as_it_is[first][number]
+    balance = np.bincount(component, np.where(as_first, 1, -1))
+    return ~one_sided & (as_first == (balance[component] < 0)), one_sided

@@ -1,4 +1,4 @@
-"""A triangle mesh, as it stands or as a sample of a smooth surface."""
+"""A triangle mesh as a closest point source, as it is or as a sample of a smooth surface."""
 
 from __future__ import annotations
 
@@ -20,52 +20,57 @@ from cpmkit.plugin import (
     positive,
     source_repr,
 )
-from cpmkit_mesh.engines import Search, search_with
-from cpmkit_mesh.feet import VertexPatches, distinct, local_minima, patches, with_nearest
-from cpmkit_mesh.folds import Folds, folds
-from cpmkit_mesh.pieces import pieces
-from cpmkit_mesh.sections import PlaneSection, plane_section
-from cpmkit_mesh.smooth import SmoothPart, follow_normals, moved_smooth_part, smooth_part
-from cpmkit_mesh.soundness import closest_point_warnings, mesh_warnings
+from cpmkit_mesh.box_tree import BoxTree, Nearest, build_tree, translate_tree
+from cpmkit_mesh.engines import Search, nearest_search
+from cpmkit_mesh.error_floors import integral_floor, is_flat_sided, solution_error_floor, turning_angle
+from cpmkit_mesh.face_geometry import InnerEdges, inner_edges
+from cpmkit_mesh.interpolated_normals import (
+    InterpolatedNormals,
+    follow_normals,
+    interpolated_normals,
+    translate_normals,
+)
+from cpmkit_mesh.local_minima import VertexTriangles, distinct_minima, local_minima, merge_nearest, vertex_triangles
+from cpmkit_mesh.mesh_components import face_components
+from cpmkit_mesh.mesh_warnings import closest_point_warnings, mesh_warnings
+from cpmkit_mesh.plane_sections import PlaneSection, plane_section
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
-from cpmkit_mesh.tree import Nearest, Tree, build_tree, moved_tree
-from cpmkit_mesh.turning import integral_floor, is_meant_flat, mesh_floor, turning_angle
 
-#: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
+#: A closest point with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_EDGE_COORDINATE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
-    """Triangles in space, welded, of which none repeats a vertex.
+    """Triangles in space, welded, none of which repeats a vertex; taken as they are or as samples of a smooth surface.
 
     Attributes
     ----------
     vertices : (k, 3) float64
-        Those that triangles use, each place once.
+        Those that triangles use, one for each place.
     faces : (m, 3) int64
     smooth : bool
-        True: feet follow the interpolated normals. False: feet are the nearest points of the triangles.
+        True: closest points follow the interpolated normals. False: they are the nearest points of the triangles.
     adjacency : Topology
     normals_at_corners : (m, 3, 3) float64
     given_faces : (m, 3) int64
-        The same triangles by the numbers that the user's vertices have, in the same order.
+        The same triangles by the numbers of the user's vertices.
     given_index : (m,) int64
-        The number that each triangle has among the user's, ascending; further parts of a divided one have ones beyond.
+        The number of each triangle among the user's, ascending. Further parts of a split triangle have numbers beyond.
     turned : (m,) bool
-        Which of the triangles are wound otherwise than the user's.
+        Triangles whose winding is opposite to the user's.
     value_count : int
         How many vertices the user gave: the rows that :meth:`interpolate` expects.
     engine : "own", "fcl" or "open3d"
-        What finds the nearest triangle.
+        The library that finds the nearest triangle.
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases.
     notes : tuple of str
-        Sentences on what of the user's mesh was changed.
+        Sentences that say what was changed in the user's mesh.
     shift : (3,) float64
         How far the mesh was moved from where the user gave it.
     as_given : (n, 3) float64 and (f, 3) int64
-        The user's vertices, where they were given, and faces; some may have been merged or left out since.
+        The user's vertices, before any translation, and faces; some may have been merged or left out since.
     """
 
     vertices: Floats
@@ -75,13 +80,13 @@ class TriangleMesh:
     normals_at_corners: Floats
     given_faces: Ints
     given_index: Ints
-    turned: Bools
+    flipped: Bools
     value_count: int
     engine: str
     crease_angle: float
     notes: tuple[str, ...]
     shift: Floats
-    as_given: tuple[Floats, Ints]
+    given_arrays: tuple[Floats, Ints]
 
     dim = 3
     manifold_dim = 2
@@ -90,7 +95,7 @@ class TriangleMesh:
 
     @property
     def exact(self) -> bool:
-        """True where feet are the nearest points of the triangles; Open3D, in float32, does not always find those."""
+        """Whether closest points are the nearest points of the triangles; Open3D, in float32, may miss these."""
         return not self.smooth and self.engine != "open3d"
 
     @property
@@ -105,11 +110,10 @@ class TriangleMesh:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, 3).
 
-        ``element`` is the triangle of the foot, by the user's numbers, ``local`` (n, 3) its
-        barycentric coordinates, ``edge`` the number of the boundary loop that it lies on (loops by
-        decreasing length), and ``distance`` the distance to the triangles. Feet of a smooth mesh
-        are ``doubtful`` where no normal nearby leads to the query, and the nearest point of the triangles
-        was taken.
+        ``element`` is the triangle of the closest point, by the user's numbers, ``local`` (n, 3) its barycentric
+        coordinates, ``edge`` the number of the boundary loop on which it lies (loops by decreasing length), and
+        ``distance`` the distance from the triangles. Closest points of a smooth mesh are ``doubtful`` where no normal
+        near by leads to the query: they are the nearest points of the triangles.
 
         Raises
         ------
@@ -117,16 +121,22 @@ class TriangleMesh:
             If ``x`` does not have shape (n, 3) or is not finite.
         """
         x = as_points(x, 3)
-        found = self._search(x)
-        return self._records(found, self._made_smooth(x, found))
+        nearest = self._search(x)
+        return self._records(nearest, self._move_along_normals(x, nearest))
 
     def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
-        """Return all feet of ``x`` (n, 3) within ``radius``: the rows (k,) of ``x``, and the feet, nearest first.
+        """Return the local minima of the distance from ``x`` (n, 3) within ``radius``.
 
-        They are the local minima of the distance to the triangles, as many as there are sheets: on the hollow side of
-        a bend, where facets differ from the surface that they sample, now and then more. Those of a smooth mesh follow
-        its normals from there; where several arrive at the same place, one of them is kept, and one that arrives nearer
-        than it started is on another's sheet.
+        There is one for each sheet; on the concave side of a bend, where facets differ from the surface that they
+        sample, now and then more. Those of a smooth mesh are moved along its normals. Of several that arrive at the
+        same place one is returned; one that arrives nearer than it started has moved to another sheet, and is left out.
+
+        Returns
+        -------
+        rows : (k,) int64
+            The row of ``x`` of each minimum, ascending.
+        minima : ClosestPoints
+            Of each query the nearest first.
 
         Raises
         ------
@@ -134,19 +144,19 @@ class TriangleMesh:
             If ``x`` does not have shape (n, 3) or is not finite, or ``radius`` is not a number above zero.
         """
         x, radius = as_points(x, 3), positive(radius, "radius")
-        minima = with_nearest(self._search(x), radius, local_minima(self._tree, self._patches, x, radius))
-        rows, found = minima.rows, minima.found
-        doubtful = self._made_smooth(x[rows], found)
-        kept = distinct(x, rows, found, float(np.ptp(self.bounds, axis=0).max()))
-        return rows[kept], self._records(found, doubtful).take(kept)
+        minima = merge_nearest(self._search(x), radius, local_minima(self._tree, self._vertex_triangles, x, radius))
+        rows, points = minima.rows, minima.points
+        doubtful = self._move_along_normals(x[rows], points)
+        distinct = distinct_minima(x, rows, points, float(np.ptp(self.bounds, axis=0).max()))
+        return rows[distinct], self._records(points, doubtful).take(distinct)
 
     def faceted(self) -> TriangleMesh:
-        """Return the same mesh, closest points on it being those of its triangles."""
+        """Return the same mesh with the nearest points of its triangles as closest points."""
         return replace(self, smooth=False)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...), one row a given vertex, interpolated linearly in each triangle."""
-        face, local = self._located(feet)
+        """Return ``values`` (value_count, ...) at the user's vertices interpolated linearly at ``feet``."""
+        face, local = self._locate(feet)
         values = one_row_each(values, self.value_count, "vertices")
         return np.einsum("nc,nc...->n...", local, values[self.given_faces[face]])
 
@@ -161,112 +171,114 @@ class TriangleMesh:
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:
         """The user's vertices (n, 3) and faces (f, 3), all of them and in their order."""
-        vertices, faces = self.as_given
+        vertices, faces = self.given_arrays
         return vertices + self.shift, faces
 
     def translated(self, offset: Floats, /) -> TriangleMesh:
-        """Return the mesh moved by ``offset`` (3,); what is searched and told is made once for all places."""
+        """Return the mesh translated by ``offset`` (3,); trees and warnings are computed once for all positions."""
         offset = as_vector(offset, 3, "offset")
         made = replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
-        made.__dict__["_first"] = self._first
+        made.__dict__["_original"] = self._original
         made.__dict__["_bounds"] = self._bounds + offset  # rounded as the vertices are
         return made
 
     @cached_property
-    def _first(self) -> TriangleMesh:
-        """The mesh that this one was moved from, or itself."""
+    def _original(self) -> TriangleMesh:
+        """The mesh that this one was translated from, or itself."""
         return self
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return what was changed in the mesh, or may spoil a solution on it, and the error that it leaves in any."""
-        if self._first is not self:
-            return self._first.advice(spacing)
-        told = self.__dict__.get("_advised")  # it is asked for several times at one spacing
-        if told is None or told[0] != spacing:
-            floors = mesh_floor(self._turning, self.smooth), self.own_integral_floor(spacing)
-            found = Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
-            self.__dict__["_advised"] = told = spacing, found
-        return told[1]
+        """Return warnings about the mesh, and the errors that it leaves in any solution and integral."""
+        if self._original is not self:
+            return self._original.advice(spacing)
+        cached = self.__dict__.get("_advice")  # several callers use one spacing
+        if cached is None or cached[0] != spacing:
+            floors = solution_error_floor(self._turning_angle, self.smooth), self.own_integral_floor(spacing)
+            advice = Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
+            self.__dict__["_advice"] = cached = spacing, advice
+        return cached[1]
 
     def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return what was changed in the mesh, and how many pieces it has, at whatever spacing."""
+        """Return warnings that hold at any spacing: what was changed, and how many components the mesh has."""
         del spacing
         return mesh_warnings(self)
 
     def own_integral_floor(self, spacing: float, /) -> float:
-        """Return the error that the mesh leaves in integrals, whatever the spacing."""
+        """Return the relative error that the mesh leaves in integrals at any spacing."""
         del spacing
-        return integral_floor(self._turning, self.smooth)
+        return integral_floor(self._turning_angle, self.smooth)
 
     @cached_property
-    def folds(self) -> Folds:
-        """The edges at which two triangles meet, with their angles."""
-        return folds(self.vertices, self.faces, self.adjacency) if self._first is self else self._first.folds
+    def inner_edges(self) -> InnerEdges:
+        """The edges of two triangles, with the angles by which the surface turns there."""
+        if self._original is not self:
+            return self._original.inner_edges
+        return inner_edges(self.vertices, self.faces, self.adjacency)
 
     @cached_property
-    def piece(self) -> Ints:
-        """(m,) the number of the piece that each triangle is on: those that share an edge are on the same."""
-        return pieces(self.faces, self.adjacency) if self._first is self else self._first.piece
+    def component(self) -> Ints:
+        """(m,) the number of the component of each triangle; triangles with a common edge are connected."""
+        if self._original is not self:
+            return self._original.component
+        return face_components(self.faces, self.adjacency)
 
     @cached_property
-    def _turning(self) -> float:
-        """The angle by which the mesh turns from vertex to vertex; zero where its sides are meant to be flat."""
-        if self._first is not self:
-            return self._first._turning
-        if not self.smooth and is_meant_flat(self.folds, self.crease_angle):
+    def _turning_angle(self) -> float:
+        """The root mean square angle between the normals at the ends of edges; zero for a body with flat sides."""
+        if self._original is not self:
+            return self._original._turning_angle
+        if not self.smooth and is_flat_sided(self.inner_edges, self.crease_angle):
             return 0.0
         return turning_angle(self.vertices, self.faces, self.normals_at_corners)
 
     @cached_property
     def given_vertices(self) -> Ints:
-        """(k,) the number that each vertex has among the user's; of several at one place that of an early triangle.
-
-        Each has one, for a vertex of the mesh is one that triangles use.
-        """
+        """(k,) the number of each vertex among the user's; of several at one place that of the first triangle."""
         numbers = np.full(len(self.vertices), -1)
         numbers[self.faces.ravel()[::-1]] = self.given_faces.ravel()[::-1]
         return numbers
 
-    def _made_smooth(self, x: Floats, found: Nearest) -> Bools | None:
-        """Move the nearest points in ``found`` along a smooth mesh; return (n,) the doubtful ones, None if faceted."""
-        return follow_normals(self._tree, self._smooth_part, x, found) if self.smooth else None
+    def _move_along_normals(self, x: Floats, nearest: Nearest) -> Bools | None:
+        """Move ``nearest`` to where normals lead to ``x``, in place; return (n,) where none does, None if faceted."""
+        return follow_normals(self._tree, self._interpolated_normals, x, nearest) if self.smooth else None
 
-    def _records(self, found: Nearest, doubtful: Bools | None) -> ClosestPoints:
-        face = self._tree.order[found.slot]
+    def _records(self, points: Nearest, doubtful: Bools | None) -> ClosestPoints:
+        face = self._tree.order[points.slot]
         local = np.empty((len(face), 3))
-        local[:, 1:] = found.local
+        local[:, 1:] = points.local
         local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
         edge = self._edges(face, local)
         return ClosestPoints(
-            found.foot, found.distance, edge, self.given_index[face], self._as_given(face, local), doubtful
+            points.point, points.distance, edge, self.given_index[face], self._to_given_winding(face, local), doubtful
         )
 
-    def _located(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
+    def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
+        """Return the mesh's own triangle (n,) of each closest point, and its coordinates (n, 3) there."""
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this mesh answered: they lack element or local.")
         face = np.searchsorted(self.given_index, feet.element)
-        return face, self._as_given(face, feet.local)
+        return face, self._to_given_winding(face, feet.local)
 
-    def _as_given(self, face: Ints, local: Floats) -> Floats:
-        """Return coordinates in triangles as the user's winding has them from those of the mesh's own, and back."""
-        return np.where(self.turned[face, None], local[:, [0, 2, 1]], local) if self.turned.any() else local
+    def _to_given_winding(self, face: Ints, local: Floats) -> Floats:
+        """Return coordinates (n, 3) by the user's winding of faces (n,) from those by the mesh's, and vice versa."""
+        return np.where(self.flipped[face, None], local[:, [0, 2, 1]], local) if self.flipped.any() else local
 
     def _edges(self, face: Ints, local: Floats) -> Ints:
-        """Return (n,) the boundary loop on which each foot lies, -1 for none."""
+        """Return (n,) the boundary loop on which each closest point lies, -1 for none."""
         edge = np.full(len(face), -1)
         if not len(self.adjacency.loop):
             return edge
-        near = np.flatnonzero((local <= ON_EDGE_COORDINATE).any(axis=1))
-        zero = local[near] <= ON_EDGE_COORDINATE
-        loops = np.where(zero, self._loop_of_edge[face[near]], -1)
+        rows = np.flatnonzero((local <= ON_EDGE_COORDINATE).any(axis=1))
+        zero = local[rows] <= ON_EDGE_COORDINATE
+        loops = np.where(zero, self._loop_of_edge[face[rows]], -1)
         at_corner = zero.sum(axis=1) == 2
-        corner = self.faces[face[near], np.argmax(local[near], axis=1)]
-        edge[near] = np.where(at_corner, self._loop_of_vertex[corner], loops.max(axis=1))
+        corner = self.faces[face[rows], np.argmax(local[rows], axis=1)]
+        edge[rows] = np.where(at_corner, self._loop_of_vertex[corner], loops.max(axis=1))
         return edge
 
     @cached_property
     def _loop_of_edge(self) -> Ints:
-        """(m, 3) the boundary loop of each edge of each triangle, -1 for inner ones."""
+        """(m, 3) the boundary loop of each edge of each triangle, -1 for inner edges."""
         loops = np.full(self.faces.shape, -1)
         side = self.adjacency.neighbours
         boundary = side <= FIRST_BOUNDARY
@@ -275,30 +287,31 @@ class TriangleMesh:
 
     @cached_property
     def _loop_of_vertex(self) -> Ints:
+        """(k,) a boundary loop of each vertex, -1 for inner ones."""
         loops = np.full(len(self.vertices), -1)
         loops[self.adjacency.boundary] = self.adjacency.loop[:, None]
         return loops
 
     @cached_property
-    def _tree(self) -> Tree:
+    def _tree(self) -> BoxTree:
         corners = self.vertices[self.faces]
-        return build_tree(corners) if self._first is self else moved_tree(self._first._tree, corners)
+        return build_tree(corners) if self._original is self else translate_tree(self._original._tree, corners)
 
     @cached_property
-    def _patches(self) -> VertexPatches:
-        return patches(self._tree, self.vertices, self.faces, self.adjacency)
+    def _vertex_triangles(self) -> VertexTriangles:
+        return vertex_triangles(self._tree, self.vertices, self.faces, self.adjacency)
 
     @cached_property
     def _search(self) -> Search:
-        return search_with(self.engine, self._tree)
+        return nearest_search(self.engine, self._tree)
 
     @cached_property
-    def _smooth_part(self) -> SmoothPart:
-        if self._first is not self:  # a moved tree has the same slots
-            return moved_smooth_part(self._first._smooth_part, self.vertices, self.adjacency)
-        return smooth_part(self.vertices, self.adjacency, self._followed_normals, self._tree.order)
+    def _interpolated_normals(self) -> InterpolatedNormals:
+        if self._original is not self:  # a translated tree has the same slots
+            return translate_normals(self._original._interpolated_normals, self.vertices, self.adjacency)
+        return interpolated_normals(self.vertices, self.adjacency, self._normals_to_follow, self._tree.order)
 
     @property
-    def _followed_normals(self) -> Floats:
-        """(m, 3, 3) the normals at the corners of each face that closest points follow."""
+    def _normals_to_follow(self) -> Floats:
+        """(m, 3, 3) the normals at the corners of each face along which closest points are moved."""
         return self.normals_at_corners

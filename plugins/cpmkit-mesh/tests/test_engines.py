@@ -5,8 +5,8 @@ import sys
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.engines import search_with
-from cpmkit_mesh.tree import build_tree
+from cpmkit_mesh.box_tree import build_tree
+from cpmkit_mesh.engines import nearest_search
 
 from cpmkit.errors import InputError, MissingDependencyError
 
@@ -125,6 +125,6 @@ def test_what_a_library_lacks_is_named(monkeypatch, engine, error, message):
 def test_the_own_engine_needs_none_of_them(monkeypatch):
     for name in ("fcl", "open3d"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert len(search_with("own", build_tree(np.eye(3)[None]))(np.zeros((1, 3))).slot) == 1
+    assert len(nearest_search("own", build_tree(np.eye(3)[None]))(np.zeros((1, 3))).slot) == 1
     with pytest.raises(InputError, match="one of 'own', 'fcl', 'open3d', got 'cgal'"):
         triangles(**TRIANGLE, engine="cgal")

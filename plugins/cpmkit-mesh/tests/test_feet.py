@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
+from cpmkit_mesh.box_tree import build_tree, project_onto
 from cpmkit_mesh.conformance import cases
-from cpmkit_mesh.feet import local_minima
-from cpmkit_mesh.tree import build_tree, nearest_in
+from cpmkit_mesh.local_minima import local_minima
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import localize
@@ -52,15 +52,15 @@ def all_minima(mesh, x, radius):
     corners = mesh.vertices[mesh.faces]
     tree, count = build_tree(corners), len(corners)
     slots = np.arange(count)
-    feet = nearest_in(tree, np.repeat(x[None], count, axis=0), slots)
-    pairs = nearest_in(tree, np.repeat(feet.foot, count, axis=0), np.tile(slots, count))
+    feet = project_onto(tree, np.repeat(x[None], count, axis=0), slots)
+    pairs = project_onto(tree, np.repeat(feet.point, count, axis=0), np.tile(slots, count))
     touches = pairs.distance.reshape(count, count) < 1e-9
     least = np.where(touches, feet.distance, np.inf).min(axis=1)
     minimal = (feet.distance <= least + 1e-12) & (feet.distance <= radius)
-    places = feet.foot[minimal].round(7) + 0.0
+    places = feet.point[minimal].round(7) + 0.0
     first = np.unique(places, axis=0, return_index=True)[1]
     order = first[np.argsort(feet.distance[minimal][first])]
-    return feet.foot[minimal][order], feet.distance[minimal][order]
+    return feet.point[minimal][order], feet.distance[minimal][order]
 
 
 def faceted(mesh):
@@ -70,13 +70,13 @@ def faceted(mesh):
 def meshes(rng, sphere, cap):
     points, faces = sphere(2)
     two = np.concatenate([points, 1.2 * points]), np.concatenate([faces, faces + len(points)])
-    turned = bumpy(rng, sphere)
-    turned = turned[0], np.where(rng.random(len(turned[1]))[:, None] < 0.5, turned[1], turned[1][:, ::-1])
+    flipped = bumpy(rng, sphere)
+    flipped = flipped[0], np.where(rng.random(len(flipped[1]))[:, None] < 0.5, flipped[1], flipped[1][:, ::-1])
     fan = (
         np.array([[0, 0, 0], [1, 0, 0], [0, 1, 1], [0, -1, 1], [0, 0.2, -1.0]]),
         np.array([[0, 1, 2], [0, 1, 3], [0, 1, 4]]),
     )
-    return [box([0, 0, 0], [1, 1, 0.1], 3), wedge(0.6), bumpy(rng, sphere), cap(2), two, turned, fan]
+    return [box([0, 0, 0], [1, 1, 0.1], 3), wedge(0.6), bumpy(rng, sphere), cap(2), two, flipped, fan]
 
 
 def test_feet_are_the_minima_that_a_search_of_all_triangles_finds(sphere, cap):
@@ -162,7 +162,7 @@ def test_the_search_measures_few_triangles_however_many_lie_within_the_radius(sp
     measured = []
     for level in (4, 5, 6):
         mesh = faceted(sphere(level))
-        measured.append(local_minima(mesh._tree, mesh._patches, x, 0.5).measured / len(x))
+        measured.append(local_minima(mesh._tree, mesh._vertex_triangles, x, 0.5).measured / len(x))
     assert measured[1] < 1.5 * measured[0]
     assert measured[2] < 1.5 * measured[1]
     assert measured[2] < 100
@@ -187,9 +187,9 @@ def test_thin_parts_of_a_fish_have_a_foot_on_each_side(real_mesh):
 def test_feet_pass_through_motions_and_unions_and_are_asked_from_the_lattice(sphere):
     points, faces = sphere(2)
     ball = triangles(vertices=points, faces=faces)
-    turned = ck.source("moved", of=ball, rotation=[0.3, -1.1, 0.7], translation=[4.0, -2.0, 7.0], scale=3.0)
+    flipped = ck.source("moved", of=ball, rotation=[0.3, -1.1, 0.7], translation=[4.0, -2.0, 7.0], scale=3.0)
     both = ck.source("union", members=[ball, ck.source("analytic.sphere", radius=1.2)])
-    for kind, make in (("moved", lambda: turned), ("union", lambda: both)):
+    for kind, make in (("moved", lambda: flipped), ("union", lambda: both)):
         assert isinstance(make(), HasLocalMinima)
         run_laws(ConformanceCase(kind, "with a mesh", make, None, 0.15, 0.3))
     rows, feet = both.local_minima([[1.1, 0, 0], [0, 0.9, 0]], 0.2)

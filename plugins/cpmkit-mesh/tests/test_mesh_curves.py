@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import edge_loop, feature_edges, triangles
-from cpmkit_mesh.chains import in_chains
+from cpmkit_mesh.chains import order_chains
 
 import cpmkit as ck
 from cpmkit.errors import InputError
@@ -42,7 +42,7 @@ def tangled(count, rng):
 def test_chains_hold_every_edge_once_and_end_where_other_than_two_edges_meet(seed):
     rng = np.random.default_rng(seed)
     edges, positions = tangled(40, rng), rng.normal(size=(40, 3))
-    chains = in_chains(edges, positions)
+    chains = order_chains(edges, positions)
     along = chains.vertices[chains.segments()]
     np.testing.assert_array_equal(np.unique(np.sort(along, axis=1), axis=0), np.unique(np.sort(edges, axis=1), axis=0))
     assert len(along) == len(edges)
@@ -60,7 +60,7 @@ def test_chains_hold_every_edge_once_and_end_where_other_than_two_edges_meet(see
 def test_a_chain_travels_the_way_of_most_of_its_edges(seed):
     rng = np.random.default_rng(seed)
     edges, positions = tangled(40, rng), rng.normal(size=(40, 3))
-    chains = in_chains(edges, positions)
+    chains = order_chains(edges, positions)
     along = chains.vertices[chains.segments()]
     forward = np.isin(along @ [40, 1], edges @ [40, 1])
     assert (np.bincount(chains.chain[chains.segments()[:, 0]], 2.0 * forward - 1.0) >= 0).all()
@@ -81,13 +81,13 @@ def test_walking_along_an_edge_loop_the_mesh_is_on_the_left():
 
 def test_the_left_of_an_edge_loop_is_the_mesh_for_a_solution_too(sphere, cap):
     """Data on the left of the hemisphere's rim, on the whole sphere, are found on the hemisphere."""
-    turned = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
+    flipped = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     (points, faces), (half, above) = sphere(3), cap(3)
-    rim = edge_loop(vertices=half @ turned.T, faces=above)
-    whole = triangles(vertices=points @ turned.T, faces=faces)
+    rim = edge_loop(vertices=half @ flipped.T, faces=above)
+    whole = triangles(vertices=points @ flipped.T, faces=faces)
     condition = ck.Boundary("rim", rim, left=ck.Dirichlet(1.0), right=ck.Dirichlet(5.0))
-    values = ck.solve(ck.Scene(whole, ck.Laplace(), [condition]), 0.2).evaluate(points @ turned.T)
-    winding = np.sign(np.linalg.det(turned))  # a reflection turns the normals inwards
+    values = ck.solve(ck.Scene(whole, ck.Laplace(), [condition]), 0.2).evaluate(points @ flipped.T)
+    winding = np.sign(np.linalg.det(flipped))  # a reflection turns the normals inwards
     np.testing.assert_allclose(values[points[:, 2] * winding > 0.1], 1.0 if winding > 0 else 5.0, atol=1e-7)
     np.testing.assert_allclose(values[points[:, 2] * winding < -0.1], 5.0 if winding > 0 else 1.0, atol=1e-7)
 
@@ -133,9 +133,9 @@ def test_only_edges_sharper_than_the_angle_are_creases(sphere):
 
 def test_a_crease_does_not_depend_on_the_winding():
     points, faces = block()
-    turned = faces.copy()
-    turned[::2] = turned[::2, ::-1]
-    assert len(feature_edges(vertices=points, faces=turned).segments) == 12
+    flipped = faces.copy()
+    flipped[::2] = flipped[::2, ::-1]
+    assert len(feature_edges(vertices=points, faces=flipped).segments) == 12
 
 
 def test_where_three_triangles_meet_there_is_a_feature_edge():

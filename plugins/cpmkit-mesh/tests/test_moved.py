@@ -5,7 +5,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from cpmkit_mesh import tree
+from cpmkit_mesh import box_tree
 from trimesh.creation import icosphere
 
 import cpmkit as ck
@@ -37,7 +37,7 @@ def test_smooth_feet_near_the_mesh_too():
 
 def test_one_tree_is_built_however_often_a_mesh_is_moved(monkeypatch):
     built = []
-    counted = lambda corners: built.append(1) or tree.build_tree(corners)  # noqa: E731
+    counted = lambda corners: built.append(1) or box_tree.build_tree(corners)  # noqa: E731
     monkeypatch.setattr(import_module("cpmkit_mesh.triangles"), "build_tree", counted)
     mesh = ball("smooth")
     for offset in np.eye(3):

@@ -28,14 +28,14 @@ def areas(points, cells):
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2, None])
-@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("flipped", [False, True])
 @pytest.mark.parametrize(
     ("flat", "area"),
     [(COMB, 24.0), (KEYHOLE, 8.0), (NOTCHED, 13.0), (PENTAGON, 4.0)],
     ids=["comb", "keyhole", "notched", "fan"],
 )
-def test_a_polygon_is_filled_once(flat, area, turned, axis):
-    points = in_space(flat[::-1] if turned else flat, axis)
+def test_a_polygon_is_filled_once(flat, area, flipped, axis):
+    points = in_space(flat[::-1] if flipped else flat, axis)
     mesh = triangles(vertices=points, faces=[list(range(len(points)))], closest="faceted")
     parts = areas(mesh.vertices, mesh.faces)
     total = parts.sum(axis=0)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from cpmkit_mesh import read_mesh, triangles
-from cpmkit_mesh.reading import at_same_place
+from cpmkit_mesh.mesh_files import at_same_place
 
 from cpmkit.errors import InputError
 

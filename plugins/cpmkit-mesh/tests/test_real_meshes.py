@@ -36,7 +36,7 @@ def test_the_aeroplane_has_creases_and_says_so(real_mesh):
     (sentence,) = mesh.advice(0.15).closest_point_warnings
     assert "edges of the mesh turn by more than 40 degrees, the sharpest by 132 near" in sentence
     creases = feature_edges(surface=mesh)
-    assert len(creases.segments) == int((mesh.folds.angle > np.deg2rad(40)).sum())
+    assert len(creases.segments) == int((mesh.inner_edges.angle > np.deg2rad(40)).sum())
     assert total(feature_edges(surface=mesh, chain=0)) < total(creases)
 
 

@@ -45,13 +45,13 @@ def test_a_triangle_without_area_along_a_rim_changes_nothing(extra):
     assert f"{len(extra)} triangles of the mesh have their corners on a line, the first near (0, " in told(mesh)
 
 
-@pytest.mark.parametrize("turned", [False, True])
-def test_a_triangle_without_area_inside_leaves_no_gap(turned):
+@pytest.mark.parametrize("flipped", [False, True])
+def test_a_triangle_without_area_inside_leaves_no_gap(flipped):
     """A vertex on the diagonal of a square, of which one triangle knows and the other does not."""
     points, faces = square()
     a, b, c = faces[10]
     middle = len(points)
-    cap = [a, middle, c] if not turned else [c, middle, a]
+    cap = [a, middle, c] if not flipped else [c, middle, a]
     cut = np.concatenate([np.delete(faces, 10, axis=0), [[a, b, middle], [middle, b, c], cap]])
     mesh = triangles(vertices=np.concatenate([points, [0.5 * (points[a] + points[c])]]), faces=cut)
     assert len(mesh.faces) == len(faces) + 2
@@ -137,11 +137,11 @@ def test_places_are_the_users(sphere):
         [0, 6, 4],
     ]
     mesh = triangles(vertices=cube, faces=[*faces, [1, 5, 7], [1, 7, 3]])
-    turned = triangles(vertices=cube, faces=[*faces, [1, 5, 7], [1, 3, 7]])
+    flipped = triangles(vertices=cube, faces=[*faces, [1, 5, 7], [1, 3, 7]])
     for source, form, says in [
         (mesh, "collocation", "edges of the mesh turn by"),
-        (turned, "collocation", "wound against"),
-        (turned, "galerkin", "wound against"),
+        (flipped, "collocation", "wound against"),
+        (flipped, "galerkin", "wound against"),
     ]:
         solution = ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form=form)
         (told,) = [text for text in solution.warnings if says in text]

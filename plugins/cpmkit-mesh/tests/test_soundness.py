@@ -80,10 +80,10 @@ def test_the_angle_of_creases_is_the_users():
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_creases_do_not_depend_on_units_or_winding(scale):
     points, faces = ridge(90, 0.1)
-    turned = faces.copy()
-    turned[::3] = turned[::3, ::-1]
+    flipped = faces.copy()
+    flipped[::3] = flipped[::3, ::-1]
     count = [
-        warned((points * s, cells), 0.1 * s)[-1].split(" near")[0] for s in (1.0, scale) for cells in (faces, turned)
+        warned((points * s, cells), 0.1 * s)[-1].split(" near")[0] for s in (1.0, scale) for cells in (faces, flipped)
     ]
     assert len(set(count)) == 1
 
@@ -92,7 +92,7 @@ def test_needles_do_not_look_like_creases():
     """A triangle so flat that its normal is noise: six digits in a file make such of any sliver."""
     points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0.5, 0.5, 1e-7]])
     mesh = triangles(vertices=points, faces=[[0, 1, 2], [1, 4, 2], [1, 3, 4], [4, 3, 2]])
-    assert mesh.folds.angle.max() < 1e-3
+    assert mesh.inner_edges.angle.max() < 1e-3
 
 
 def test_edges_at_which_three_triangles_meet_are_reported():

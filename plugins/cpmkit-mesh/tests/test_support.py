@@ -4,7 +4,7 @@ import coarse_meshes as meshes
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.support import supported_normals
+from cpmkit_mesh.unsupported_edges import supported_normals
 
 import cpmkit as ck
 

@@ -30,7 +30,7 @@ def beside(n, m, gap=0.0):
     )
 
 
-def turned(points, seed):
+def flipped(points, seed):
     return points if seed is None else points @ np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
 
 
@@ -43,8 +43,8 @@ def area(mesh):
 @pytest.mark.parametrize(("n", "m"), [(1, 2), (2, 1), (4, 8), (1, 3), (3, 4), (7, 5)])
 def test_parts_with_unlike_divisions_are_one_mesh(n, m, seed):
     points, faces = beside(n, m)
-    mesh = triangles(vertices=turned(points, seed), faces=faces)
-    assert mesh.piece.max() == 0
+    mesh = triangles(vertices=flipped(points, seed), faces=faces)
+    assert mesh.component.max() == 0
     assert mesh.adjacency.consistent
     assert len(mesh.adjacency.boundary) == 3 * n + 3 * m
     assert area(mesh) == pytest.approx(2.0, rel=1e-12)
@@ -53,10 +53,10 @@ def test_parts_with_unlike_divisions_are_one_mesh(n, m, seed):
     )
     assert mesh.notes[0].startswith(f"{inside} vertices of the mesh lie on edges of other triangles, the first")
     assert (np.diff(mesh.given_index) > 0).all()
-    x = turned(np.random.default_rng(0).uniform([0, 0, 0], [2, 1, 0], (200, 3)), seed)
+    x = flipped(np.random.default_rng(0).uniform([0, 0, 0], [2, 1, 0], (200, 3)), seed)
     feet = mesh.closest_point(x)
     np.testing.assert_allclose(feet.points, x, atol=1e-12)
-    values = turned(points, seed) @ [1.0, 2, 3]
+    values = flipped(points, seed) @ [1.0, 2, 3]
     np.testing.assert_allclose(mesh.interpolate(values, feet), x @ [1.0, 2, 3], atol=1e-12)
 
 
@@ -80,7 +80,7 @@ def test_a_box_of_faces_with_unlike_divisions_is_closed():
     points, faces = together(*(grid(*side, n) for n, side in enumerate(sides, 1)))
     mesh = triangles(vertices=points, faces=faces)
     assert len(mesh.adjacency.boundary) == 0
-    assert (mesh.piece.max(), mesh.adjacency.consistent) == (0, True)
+    assert (mesh.component.max(), mesh.adjacency.consistent) == (0, True)
     assert area(mesh) == pytest.approx(6.0, rel=1e-12)
 
 
@@ -88,7 +88,7 @@ def test_a_wall_on_an_edge_inside_a_floor_is_joined_to_it():
     floor, wall = grid([-1.0, 0, 0], [2.0, 0, 0], [0, 1.0, 0], 2), grid([0.0, 0, 0], [0, 0, 1.0], [0, 1.0, 0], 3)
     points, faces = together(floor, wall)
     mesh = triangles(vertices=points, faces=faces)
-    assert mesh.piece.max() == 0
+    assert mesh.component.max() == 0
     assert any(text.startswith("4 edges of the mesh are shared by three") for text in mesh.own_warnings(0.1))
     assert area(mesh) == pytest.approx(3.0, rel=1e-12)
 
@@ -99,7 +99,7 @@ def test_a_wall_on_an_edge_inside_a_floor_is_joined_to_it():
 def test_gaps_are_closed_up_to_a_tolerance(gap, weld, joined):
     points, faces = beside(3, 4, gap)
     mesh = triangles(vertices=points, faces=faces, weld=weld)
-    assert mesh.piece.max() == 1 - joined
+    assert mesh.component.max() == 1 - joined
     assert len(mesh.adjacency.boundary) == (21 if joined else 28)
     assert any(text.startswith("2 vertices at rims of the mesh lie up to") for text in mesh.notes) == bool(joined)
     assert any(text.startswith("5 vertices of the mesh lie on") for text in mesh.notes) == bool(joined)
@@ -108,7 +108,7 @@ def test_gaps_are_closed_up_to_a_tolerance(gap, weld, joined):
 def test_no_tolerance_makes_triangles_vanish():
     points, faces = beside(3, 4, 0.02)
     mesh = triangles(vertices=points, faces=faces, weld=10.0)
-    assert mesh.piece.max() == 0
+    assert mesh.component.max() == 0
     assert area(mesh) > 1.9
     with pytest.raises(InputError, match="weld must be a finite number above zero, got -1"):
         triangles(vertices=points, faces=faces, weld=-1)

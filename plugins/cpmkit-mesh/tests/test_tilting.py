@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from cpmkit_mesh import triangles
-from cpmkit_mesh.normals import corner_normals
-from cpmkit_mesh.tilting import ROUGH_CHORD_RADIANS, tilted_to_chords
+from cpmkit_mesh.corner_normals import ROUGH_CHORD_RADIANS, corner_normals, fit_to_chords
 from cpmkit_mesh.topology import topology
 from scipy.spatial import ConvexHull
 
@@ -20,7 +19,7 @@ def at_vertices(points, faces):
 def averages(points, faces):
     """Return the normals before they are tilted: averages over the triangles around each vertex."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpmkit_mesh.normals.tilted_to_chords", lambda *given: given[3])
+        patch.setattr("cpmkit_mesh.corner_normals.fit_to_chords", lambda *given: given[3])
         normals = np.zeros_like(points)
         normals[faces.ravel()] = corner_normals(points, faces, topology(points, faces)).reshape(-1, 3)
     return normals
@@ -102,7 +101,7 @@ def test_tilts_are_those_of_least_squares(sphere):
     assert 1e-3 < np.linalg.norm(tilt, axis=1).max() < 0.1
     after = before + tilt
     after /= np.linalg.norm(after, axis=1, keepdims=True)
-    np.testing.assert_allclose(tilted_to_chords(points, faces, topology(points, faces), before), after, atol=1e-10)
+    np.testing.assert_allclose(fit_to_chords(points, faces, topology(points, faces), before), after, atol=1e-10)
 
 
 def test_creases_are_hardly_tilted():
@@ -111,5 +110,5 @@ def test_creases_are_hardly_tilted():
     points = np.stack([np.minimum(x, 0), y, np.maximum(x, 0)], axis=2).reshape(-1, 3)
     corner = (np.arange(8)[:, None] * 9 + np.arange(8)).ravel()
     faces = np.concatenate([corner[:, None] + [0, 9, 10], corner[:, None] + [0, 10, 1]])
-    turned = np.einsum("ij,ij->i", averages(points, faces), at_vertices(points, faces))
-    assert turned.min() > np.cos(0.02)
+    flipped = np.einsum("ij,ij->i", averages(points, faces), at_vertices(points, faces))
+    assert flipped.min() > np.cos(0.02)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from cpmkit_mesh.tree import build_tree, nearest
+from cpmkit_mesh.box_tree import build_tree, find_nearest
 
 from cpmkit.runtime.threads import run_parcels, thread_count
 
@@ -56,7 +56,7 @@ def test_distances_equal_those_of_all_triangles(scale, offset):
     corners = soup(rng, 600) * scale + offset
     x = np.concatenate([rng.uniform(-1.5, 1.5, (400, 3)), rng.uniform(-30, 30, (100, 3))]) * scale + offset
     x = np.concatenate([x, corners.reshape(-1, 3)[:100], corners.mean(axis=1)[:100]])
-    found = nearest(build_tree(corners), x)
+    found = find_nearest(build_tree(corners), x)
     size = max(scale, offset / 100)
     np.testing.assert_allclose(found.distance, brute_force(x, corners), rtol=1e-12, atol=1e-12 * size)
 
@@ -65,11 +65,11 @@ def test_a_record_is_consistent_with_itself():
     rng = np.random.default_rng(2)
     corners, x = soup(rng, 500), rng.uniform(-1.5, 1.5, (2000, 3))
     tree = build_tree(corners)
-    found = nearest(tree, x)
+    found = find_nearest(tree, x)
     local = np.column_stack([1 - found.local.sum(axis=1), found.local])
     assert local.min() >= -1e-15
-    np.testing.assert_allclose(np.einsum("nc,nck->nk", local, corners[tree.order[found.slot]]), found.foot, atol=1e-14)
-    np.testing.assert_allclose(np.linalg.norm(x - found.foot, axis=1), found.distance, rtol=1e-15)
+    np.testing.assert_allclose(np.einsum("nc,nck->nk", local, corners[tree.order[found.slot]]), found.point, atol=1e-14)
+    np.testing.assert_allclose(np.linalg.norm(x - found.point, axis=1), found.distance, rtol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_record_is_consistent_with_itself():
 def test_degenerate_triangles_count_as_the_segments_and_points_that_they_are(corners):
     corners = np.array(corners, dtype=float)
     x = np.random.default_rng(3).uniform(-2, 4, (500, 3))
-    np.testing.assert_allclose(nearest(build_tree(corners), x).distance, brute_force(x, corners), rtol=1e-13)
+    np.testing.assert_allclose(find_nearest(build_tree(corners), x).distance, brute_force(x, corners), rtol=1e-13)
 
 
 @pytest.mark.parametrize("height", [1e-16, 1e-13, 1e-10, 1e-7])
@@ -97,8 +97,8 @@ def test_slivers_lie_within_their_height_of_their_longest_edge(height):
     corners[:, 2] = (1 - share) * corners[:, 0] + share * corners[:, 1] + height * corners[:, 2]
     for k in range(3):  # whichever corner comes first
         x = np.concatenate([rng.uniform(-3, 3, (300, 3)), corners.mean(axis=1)])
-        distance = nearest(build_tree(np.roll(corners, k, axis=1)), x).distance
-        edges = nearest(build_tree(corners[:, [0, 1, 1]]), x).distance
+        distance = find_nearest(build_tree(np.roll(corners, k, axis=1)), x).distance
+        edges = find_nearest(build_tree(corners[:, [0, 1, 1]]), x).distance
         np.testing.assert_allclose(distance, edges, atol=4 * height + 1e-15)
         assert distance[300:].max() < 4e-15
 
@@ -106,7 +106,7 @@ def test_slivers_lie_within_their_height_of_their_longest_edge(height):
 def test_sizes_that_grow_geometrically_do_not_overflow_the_stack():
     corners = 2.0 ** -np.arange(900)[:, None, None] * np.array([[[1.0, 0, 0], [1, 1, 0], [1, 0, 1]]])
     x = np.random.default_rng(4).uniform(0, 1, (200, 3))
-    np.testing.assert_allclose(nearest(build_tree(corners), x).distance, brute_force(x, corners), rtol=1e-12)
+    np.testing.assert_allclose(find_nearest(build_tree(corners), x).distance, brute_force(x, corners), rtol=1e-12)
 
 
 def test_answers_do_not_depend_on_the_number_of_threads(monkeypatch, sphere):
@@ -115,10 +115,10 @@ def test_answers_do_not_depend_on_the_number_of_threads(monkeypatch, sphere):
     answers = []
     for threads in ("1", "2", "3"):
         monkeypatch.setenv("CPMKIT_THREADS", threads)
-        answers.append(nearest(tree, x))
+        answers.append(find_nearest(tree, x))
     for other in answers[1:]:
         np.testing.assert_array_equal(other.slot, answers[0].slot)
-        np.testing.assert_array_equal(other.foot, answers[0].foot)
+        np.testing.assert_array_equal(other.point, answers[0].point)
 
 
 def test_parcels_cover_the_range_once_and_hand_on_errors(monkeypatch):

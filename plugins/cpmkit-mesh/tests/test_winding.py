@@ -25,10 +25,10 @@ def moebius(columns=40, rows=4):
 
 
 def some_reversed(faces, share, seed=0):
-    turned = faces.copy()
+    flipped = faces.copy()
     which = np.random.default_rng(seed).permutation(len(faces))[: max(1, round(share * len(faces)))]
-    turned[which] = turned[which, ::-1]
-    return turned
+    flipped[which] = flipped[which, ::-1]
+    return flipped
 
 
 @pytest.mark.parametrize("share", [0.0, 0.1, 0.4])

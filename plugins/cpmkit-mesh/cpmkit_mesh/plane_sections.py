@@ -1,4 +1,4 @@
-"""The section of a triangle mesh by a plane: a polyline whose vertices lie on edges of the mesh, whatever the plane."""
+"""The section of a triangle mesh by a plane: a polyline with vertices on edges of the mesh, for any plane."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, dots, unit
-from cpmkit_mesh.chains import Chains, in_chains
-from cpmkit_mesh.merging import edge_reach
+from cpmkit_mesh.chains import Chains, order_chains
 from cpmkit_mesh.polyline import AT_VERTEX_SHARE, Polyline
+from cpmkit_mesh.rim_joining import joining_distance
 
 if TYPE_CHECKING:
     from cpmkit_mesh.triangles import TriangleMesh
 
-#: How far from the section, relative to the largest side of its bounds, :attr:`PlaneSection.left_of` lies.
+#: The distance of :attr:`PlaneSection.left_of` from the section, relative to the largest side of its bounds.
 LEFT_OF_OFFSET_SHARE = 1e-3
 
 
@@ -27,14 +27,14 @@ class PlaneSection(Polyline):
     Attributes
     ----------
     conormals : (m, 3) float64
-        Of each segment the unit vector across it, in its triangle, to the left.
+        The unit vector across each segment to its left, in the plane of its triangle.
     """
 
     conormals: Floats
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, 3) unit vectors across the curve that point to its left, at a vertex between both segments'."""
-        segment, t = self._located(feet)
+        """Return (n, 3) unit vectors across the curve to its left, at a vertex the mean of both segments'."""
+        segment, t = self._locate(feet)
         left = self.conormals[segment]
         start, end = t <= AT_VERTEX_SHARE, t >= 1.0 - AT_VERTEX_SHARE
         left[start] = self._vertex_sums[self.segments[segment[start], 0]]
@@ -45,9 +45,9 @@ class PlaneSection(Polyline):
 
     @property
     def left_of(self) -> Floats:
-        """(3,) a point at the left of the curve."""
-        beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
-        return np.asarray(self.vertices[self.segments[0]].mean(axis=0) + beside * self.conormals[0])
+        """(3,) a point to the left of the curve."""
+        offset = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
+        return np.asarray(self.vertices[self.segments[0]].mean(axis=0) + offset * self.conormals[0])
 
     @cached_property
     def _vertex_sums(self) -> Floats:
@@ -59,8 +59,8 @@ class PlaneSection(Polyline):
 def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSection:
     """Return the section of ``mesh`` by the plane through ``point`` (3,) across ``normal`` (3,).
 
-    Vertices as near to the plane as rounding parts vertices lie in it. They count as left of it, and where then nothing
-    is right of it, as right: of faces in the plane the section is the outline.
+    Vertices lie in the plane if they are as near to it as rounding. They count as left of it, or, if no vertex is right
+    of it then, as right: the section of faces in the plane is their outline.
 
     Raises
     ------
@@ -69,21 +69,22 @@ def plane_section(mesh: TriangleMesh, point: Floats, normal: Floats) -> PlaneSec
     """
     used = np.arange(len(mesh.vertices))
     height = (mesh.vertices - point) @ unit(normal[None])[0]
-    height[np.abs(height) <= edge_reach(mesh.vertices, mesh.faces, used, None)] = 0.0
+    height[np.abs(height) <= joining_distance(mesh.vertices, mesh.faces, used, None)] = 0.0
     for left in (height >= 0.0, height > 0.0):
-        found = _chains(mesh, height, left)
-        if found is not None:
-            return found
+        section = _section_between(mesh, height, left)
+        if section is not None:
+            return section
     raise InputError(
         "the distance from the plane does not change its sign on the mesh: it is from "
         f"{height.min():.3g} to {height.max():.3g} at the vertices; move the plane into the mesh."
     )
 
 
-def _chains(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | None:
-    """Return the section between the vertices that are ``left`` (k,) and the others; None where there is none.
+def _section_between(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | None:
+    """Return the section between the vertices that are ``left`` (k,) and the others; None if there is none.
 
-    In a triangle wound with its normal up, left stays left of whoever walks from the edge that leaves it to the other.
+    In each triangle the segment starts on the edge that leads from left to right in the triangle's orientation: left is
+    then to its left, seen from the tip of the normal.
     """
     start, end = left[mesh.faces[:, [1, 2, 0]]], left[mesh.faces[:, [2, 0, 1]]]  # edge e is opposite corner e
     cell = np.flatnonzero((start != end).any(axis=1))
@@ -99,20 +100,20 @@ def _chains(mesh: TriangleMesh, height: Floats, left: Bools) -> PlaneSection | N
     at = np.where(height[first] == 0.0, first, np.where(height[second] == 0.0, second, -1))
     places[at >= 0] = mesh.vertices[at[at >= 0]]
     name = np.where(at >= 0, at, len(mesh.vertices) + np.arange(len(pairs)))
-    chains = _without_touching(_without_spurs(in_chains(node, places), name), name, places)
+    chains = _remove_touching(_remove_spurs(order_chains(node, places), name), name, places)
     if not len(chains):
         return None
     vertices, segments = chains.vertices, chains.segments()
-    of_segment = cell[_places_of(name[node], name[vertices][segments])]
+    of_segment = cell[_find_pairs(name[node], name[vertices][segments])]
     points = places[vertices]
     conormals = _conormals(mesh, of_segment, name[vertices][segments], points[segments], left)
     return PlaneSection(points, segments, chains.ends(), np.arange(len(points)), len(points), points, conormals)
 
 
-def _without_spurs(chains: Chains, name: Ints) -> Chains:
-    """Return the chains without repeated places and without parts that are travelled to and fro.
+def _remove_spurs(chains: Chains, name: Ints) -> Chains:
+    """Return the chains without repeated places and without parts that lead to a place and back.
 
-    ``name`` tells the nodes that lie at one place.
+    Nodes with the same ``name`` lie at one place.
     """
     vertices, chain, closed = chains.vertices, chains.chain, chains.closed
     dropped = np.ones(1, dtype=bool)
@@ -127,13 +128,13 @@ def _without_spurs(chains: Chains, name: Ints) -> Chains:
         before[first[opened]], after[last[opened]] = -1, -2
         dropped = (here == before) | (before == after)
         vertices, chain = vertices[~dropped], chain[~dropped]
-    kept = np.bincount(chain, minlength=len(closed)) >= np.where(closed, 3, 2)
-    own = kept[chain]
-    return Chains(vertices[own], (np.cumsum(kept) - 1)[chain[own]], closed[kept])
+    proper = np.bincount(chain, minlength=len(closed)) >= np.where(closed, 3, 2)
+    rows = proper[chain]
+    return Chains(vertices[rows], (np.cumsum(proper) - 1)[chain[rows]], closed[proper])
 
 
-def _without_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
-    """Return the chains without segments that stand in them twice: there the plane touches the mesh along an edge."""
+def _remove_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
+    """Return the chains without segments that occur twice: the plane touches the mesh along an edge there."""
     if not len(chains):
         return chains
     segments = name[chains.vertices][chains.segments()]
@@ -143,26 +144,26 @@ def _without_touching(chains: Chains, name: Ints, places: Floats) -> Chains:
         return chains if alone.all() else Chains(chains.vertices[:0], chains.chain[:0], chains.closed[:0])
     first = np.full(name.max() + 1, -1)
     first[name[::-1]] = np.arange(len(name))[::-1]
-    return in_chains(first[segments[alone]], places)
+    return order_chains(first[segments[alone]], places)
 
 
-def _places_of(pairs: Ints, wanted: Ints) -> Ints:
-    """Return where each of ``wanted`` (k, 2) stands among ``pairs`` (m, 2), in either order."""
+def _find_pairs(pairs: Ints, wanted: Ints) -> Ints:
+    """Return the row (k,) of each of ``wanted`` (k, 2) among ``pairs`` (m, 2), in either order."""
     count = pairs.max() + 1
-    keys, target = (np.sort(one, axis=1) @ [count, 1] for one in (pairs, wanted))
+    keys, target = (np.sort(numbers, axis=1) @ [count, 1] for numbers in (pairs, wanted))
     order = np.argsort(keys, kind="stable")
     return order[np.searchsorted(keys, target, sorter=order)]
 
 
 def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: Bools) -> Floats:
-    """Return (m, 3) the unit vectors across segments to the left: in their triangles, along edges between both."""
+    """Return (m, 3) unit vectors across segments to the left: in their triangles, at edges the mean of two."""
     along = unit(ends[:, 1] - ends[:, 0])
     corners = mesh.faces[cell]
     middle = ends.mean(axis=1)
     side = np.where(left[corners], 1.0, -1.0)
     away = mesh.vertices[corners] - middle[:, None]
     away -= np.einsum("mcd,md->mc", away, along)[:, :, None] * along[:, None]
-    found = unit(np.einsum("mc,mcd->md", side, away))
+    conormals = unit(np.einsum("mc,mcd->md", side, away))
     on_edge = np.flatnonzero((name < len(mesh.vertices)).all(axis=1))
     apex = (corners[on_edge, :, None] != name[on_edge, None]).all(axis=2).argmax(axis=1)
     other = mesh.adjacency.neighbours[cell[on_edge], apex]
@@ -172,7 +173,7 @@ def _conormals(mesh: TriangleMesh, cell: Ints, name: Ints, ends: Floats, left: B
     far = far[np.arange(len(far)), (far[:, :, None] != name[on_edge, None]).all(axis=2).argmax(axis=1)]
     beyond = mesh.vertices[far] - middle[on_edge]
     beyond = unit(beyond - dots(beyond, along[on_edge])[:, None] * along[on_edge])
-    both = found[on_edge] - np.where(left[corners[on_edge, apex[inner]]], 1.0, -1.0)[:, None] * beyond
+    both = conormals[on_edge] - np.where(left[corners[on_edge, apex[inner]]], 1.0, -1.0)[:, None] * beyond
     folded = np.linalg.norm(both, axis=1) <= AT_VERTEX_SHARE
-    found[on_edge] = np.where(folded[:, None], found[on_edge], unit(both))
-    return found
+    conormals[on_edge] = np.where(folded[:, None], conormals[on_edge], unit(both))
+    return conormals

@@ -1,7 +1,7 @@
-"""Compiled: the nearest of a tree's triangles and segments to each query, and the local minima of the distance.
+"""Compiled: the nearest of a tree's triangles and segments to each query, and local minima of the distance.
 
-A query walks the tree with a stack of its own. Triangles stand in the order of the leaves, each as a
-corner and the two edges that leave it. Arguments carry no types: numba infers them.
+A query traverses the tree with a stack of its own. Triangles are in the order of the leaves, each as a corner and the
+two edges from it. Arguments have no type annotations: numba infers the types.
 """
 
 from __future__ import annotations
@@ -9,25 +9,25 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.plugin import compiled, inlined
-from cpmkit_mesh.building_kernels import STACK_NODES
+from cpmkit_mesh.box_tree_kernels import STACK_NODES
 
-#: How a primitive is measured: a triangle, a triangle too thin for plain formulas, a segment.
+#: The formula of the distance: of a triangle, of a triangle too thin for the usual formula, of a segment.
 TRIANGLE_KIND, SLIVER_KIND, SEGMENT_KIND = 0, 1, 2
-#: A foot with a barycentric coordinate below this lies on the edge opposite that corner.
+#: A nearest point with a barycentric coordinate below this lies on the edge opposite that corner.
 ON_SIDE_COORDINATE = 1e-12
-#: What rounding may take from a square.
+#: The relative rounding of a squared distance.
 SQUARE_ROUNDING = 1e-12
-#: Normals that miss the query by no more than this, of cosines, may miss it by the rounding of angles.
+#: The rounding of cosines in the test whether a cone of normals leads to the query.
 CONE_SLACK_COSINE = 1e-7
 
 
 @compiled
-def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, foot, distance):
-    """Answer the queries ``x[start:stop]`` (n, 3) from ``frames`` (m, 3, 3): a corner and the two edges that leave it.
+def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, distance):
+    """Find the nearest primitive of each query ``x[start:stop]`` (n, 3).
 
-    Writes the place ``slot`` (n,) of the nearest primitive in the order of the leaves, the
-    coordinates ``local`` (n, 2) of the foot along its first two edges, ``foot`` (n, 3) and
-    ``distance`` (n,). Ties go to the primitive met first, the same in every run.
+    ``frames`` (m, 3, 3) are a corner and the two edges from it. Written are the ``slot`` (n,) of the nearest primitive,
+    the coordinates ``local`` (n, 2) of the nearest point along its two edges, the ``point`` (n, 3) and its ``distance``
+    (n,). Ties go to the primitive reached first, which is the same in every run.
     """
     waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
     waiting_square = np.empty(STACK_NODES)
@@ -64,25 +64,25 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, foot, dist
                     if square < best:
                         best, best_slot, best_v, best_w = square, s, v, w
         slot[i] = best_slot
-        _write(x, i, best_slot, best_v, best_w, frames, local, foot, distance)
+        _write(x, i, best_slot, best_v, best_w, frames, local, point, distance)
 
 
 @compiled
-def nearest_in(x, start, stop, frames, shape, slot, local, foot, distance):
-    """Answer as ``nearest`` does, from the primitives that ``slot`` (n,) names."""
+def project_onto(x, start, stop, frames, shape, slot, local, point, distance):
+    """Find the nearest point as ``nearest`` does, on the primitive in the ``slot`` (n,) of each query."""
     for i in range(start, stop):
         s = np.uint64(slot[i])
         _, v, w = _measure(x[i, 0], x[i, 1], x[i, 2], frames, s, shape[s])
-        _write(x, i, s, v, w, frames, local, foot, distance)
+        _write(x, i, s, v, w, frames, local, point, distance)
 
 
 @compiled
 def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
     """Find the local minima, up to ``radius``, of the distance from ``x[start:stop]`` over the whole surface.
 
-    ``patches`` holds the vertices (m, 3) of each slot, and by vertex where its slots begin and which they are;
-    ``cones`` (nodes, 5) bound the normals in each box, and a box to which none of them leads is left out.
-    Returns for each minimum its row in ``x`` and its slot, in the order of rows; and how many were measured.
+    ``patches`` are the vertices (m, 3) of each slot, and by vertex the start of its slots and these. ``cones`` (nodes,
+    5) bound the normals in each box: a box none of whose normals leads to the query is skipped. Returned are the row
+    in ``x`` and the slot of each minimum, by ascending rows, and the number of triangles that were measured.
     """
     rows, slots = np.empty(64, dtype=np.int64), np.empty(64, dtype=np.int64)
     waiting_node = np.empty(STACK_NODES, dtype=np.uint64)
@@ -94,7 +94,7 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
         while waiting:
             waiting -= 1
             node = waiting_node[waiting]
-            if _box_square(px, py, pz, boxes, node) > limit or _turned_away(px, py, pz, boxes, cones, node):
+            if _box_square(px, py, pz, boxes, node) > limit or _leads_nowhere(px, py, pz, boxes, cones, node):
                 continue
             begin = nodes[node, 1]
             if nodes[node, 0] == 0:
@@ -106,9 +106,9 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
                 measured += 1
                 if square > limit:
                     continue
-                undercut, tried = _undercut(px, py, pz, frames, shape, patches, s, square, v, w)
-                measured += tried
-                if undercut:
+                has_lower, count_tested = _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w)
+                measured += count_tested
+                if has_lower:
                     continue
                 if count == len(rows):
                     rows, slots = np.concatenate((rows, rows)), np.concatenate((slots, slots))
@@ -118,11 +118,12 @@ def minima(x, start, stop, radius, boxes, nodes, frames, shape, patches, cones):
 
 
 @inlined
-def _turned_away(px, py, pz, boxes, cones, node):
-    """Tell whether no point of the box sees the query along a normal in the node's cone (Johnson and Cohen 2001).
+def _leads_nowhere(px, py, pz, boxes, cones, node):
+    """Return whether no normal in the node's cone leads from the box to the query (Johnson and Cohen 2001).
 
-    At a local minimum the way to the query is a normal there, or between those of the triangles around. From the
-    ball around the box it leads into a cone about the way from its centre, with the sine radius over distance.
+    At a local minimum the direction to the query is a normal, or a mean of those of the triangles around it. From all
+    points of the ball around the box, directions to the query lie in a cone about that from the centre, whose sine is
+    radius over distance.
     """
     dx = px - 0.5 * (boxes[node, 0] + boxes[node, 3])
     dy = py - 0.5 * (boxes[node, 1] + boxes[node, 4])
@@ -137,11 +138,11 @@ def _turned_away(px, py, pz, boxes, cones, node):
 
 
 @compiled
-def _undercut(px, py, pz, frames, shape, patches, s, square, v, w):
-    """Tell whether a triangle that shares the edge or corner of slot s on which its foot lies has a nearer one.
+def _has_lower_neighbour(px, py, pz, frames, shape, patches, s, square, v, w):
+    """Return whether a triangle that shares the edge or corner with the nearest point of slot s has a nearer one.
 
-    Triangles are convex, and so is the distance over each: where none of them has a nearer foot, this one is a
-    local minimum. Of equals the lowest slot counts as the nearest. Also returns how many were measured.
+    Triangles are convex, and so is the distance over each: the point is a local minimum if none of them has a nearer
+    one. Of equal ones that in the lowest slot counts as the nearest. Also returns the number of triangles measured.
     """
     vertices, first, around = patches
     corner, other, parts = -1, -1, 0
@@ -152,48 +153,48 @@ def _undercut(px, py, pz, frames, shape, patches, s, square, v, w):
             corner, other = vertices[s, k], corner
     if parts == 3:
         return False, 0
-    tried = 0
+    tested = 0
     for place in range(first[corner], first[corner + 1]):
-        beside = around[place]
-        shares = vertices[beside, 0] == other or vertices[beside, 1] == other or vertices[beside, 2] == other
-        if beside == np.int64(s) or (parts == 2 and not shares):
+        t = around[place]
+        shares = vertices[t, 0] == other or vertices[t, 1] == other or vertices[t, 2] == other
+        if t == np.int64(s) or (parts == 2 and not shares):
             continue
-        tried += 1
-        there, _, _ = _measure(px, py, pz, frames, np.uint64(beside), shape[beside])
-        if there < square or (there == square and beside < np.int64(s)):
-            return True, tried
-    return False, tried
+        tested += 1
+        there, _, _ = _measure(px, py, pz, frames, np.uint64(t), shape[t])
+        if there < square or (there == square and t < np.int64(s)):
+            return True, tested
+    return False, tested
 
 
 @compiled
-def distinct(rows, points, distance, near, tiny, kept):
-    """Mark in ``kept`` (k,) the first of the ``points`` (k, 3) of each of ``rows`` (k,), ascending, at each place.
+def distinct_minima(rows, points, distance, relative, absolute, is_first):
+    """Mark in ``is_first`` (k,) the first of the ``points`` (k, 3) of each of ``rows`` (k,), ascending, at each place.
 
-    Those nearer to each other than ``near`` times the distance, and ``tiny``, are one.
+    Points nearer to each other than ``relative`` times the distance plus ``absolute`` are at one place.
     """
     begin = 0
     for i in range(len(rows)):
         if rows[i] != rows[begin]:
             begin = i
-        allowed = (near * distance[i] + tiny) ** 2
-        kept[i] = True
+        allowed = (relative * distance[i] + absolute) ** 2
+        is_first[i] = True
         for j in range(begin, i):
             square = 0.0
             for k in range(3):
                 square += (points[i, k] - points[j, k]) ** 2
-            if kept[j] and square <= allowed:
-                kept[i] = False
+            if is_first[j] and square <= allowed:
+                is_first[i] = False
                 break
 
 
 @inlined
-def _write(x, i, s, v, w, frames, local, foot, distance):
+def _write(x, i, s, v, w, frames, local, point, distance):
     local[i, 0] = v
     local[i, 1] = w
     square = 0.0
     for k in range(3):
-        foot[i, k] = frames[s, 0, k] + (v * frames[s, 1, k] + w * frames[s, 2, k])
-        square += (x[i, k] - foot[i, k]) ** 2
+        point[i, k] = frames[s, 0, k] + (v * frames[s, 1, k] + w * frames[s, 2, k])
+        square += (x[i, k] - point[i, k]) ** 2
     distance[i] = np.sqrt(square)
 
 
@@ -207,23 +208,23 @@ def _box_square(px, py, pz, boxes, node):
 
 @inlined
 def _measure(px, py, pz, frames, s, shape):
-    """Return the squared distance to primitive ``s`` and the foot's coordinates along its edges."""
+    """Return the squared distance to primitive ``s`` and the coordinates of its nearest point along its edges."""
     qx, qy, qz = px - frames[s, 0, 0], py - frames[s, 0, 1], pz - frames[s, 0, 2]
     bx, by, bz = frames[s, 1, 0], frames[s, 1, 1], frames[s, 1, 2]
     cx, cy, cz = frames[s, 2, 0], frames[s, 2, 1], frames[s, 2, 2]
     if shape == TRIANGLE_KIND:
-        v, w = _foot_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz)
+        v, w = _closest_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz)
     elif shape == SEGMENT_KIND:
-        v, w = _foot_on_edge(qx, qy, qz, bx, by, bz), 0.0
+        v, w = _closest_on_edge(qx, qy, qz, bx, by, bz), 0.0
     else:
-        v, w = _foot_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz)
+        v, w = _closest_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz)
     rx, ry, rz = qx - v * bx - w * cx, qy - v * by - w * cy, qz - v * bz - w * cz
     return rx * rx + ry * ry + rz * rz, v, w
 
 
 @inlined
-def _foot_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
-    """Classify q against the regions of corners, edges and face (Ericson, Real-Time Collision Detection, 5.1.5)."""
+def _closest_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
+    """Return the coordinates of the point nearest to q (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
     bb = bx * bx + by * by + bz * bz
     bc = bx * cx + by * cy + bz * cz
     cc = cx * cx + cy * cy + cz * cz
@@ -252,26 +253,27 @@ def _foot_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
 
 
 @compiled
-def _foot_on_edge(qx, qy, qz, ex, ey, ez):
+def _closest_on_edge(qx, qy, qz, ex, ey, ez):
     square = ex * ex + ey * ey + ez * ez
     t = (qx * ex + qy * ey + qz * ez) / square if square > 0.0 else 0.0
     return min(max(t, 0.0), 1.0)
 
 
 @compiled
-def _foot_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz):
-    """Take the best of the three edges and, in an orthonormal frame along the longer side, the inside.
+def _closest_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz):
+    """Return the coordinates of the point nearest to q: on one of the edges, or inside, in an orthonormal frame.
 
-    The plain formulas divide by the squared area, which a sliver loses to cancellation.
+    The usual formulas divide by the squared area, which cancellation destroys in a sliver. The frame has an axis along
+    the longer side.
     """
-    v, w = _foot_on_edge(qx, qy, qz, bx, by, bz), 0.0
+    v, w = _closest_on_edge(qx, qy, qz, bx, by, bz), 0.0
     best = (qx - v * bx) ** 2 + (qy - v * by) ** 2 + (qz - v * bz) ** 2
-    t = _foot_on_edge(qx, qy, qz, cx, cy, cz)
+    t = _closest_on_edge(qx, qy, qz, cx, cy, cz)
     square = (qx - t * cx) ** 2 + (qy - t * cy) ** 2 + (qz - t * cz) ** 2
     if square < best:
         best, v, w = square, 0.0, t
     ex, ey, ez = cx - bx, cy - by, cz - bz
-    t = _foot_on_edge(qx - bx, qy - by, qz - bz, ex, ey, ez)
+    t = _closest_on_edge(qx - bx, qy - by, qz - bz, ex, ey, ez)
     square = (qx - bx - t * ex) ** 2 + (qy - by - t * ey) ** 2 + (qz - bz - t * ez) ** 2
     if square < best:
         best, v, w = square, 1.0 - t, t

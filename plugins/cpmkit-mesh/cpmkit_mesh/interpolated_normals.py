@@ -1,4 +1,4 @@
-"""A mesh as a sample of a smooth surface: feet along normals interpolated between the vertices."""
+"""Closest points of the smooth surface that a mesh samples, along normals interpolated between its vertices."""
 
 from __future__ import annotations
 
@@ -7,28 +7,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, Ints, run_parcels, unit
+from cpmkit_mesh.box_tree import BoxTree, Nearest, as_frames
 from cpmkit_mesh.topology import Topology
-from cpmkit_mesh.tree import Nearest, Tree, as_frames
 
 #: Cosine of the turn of a boundary loop above which a vertex is a corner, not the sample of a smooth curve.
 CORNER_COSINE = np.cos(np.deg2rad(45.0))
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothPart:
-    """What the walk along interpolated normals reads, in the order of a tree's slots.
+class InterpolatedNormals:
+    """Normals at the corners of triangles, and the paths from triangle to triangle, in the order of a tree's slots.
 
     Attributes
     ----------
     normals : (m, 3, 3) float64
-        The normal at the first corner and its changes towards the others.
+        The normal at the first corner and the differences of the other two from it.
     neighbours : (m, 3) int64
-        As in :class:`Topology`, triangles by their slots.
+        As in :class:`Topology`, with slots for triangles.
     rim : five arrays
-        For each boundary edge its ends, normals and tangents (k, 2, 3), the edge end that each of
-        its ends touches (k, 2), and its slot and edge in the triangle (k, 2).
+        For each boundary edge its ends, normals and tangents (k, 2, 3), the end of another boundary edge that each of
+        its ends touches (k, 2), and its slot and the edge of the triangle (k, 2).
     tiny : float
-        Distance at which a query counts as on the mesh.
+        The distance up to which a query lies on the mesh.
     """
 
     normals: Floats
@@ -37,14 +37,16 @@ class SmoothPart:
     tiny: float
 
 
-def smooth_part(vertices: Floats, adjacency: Topology, normals_at_corners: Floats, order: Ints) -> SmoothPart:
-    """Return the arrays for the triangles in the given ``order`` of slots."""
+def interpolated_normals(
+    vertices: Floats, adjacency: Topology, normals_at_corners: Floats, order: Ints
+) -> InterpolatedNormals:
+    """Return the normals ``normals_at_corners`` (m, 3, 3) for triangles in the ``order`` (m,) of slots."""
     slot = np.empty(len(order), dtype=np.int64)
     slot[order] = np.arange(len(order))
     neighbours = adjacency.neighbours[order]
     inner = neighbours >= 0
     neighbours[inner] = slot[neighbours[inner]]
-    return SmoothPart(
+    return InterpolatedNormals(
         normals=as_frames(normals_at_corners[order]),
         neighbours=neighbours,
         rim=_rim(vertices, adjacency, normals_at_corners, slot),
@@ -52,23 +54,26 @@ def smooth_part(vertices: Floats, adjacency: Topology, normals_at_corners: Float
     )
 
 
-def moved_smooth_part(part: SmoothPart, vertices: Floats, adjacency: Topology) -> SmoothPart:
-    """Return the arrays of a mesh that was moved, in the same order of slots."""
-    return replace(part, rim=(vertices[adjacency.boundary], *part.rim[1:]), tiny=_tiny(vertices))
+def translate_normals(field: InterpolatedNormals, vertices: Floats, adjacency: Topology) -> InterpolatedNormals:
+    """Return the normals of a translated mesh, in the same order of slots."""
+    return replace(field, rim=(vertices[adjacency.boundary], *field.rim[1:]), tiny=_tiny(vertices))
 
 
 def _tiny(vertices: Floats) -> float:
     return 1e-13 * float(np.ptp(vertices, axis=0).max()) + 4e-16 * float(np.abs(vertices).max())
 
 
-def follow_normals(tree: Tree, part: SmoothPart, x: Floats, found: Nearest) -> Bools:
-    """Move the nearest points in ``found`` to the feet along interpolated normals; return (n,) the doubtful ones."""
-    from cpmkit_mesh import walk_kernels
+def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest: Nearest) -> Bools:
+    """Move the points ``nearest`` to where the interpolated normal leads to ``x`` (n, 3), in place.
+
+    Returns (n,) whether there is no such point near by: the nearest point of the triangles is left then.
+    """
+    from cpmkit_mesh import interpolated_normals_kernels
 
     doubtful = np.empty(len(x), dtype=np.bool_)
-    mesh = (tree.frames, part.normals, part.neighbours)
-    arrays = (part.tiny, mesh, part.rim, found.slot, found.local, found.foot, found.distance, doubtful)
-    run_parcels(lambda start, stop: walk_kernels.follow(x, start, stop, *arrays), len(x))
+    mesh = (tree.frames, field.normals, field.neighbours)
+    arrays = (field.tiny, mesh, field.rim, nearest.slot, nearest.local, nearest.point, nearest.distance, doubtful)
+    run_parcels(lambda start, stop: interpolated_normals_kernels.follow(x, start, stop, *arrays), len(x))
     return doubtful
 
 
@@ -84,7 +89,7 @@ def _rim(
 
 
 def _links(boundary: Ints) -> Ints:
-    """Return (k, 2) the edge end 2 edge + end that touches each edge end; -1 where not exactly two meet."""
+    """Return (k, 2) the end, as 2 edge + end, that each end of ``boundary`` (k, 2) touches, -1 unless two meet."""
     vertex = boundary.ravel()
     order = np.argsort(vertex, kind="stable")
     first = np.flatnonzero(np.diff(vertex[order], prepend=-1))
@@ -95,7 +100,7 @@ def _links(boundary: Ints) -> Ints:
 
 
 def _tangents(direction: Floats, links: Ints) -> Floats:
-    """Return (k, 2, 3) tangents at both ends of each boundary edge: the mean of two edges, but at corners."""
+    """Return (k, 2, 3) tangents at both ends of each boundary edge: the mean of two edges, its own at corners."""
     beyond = direction[links // 2]
     towards = np.where(links % 2 == np.array([1, 0]), 1.0, -1.0)
     beyond = beyond * towards[:, :, None]

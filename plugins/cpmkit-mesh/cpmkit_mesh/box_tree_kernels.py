@@ -1,6 +1,6 @@
-"""Compiled: a binary tree of boxes over triangles and segments, split at the cheapest of 16 bins along each axis.
+"""Compiled: a binary tree of boxes over triangles and segments, split by a cost over 16 bins along each axis.
 
-Arguments carry no types: numba infers them.
+Arguments have no type annotations: numba infers the types.
 """
 
 from __future__ import annotations
@@ -11,18 +11,18 @@ from cpmkit.plugin import compiled
 
 SPLIT_BINS = 16
 LEAF_PRIMITIVES = 4
-#: Below this depth nodes are halved by number, which bounds the depth and with it the stacks.
+#: Below this depth nodes are split into halves of equal number, which bounds the depth and with it the stacks.
 HALVING_DEPTH = 40
 STACK_NODES = 96
 
 
 @compiled
 def build(lower, upper):
-    """Return the tree over primitives with the boxes ``lower``, ``upper`` (m, 3).
+    """Return the tree over primitives with boxes from ``lower`` to ``upper`` (m, 3).
 
-    Returns ``boxes`` (nodes, 6); ``nodes`` (nodes, 2), unsigned so that no index is tested for its
-    sign: (0, first of two adjacent children), or for a leaf (how many primitives, first of them in
-    ``order``); and ``order`` (m,).
+    Returned are ``boxes`` (nodes, 6); ``nodes`` (nodes, 2): 0 and the first of two adjacent children, or for a leaf the
+    number of primitives and the first of them in ``order``; and ``order`` (m,). Nodes are unsigned so that no index is
+    tested for its sign.
     """
     m = len(lower)
     order = np.arange(m)
@@ -59,7 +59,7 @@ def _bound(lower, upper, order, start, stop, box):
 
 @compiled
 def _split(lower, upper, order, start, stop, depth):
-    """Reorder ``order[start:stop]`` so that it splits well at the returned place."""
+    """Reorder ``order[start:stop]`` to two groups, and return where the second begins."""
     axis, place, least, scale, cost = -1, 0, 0.0, 0.0, np.inf
     for k in range(3):
         low, high = np.inf, -np.inf
@@ -92,8 +92,8 @@ def _split(lower, upper, order, start, stop, depth):
 def _best_bin(lower, upper, order, start, stop, axis, least, scale):
     """Return the bin after which a cut along ``axis`` costs least, and the cost.
 
-    That is the box's extent times the number in it, summed over both sides. For rays the extent would be
-    the area; for queries nearby the sum of the sides does slightly better.
+    The cost is the extent of a box times the number of primitives in it, summed over both sides. For rays the extent
+    is the area; for nearest points the sum of the box's sides is slightly better.
     """
     counts = np.zeros(SPLIT_BINS, dtype=np.int64)
     box = np.empty((SPLIT_BINS, 6))
@@ -125,10 +125,11 @@ def _best_bin(lower, upper, order, start, stop, axis, least, scale):
 
 @compiled
 def bound_normals(nodes, vertices, axes, angles):
-    """Return, for each node of a tree, the axis, cosine and sine (nodes, 5) of a cone around its surface's normals.
+    """Return the axis, cosine and sine (nodes, 5) of a cone around the normals of the surface in each node of a tree.
 
-    Those around each vertex lie within ``angles`` (k,) of ``axes`` (k, 3), and ``vertices`` (m, 3) are those of each
-    slot. Children stand after their parents, so the last node comes first. Cones of a right angle and more: cosine 0.
+    The normals around each vertex lie within ``angles`` (k,) of ``axes`` (k, 3); ``vertices`` (m, 3) are those of each
+    slot. Children have higher numbers than their parents, so that nodes are visited backwards. The cosine of cones of a
+    right angle and more is 0.
     """
     count = len(nodes)
     axis, angle = np.zeros((count, 3)), np.zeros(count)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, Ints, check_size, existing_file, read_bytes, shown
-from cpmkit_mesh.polygons import Polygons, as_triangles, polygons_of
+from cpmkit_mesh.polygons import Polygons, polygons_of, triangulate
 
 MESH_SUFFIXES = (".obj", ".ply", ".stl", ".off")
 
@@ -40,25 +40,23 @@ def read_mesh(path: str | Path) -> tuple[Floats, Ints]:
         raise InputError(
             f"{shown(file.name)} is not a mesh file that can be read; accepted are {', '.join(MESH_SUFFIXES)}."
         )
-    vertices, polygons = _parsed(file)
+    vertices, polygons = _parse(file)
     if not len(vertices) or not len(polygons.counts):
         raise InputError(
             f"{shown(file.name)} holds {len(vertices)} vertices and {len(polygons.counts)} faces; a surface needs some."
         )
     try:
-        vertices, faces = as_mesh(vertices, as_triangles(vertices, polygons))
+        vertices, faces = as_mesh(vertices, triangulate(vertices, polygons))
     except InputError as error:
         raise InputError(f"{shown(file.name)}: {error}") from error
     first, place = at_same_place(vertices)
     return vertices[first], place[faces]
 
 
-def _parsed(file: Path) -> tuple[Floats, Polygons]:
+def _parse(file: Path) -> tuple[Floats, Polygons]:
     """Return the vertices (n, 3) and faces as the file has them."""
+    from cpmkit_mesh.mesh_formats import read_off, read_ply_mesh, read_stl
     from cpmkit_mesh.obj import read_obj
-    from cpmkit_mesh.off import read_off
-    from cpmkit_mesh.ply import read_ply_mesh
-    from cpmkit_mesh.stl import read_stl
 
     suffix = file.suffix.lower()
     reader = {".obj": read_obj, ".ply": read_ply_mesh, ".stl": read_stl, ".off": read_off}[suffix]
@@ -100,11 +98,11 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
             f"vertices must be finite: {len(bad)} of {len(points)} that faces use hold NaN or infinity, first {bad[0]}."
         )
     check_size(points[polygons.corners], "vertices")
-    return points, as_triangles(points, polygons)
+    return points, triangulate(points, polygons)
 
 
-def as_numbers(values: Any, what: str) -> np.ndarray:
-    """Return ``values`` as an array of numbers.
+def as_numbers(values: Any, name: str) -> np.ndarray:
+    """Return ``values``, those of the key ``name``, as an array of numbers.
 
     Raises
     ------
@@ -114,9 +112,9 @@ def as_numbers(values: Any, what: str) -> np.ndarray:
     try:
         array = np.asarray(values)
     except ValueError as error:
-        raise InputError(f"{what} must be an array of numbers in rows of equal length.") from error
+        raise InputError(f"{name} must be an array of numbers in rows of equal length.") from error
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{what} must be an array of numbers, got {array.dtype}.")
+        raise InputError(f"{name} must be an array of numbers, got {array.dtype}.")
     return array
 
 
@@ -144,6 +142,6 @@ def at_same_place(points: Floats | Ints) -> tuple[Ints, Ints]:
 
 
 def distinct_faces(faces: Ints) -> Ints:
-    """Return the rows of ``faces`` (m, 3) that name three vertices, and no earlier one names the same, ascending."""
-    apart = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
-    return apart[at_same_place(np.sort(faces[apart], axis=1))[0]] if len(apart) else apart
+    """Return the rows of ``faces`` (m, 3) with three different vertices that no earlier face has, ascending."""
+    proper = np.flatnonzero((faces != np.roll(faces, 1, axis=1)).all(axis=1))
+    return proper[at_same_place(np.sort(faces[proper], axis=1))[0]] if len(proper) else proper

@@ -1,10 +1,10 @@
-"""Compiled: from the nearest point of a mesh to the foot whose interpolated normal leads to the query.
+"""Compiled: from the nearest point of a mesh to the point whose interpolated normal leads to the query.
 
-On a triangle with corners a, b, c and unit normals there, p and n mix both linearly, and a foot
-solves p(v, w) + h n(v, w) = x for v, w and the height h. Both mixes agree along shared edges, so
-where a solution lies outside of its triangle the search goes on across the edge that it violates. Past
-an edge of the mesh the foot slides along the boundary, in the same way one dimension lower.
-Arguments carry no types: numba infers them.
+On a triangle with corners a, b, c and unit normals there, p and n interpolate both linearly, and the closest point
+solves p(v, w) + h n(v, w) = x for v, w and the height h. Both interpolants agree along shared edges: where a solution
+lies outside its triangle, the search goes on across the edge that it violates. Past the boundary of the mesh the point
+slides along the boundary, by the same equations one dimension lower. Arguments have no type annotations: numba infers
+the types.
 """
 
 from __future__ import annotations
@@ -14,37 +14,37 @@ import numpy as np
 from cpmkit.plugin import compiled, inlined
 
 BLOCKED_SLOT, FIRST_BOUNDARY_SLOT = -1, -2
-#: Triangles that a walk may visit, and times that it may come back from the boundary.
-MOST_WALKED_TRIANGLES = 64
-MOST_RETURNS = 3
-#: A coordinate this little below zero is rounding; a foot this many distances away is no foot.
+#: Limits on the triangles that a search visits, and on its returns from the boundary.
+MAX_TRIANGLES = 64
+MAX_RETURNS = 3
+#: A coordinate this little below zero is rounding; a point farther than so many distances is not the closest one.
 COORDINATE_ROUNDING = 1e-12
-FARTHEST_FOOT_DISTANCES = 2.0
+FARTHEST_DISTANCES = 2.0
 
 
 @compiled
-def follow(x, start, stop, tiny, mesh, rim, slot, local, foot, distance, doubtful):
-    """Move the nearest points of ``x[start:stop]`` to the feet that interpolated normals lead to.
+def follow(x, start, stop, tiny, mesh, rim, slot, local, point, distance, doubtful):
+    """Move the nearest points of ``x[start:stop]`` to where interpolated normals lead to the queries.
 
-    ``mesh`` holds, by slot, corners and normals as frames (m, 3, 3): the first and the changes from it
-    to the others; and neighbours (m, 3). ``rim`` holds, for each boundary edge, its ends, normals and
-    tangents (k, 2, 3), the edge end that each end touches (k, 2) as 2 edge + end or -1, and its triangle
-    and edge in it (k, 2). Queries within ``tiny`` of the mesh keep their feet; so do those without a
-    sound foot, marked ``doubtful``.
+    ``mesh`` are, by slot, corners and normals as frames (m, 3, 3), the first and the differences of the others from it,
+    and neighbours (m, 3). ``rim`` are, for each boundary edge, its ends, normals and tangents (k, 2, 3), the end of
+    another one that each end touches (k, 2), as 2 edge + end or -1, and its triangle and the edge of that (k, 2).
+    Nearest points of queries within ``tiny`` of the mesh stay; so do those with no such point near by, which are marked
+    ``doubtful``.
     """
     frames, normals, neighbours = mesh
     for i in range(start, stop):
         doubtful[i] = False
         if distance[i] <= tiny:
             continue
-        face, v, w, found = _walk(x[i], slot[i], local[i, 0], local[i, 1], frames, normals, neighbours, rim)
+        face, v, w, converged = _walk(x[i], slot[i], local[i, 0], local[i, 1], frames, normals, neighbours, rim)
         square = 0.0
         for k in range(3):
             square += (x[i, k] - _mix(frames, face, v, w, k)) ** 2
-        if found and square <= (FARTHEST_FOOT_DISTANCES * distance[i]) ** 2:
+        if converged and square <= (FARTHEST_DISTANCES * distance[i]) ** 2:
             slot[i], local[i, 0], local[i, 1] = face, v, w
             for k in range(3):
-                foot[i, k] = _mix(frames, face, v, w, k)
+                point[i, k] = _mix(frames, face, v, w, k)
         else:
             doubtful[i] = True
 
@@ -56,10 +56,10 @@ def _mix(frames, face, v, w, k):
 
 @compiled
 def _walk(x, face, v, w, frames, normals, neighbours, rim):
-    """Return the triangle and coordinates of the foot, and whether there is one."""
+    """Return the triangle and coordinates of the closest point, and whether there is one."""
     height = _height(x, face, v, w, frames, normals)
     returns = 0
-    for _ in range(MOST_WALKED_TRIANGLES):
+    for _ in range(MAX_TRIANGLES):
         v, w, height = _solve(x, face, v, w, height, frames, normals)
         u = 1.0 - v - w
         if not (np.isfinite(u) and np.isfinite(height)):
@@ -81,7 +81,7 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
         v = 1.0 - s if edge == 0 else (s if edge == 2 else 0.0)
         w = s if edge == 0 else (1.0 - s if edge == 1 else 0.0)
         returns += 1
-        if not inside or returns == MOST_RETURNS:
+        if not inside or returns == MAX_RETURNS:
             return face, v, w, True
         height = _height(x, face, v, w, frames, normals)
     return face, 0.0, 0.0, False
@@ -132,7 +132,7 @@ def _slide(x, k, rim):
     """
     links = rim[3]
     came = -1
-    for _ in range(MOST_WALKED_TRIANGLES):
+    for _ in range(MAX_TRIANGLES):
         at_start, at_end = _ahead(x, k, 0.0, rim), _ahead(x, k, 1.0, rim)
         if at_start > 0.0 and at_end < 0.0:
             s = _between(x, k, at_start, at_end, rim)

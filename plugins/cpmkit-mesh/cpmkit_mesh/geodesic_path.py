@@ -10,11 +10,11 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, Ints, MissingDependencyError, as_points, shown
 from cpmkit_mesh.chains import components
 from cpmkit_mesh.mesh_curves import as_mesh_source
+from cpmkit_mesh.mesh_files import as_numbers
 from cpmkit_mesh.polyline import Polyline, polyline
-from cpmkit_mesh.reading import as_numbers
 from cpmkit_mesh.triangles import TriangleMesh
 
-#: Given points may be as far from the mesh's vertices as this share of its size: farther ones are of another unit.
+#: The user's points may be as far from the mesh's vertices as this share of its size: farther ones have another unit.
 REACH_SHARE = 0.1
 
 
@@ -28,10 +28,10 @@ def path(
     closed: bool = False,
     tight: bool = False,
 ) -> Polyline:
-    """Return the curve of geodesics from vertex to vertex of a mesh, whose every point lies on an edge or a vertex.
+    """Return the curve of geodesics between vertices of a mesh; its points lie on edges and vertices.
 
-    Each geodesic is the straightest that the shortest way along edges can be pulled to by flipping edges (Sharp and
-    Crane, "You can find geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020).
+    Each geodesic is the shortest path along edges, straightened by flipping edges (Sharp and Crane, "You can find
+    geodesic paths in triangle meshes by just flipping edges", ACM Trans. Graph. 39 (6), 2020).
 
     Parameters
     ----------
@@ -44,13 +44,13 @@ def path(
         where it names no mesh.
     through : (k,) whole numbers or (k, 3) array
         Numbers of vertices, from 0 in the order in which they were given (of a file, that of :func:`cpmkit.read_mesh`),
-        or points, each of which stands for the vertex nearest to it; in the order of travel. Neighbours that are the
-        same vertex count once.
+        or points, each of which represents the vertex nearest to it, in the order along the curve. Consecutive ones
+        that are the same vertex count once.
     closed : bool
         Whether the last vertex leads back to the first.
     tight : bool
-        Whether the whole curve is pulled straight, so that it passes only the first and the last vertex, and a closed
-        one none. A closed curve needs a waist to stay at; from elsewhere it slips off.
+        Whether the whole curve is straightened, so that it passes only the first and the last vertex, and a closed
+        one none. A closed curve needs a waist of the surface; from elsewhere it shrinks to a point.
 
     Raises
     ------
@@ -61,39 +61,39 @@ def path(
         If potpourri3d, which traces geodesics, is not installed.
     """
     mesh = as_mesh_source("mesh.path", file, vertices, faces, surface)
-    stops = _without_repeats(_stops(mesh, through), bool(closed))
-    if len(stops) < (3 if closed else 2):
+    waypoints = _remove_repeats(_waypoints(mesh, through), bool(closed))
+    if len(waypoints) < (3 if closed else 2):
         raise InputError(
             f"through must name at least {3 if closed else 2} vertices that differ from their neighbours"
-            f"{' for a closed curve' if closed else ''}, got {len(stops)}."
+            f"{' for a closed curve' if closed else ''}, got {len(waypoints)}."
         )
-    _check_one_piece(mesh, stops)
-    return polyline(points=_traced(mesh, stops, bool(closed), bool(tight)), closed=bool(closed))
+    _check_connected(mesh, waypoints)
+    return polyline(points=_trace_geodesics(mesh, waypoints, bool(closed), bool(tight)), closed=bool(closed))
 
 
-def _stops(mesh: TriangleMesh, through: Any) -> Ints:
-    """Return the mesh's own numbers (k,) of the vertices to pass."""
-    given = as_numbers(through, "through")
-    if given.ndim == 1 and not len(given):
+def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
+    """Return the numbers (k,) in the mesh of the vertices that the user names in ``through``."""
+    numbers = as_numbers(through, "through")
+    if numbers.ndim == 1 and not len(numbers):
         return np.zeros(0, dtype=np.int64)
-    if given.ndim == 2 and len(given):
-        return _nearest_vertices(mesh, as_points(given, 3, "through"))
-    if given.ndim != 1 or given.dtype.kind not in "iu":
+    if numbers.ndim == 2 and len(numbers):
+        return _nearest_vertices(mesh, as_points(numbers, 3, "through"))
+    if numbers.ndim != 1 or numbers.dtype.kind not in "iu":
         raise InputError(
-            f"through must be whole numbers of vertices (k,) or points (k, 3), got {given.dtype} of shape "
-            f"{given.shape}."
+            f"through must be whole numbers of vertices (k,) or points (k, 3), got {numbers.dtype} of shape "
+            f"{numbers.shape}."
         )
-    own = np.full(mesh.value_count, -1, dtype=np.int64)
-    own[mesh.given_faces] = mesh.faces
-    bad = np.flatnonzero((given < 0) | (given >= mesh.value_count))
+    in_mesh = np.full(mesh.value_count, -1, dtype=np.int64)
+    in_mesh[mesh.given_faces] = mesh.faces
+    bad = np.flatnonzero((numbers < 0) | (numbers >= mesh.value_count))
     if len(bad):
         raise InputError(
-            f"through must name vertices from 0 to {mesh.value_count - 1}, got {shown(int(given[bad[0]]))}."
+            f"through must name vertices from 0 to {mesh.value_count - 1}, got {shown(int(numbers[bad[0]]))}."
         )
-    unused = given[own[given] < 0]
+    unused = numbers[in_mesh[numbers] < 0]
     if len(unused):
         raise InputError(f"vertex {unused[0]} of through is a corner of no triangle; name one that is.")
-    return own[given]
+    return in_mesh[numbers]
 
 
 def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
@@ -109,17 +109,17 @@ def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
     return np.asarray(nearest, dtype=np.int64)
 
 
-def _without_repeats(stops: Ints, closed: bool) -> Ints:
-    before = np.roll(stops, 1)
-    if not closed and len(stops):
+def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
+    before = np.roll(waypoints, 1)
+    if not closed and len(waypoints):
         before[0] = -1
-    return stops[stops != before] if len(stops) > 1 else stops
+    return waypoints[waypoints != before] if len(waypoints) > 1 else waypoints
 
 
-def _check_one_piece(mesh: TriangleMesh, stops: Ints) -> None:
+def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
     edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
-    piece = components(edges, len(mesh.vertices))[stops]
-    other = np.flatnonzero(piece != piece[0])
+    component = components(edges, len(mesh.vertices))[waypoints]
+    other = np.flatnonzero(component != component[0])
     if len(other):
         raise InputError(
             f"entries 0 and {other[0]} of through lie on pieces of the mesh that do not hang together; draw a curve on "
@@ -127,8 +127,8 @@ def _check_one_piece(mesh: TriangleMesh, stops: Ints) -> None:
         )
 
 
-def _traced(mesh: TriangleMesh, stops: Ints, closed: bool, tight: bool) -> Floats:
-    """Return the points (p, 3) of the geodesics through ``stops``; the last of a closed curve is the first."""
+def _trace_geodesics(mesh: TriangleMesh, waypoints: Ints, closed: bool, tight: bool) -> Floats:
+    """Return the points (p, 3) of the geodesics through vertices ``waypoints``; a closed curve ends with its first."""
     try:
         import potpourri3d
     except ImportError as error:
@@ -138,11 +138,13 @@ def _traced(mesh: TriangleMesh, stops: Ints, closed: bool, tight: bool) -> Float
     try:
         solver = potpourri3d.EdgeFlipGeodesicSolver(mesh.vertices, mesh.faces)
         if tight:
-            pull = solver.find_geodesic_loop if closed else solver.find_geodesic_path_poly
-            runs = [np.asarray(pull(stops.tolist()), dtype=np.float64)]
+            straighten = solver.find_geodesic_loop if closed else solver.find_geodesic_path_poly
+            runs = [np.asarray(straighten(waypoints.tolist()), dtype=np.float64)]
         else:
-            ends = np.roll(stops, -1) if closed else stops[1:]
-            runs = [np.asarray(solver.find_geodesic_path(int(a), int(b))) for a, b in zip(stops, ends, strict=False)]
+            ends = np.roll(waypoints, -1) if closed else waypoints[1:]
+            runs = [
+                np.asarray(solver.find_geodesic_path(int(a), int(b))) for a, b in zip(waypoints, ends, strict=False)
+            ]
     except RuntimeError as error:
         raise InputError(
             f"no geodesic is traced on this mesh: {shown(str(error))}. Each edge must have one or two triangles, wound "

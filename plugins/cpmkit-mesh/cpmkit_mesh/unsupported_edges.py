@@ -1,4 +1,4 @@
-"""How much of a mesh that is read as smooth does not support the surface that its normals claim."""
+"""Edges of a smooth mesh beyond which the mesh does not turn as its vertex normals say, as beside fillets."""
 
 from __future__ import annotations
 
@@ -7,22 +7,22 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.plugin import Bools, Floats, Ints, edge_support, place, unit
-from cpmkit_mesh.directions import doubled_areas
-from cpmkit_mesh.tilting import LEAST_NEIGHBOUR_SPREAD
+from cpmkit_mesh.corner_normals import LEAST_NEIGHBOUR_SPREAD
+from cpmkit_mesh.face_geometry import double_areas
 
 if TYPE_CHECKING:
     from cpmkit_mesh.oriented import OrientedTriangleMesh
 
-#: More than this share of the area in triangles with an unsupported edge is worth a warning. Boxes with fillets,
+#: The share of the area in triangles with an unsupported edge above which a warning is given. Boxes with fillets,
 #: capsules and terrain have .6 to 1, smooth shapes and scans 0 to .025.
 UNSUPPORTED_AREA_SHARE = 0.05
 
 
 def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
-    """Return (m, 3, 3) the normals at corners, with the least tilts that make unsupported edges tangential.
+    """Return (m, 3, 3) the normals at corners, tilted as little as makes unsupported edges tangential.
 
-    The corners of a flat face beside a fillet have the face's normal then. Where the unsupported edges at a vertex have
-    about one direction, the normal is tilted along that alone.
+    The corners of a flat face beside a fillet then have the face's normal. Where the unsupported edges at a vertex have
+    about one direction, the normal is tilted in that direction alone.
     """
     ends, unsupported, _ = _unsupported_edges(mesh)
     ends = ends[unsupported]
@@ -44,14 +44,14 @@ def supported_normals(mesh: OrientedTriangleMesh) -> Floats:
 
 
 def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
-    """Return a sentence where much of the mesh's area has an edge that the surface beyond does not support."""
+    """Return a warning if much of the mesh's area is in triangles with an unsupported edge."""
     faces = mesh.faces
     _, unsupported, of_faces = _unsupported_edges(mesh)
-    areas, beside = doubled_areas(mesh.vertices, faces), unsupported[of_faces].any(axis=1)
-    share = areas[beside].sum() / areas.sum()
+    areas, affected = double_areas(mesh.vertices, faces), unsupported[of_faces].any(axis=1)
+    share = areas[affected].sum() / areas.sum()
     if share <= UNSUPPORTED_AREA_SHARE:
         return []
-    largest = mesh.vertices[faces[np.argmax(np.where(beside, areas, 0.0))]].mean(axis=0)
+    largest = mesh.vertices[faces[np.argmax(np.where(affected, areas, 0.0))]].mean(axis=0)
     return [
         f"{share:.0%} of the mesh's area is in triangles beside much shorter ones that turn more, as beside fillets, "
         f"the largest near {place(largest - mesh.shift)}: normals lean off these triangles, and the mesh does not say "
@@ -60,9 +60,9 @@ def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
 
 
 def _unsupported_edges(mesh: OrientedTriangleMesh) -> tuple[Ints, Bools, Ints]:
-    """Return the edges (e, 2), which of them (e,) the surface beyond does not support, and those of each face (m, 3).
+    """Return the edges (e, 2), which of them (e,) are unsupported, and those of each face (m, 3).
 
-    Edges with an end at a crease are straight in any case, and not among those.
+    Edges with an end at a crease are straight in any case, and count as supported.
     """
     faces, count = mesh.faces, len(mesh.vertices)
     starts, ends = faces[:, [1, 2, 0]], faces[:, [2, 0, 1]]  # edge j is opposite to corner j

@@ -1,0 +1,139 @@
+"""All local minima of the distance from a query to a mesh: one for each sheet of the surface, and now and then more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.plugin import Bools, Floats, Ints, run_parcels, unit
+from cpmkit_mesh.box_tree import BoxTree, Nearest, project_onto
+from cpmkit_mesh.face_geometry import face_normals
+from cpmkit_mesh.topology import Topology
+
+#: Minima nearer to each other than this share of their distance, or of the mesh's size, are one.
+SAME_POINT_DISTANCE_SHARE, SAME_POINT_SIZE_SHARE = 1e-6, 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class VertexTriangles:
+    """The triangles around each vertex, by the slots of a tree, and bounds of their normals.
+
+    Attributes
+    ----------
+    vertices : (m, 3) int64
+        Of the triangle in each slot.
+    first : (k + 1,) int64
+        ``around[first[v] : first[v + 1]]`` are the slots around vertex v.
+    around : (3 m,) int64
+    cones : (nodes, 5) float64
+        Axis, cosine and sine of a cone that contains the normals in each box of the tree; cosine 0 where there is none.
+    """
+
+    vertices: Ints
+    first: Ints
+    around: Ints
+    cones: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class LocalMinima:
+    """Local minima of the distance.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        The row of the query of each, ascending.
+    points : Nearest
+        The minima.
+    measured : int
+        The number of triangles whose distance was computed.
+    """
+
+    rows: Ints
+    points: Nearest
+    measured: int
+
+
+def vertex_triangles(tree: BoxTree, positions: Floats, faces: Ints, adjacency: Topology) -> VertexTriangles:
+    """Return the triangles of ``faces`` (m, 3) around the vertices at ``positions`` (k, 3)."""
+    from cpmkit_mesh import box_tree_kernels
+
+    vertices = faces[tree.order]
+    corner = vertices.ravel()
+    first = np.r_[0, np.cumsum(np.bincount(corner, minlength=len(positions)))]
+    cones = box_tree_kernels.bound_normals(tree.nodes, vertices, *_vertex_cones(positions, faces, adjacency))
+    return VertexTriangles(vertices, first, np.argsort(corner, kind="stable") // 3, cones)
+
+
+def _vertex_cones(positions: Floats, faces: Ints, adjacency: Topology) -> tuple[Floats, Floats]:
+    """Return an axis (k, 3) at each vertex and the angle (k,) from it within which the normals of its triangles lie.
+
+    The direction from a local minimum at a vertex, or on an edge, to the query is a mean of these normals with weights
+    above zero, where they all lie within a right angle of one direction. At rims and branches it is not: the angle is
+    pi there.
+    """
+    normal_of_corner, corner = np.repeat(face_normals(positions, faces), 3, axis=0), faces.ravel()
+    axes = unit(np.stack([np.bincount(corner, normal_of_corner[:, k], len(positions)) for k in range(3)], axis=1))
+    angles = np.zeros(len(positions))
+    np.maximum.at(angles, corner, np.arccos(np.clip(np.einsum("ij,ij->i", axes[corner], normal_of_corner), -1.0, 1.0)))
+    angles[faces[(adjacency.neighbours < 0).any(axis=1)]] = np.pi
+    return axes, angles if adjacency.consistent else np.full(len(angles), np.pi)
+
+
+def local_minima(tree: BoxTree, triangles: VertexTriangles, x: Floats, radius: float) -> LocalMinima:
+    """Return the local minima of the distance from each of ``x`` (n, 3), up to ``radius``."""
+    from cpmkit_mesh import query_kernels
+
+    meeting = (triangles.vertices, triangles.first, triangles.around)
+    arrays = (radius, tree.boxes, tree.nodes, tree.frames, tree.shape, meeting, triangles.cones)
+    answers = {}
+
+    def work(start: int, stop: int) -> None:
+        answers[start] = query_kernels.minima(x, start, stop, *arrays)
+
+    run_parcels(work, len(x))
+    parts = [answers[start] for start in sorted(answers)]
+    rows, slot = (np.concatenate([np.zeros(0, dtype=np.int64), *[part[k] for part in parts]]) for k in range(2))
+    points, measured = project_onto(tree, x[rows], slot), sum(part[2] for part in parts)
+    within = points.distance <= radius
+    return LocalMinima(rows[within], points.take(within), measured)
+
+
+def merge_nearest(nearest: Nearest, radius: float, minima: LocalMinima) -> LocalMinima:
+    """Return the nearest point of each query within ``radius``, then its other minima by their distance.
+
+    Of several triangles that share the nearest point, the search for it may name another one than the minima do.
+    """
+    near = np.flatnonzero(nearest.distance <= radius)
+    rows, is_other = np.concatenate([near, minima.rows]), np.repeat([False, True], [len(near), len(minima.rows)])
+    both = [(getattr(nearest, name)[near], getattr(minima.points, name)) for name in nearest.__dataclass_fields__]
+    points = Nearest(*[np.concatenate(pair) for pair in both])
+    order = np.lexsort((points.distance, is_other, rows))
+    return LocalMinima(rows[order], points.take(order), minima.measured)
+
+
+def distinct_minima(x: Floats, rows: Ints, points: Nearest, size: float) -> Bools:
+    """Return (k,) whether each minimum is the first one of its query at its place.
+
+    Minima that were moved along normals to be nearer to ``x`` (n, 3) than they started are left out too: they have left
+    their sheet.
+
+    Parameters
+    ----------
+    x : (n, 3) float64
+        The queries.
+    rows : (k,) int64
+        The query of each minimum, ascending.
+    points : Nearest
+        The minima, with the distances from which they started.
+    size : float
+        The extent of the mesh.
+    """
+    from cpmkit_mesh import query_kernels
+
+    tolerances = SAME_POINT_DISTANCE_SHARE, SAME_POINT_SIZE_SHARE * size
+    first = np.empty(len(rows), dtype=np.bool_)
+    query_kernels.distinct_minima(rows, points.point, points.distance, *tolerances, first)
+    reach = np.linalg.norm(x[rows] - points.point, axis=1)
+    return np.asarray(first & (reach >= (1.0 - tolerances[0]) * points.distance - tolerances[1]))

@@ -1,0 +1,100 @@
+"""The connected components of a mesh, and where two of them touch or pass through each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cpmkit.plugin import Bools, Floats, Ints
+from cpmkit_mesh.box_tree import build_tree, find_nearest
+from cpmkit_mesh.chains import components
+from cpmkit_mesh.topology import BLOCKED, Topology
+
+#: Parts into which an edge near another component is divided, and how often the nearest parts are divided again.
+EDGE_PARTS, DIVISIONS = 16, 3
+
+
+@dataclass(frozen=True, eq=False)
+class Approach:
+    """Where two components are nearest to each other: their distance, and the place (3,)."""
+
+    distance: float
+    place: Floats
+
+
+def face_components(faces: Ints, adjacency: Topology) -> Ints:
+    """Return (m,) the number of the component of each face; faces with a common edge are connected."""
+    count = len(faces)
+    face, corner = np.nonzero(adjacency.neighbours > np.arange(count)[:, None])
+    links = [np.stack([face, adjacency.neighbours[face, corner]], axis=1)]
+    face, corner = np.nonzero(adjacency.neighbours == BLOCKED)
+    if len(face):
+        ends = np.sort(np.stack([faces[face, (corner + 1) % 3], faces[face, (corner + 2) % 3]], axis=1), axis=1)
+        edge = np.unique(ends, axis=0, return_inverse=True)[1].reshape(-1)
+        links.append(np.stack([face, count + edge], axis=1))
+        count += int(edge.max()) + 1
+    part = components(np.concatenate(links), count)
+    if count == len(faces):  # no edge of three triangles or more was added
+        return part
+    number: Ints = np.unique(part[: len(faces)], return_inverse=True)[1]
+    return number
+
+
+def closest_approach(vertices: Floats, faces: Ints, component: Ints, distance: float) -> Approach | None:
+    """Return where two components are nearest to each other, if they come within ``distance``.
+
+    Points along edges of one are tested against the triangles of the other where a vertex is as near to it as half its
+    edges are long: an edge that passes through a triangle has such an end. Two components differ in a binary digit of
+    their numbers, so that a few halves of the mesh are compared however many components there are.
+    """
+    best: Approach | None = None
+    for digit in range(int(component.max()).bit_length()):
+        half = (component >> digit) & 1 == 0
+        for first, second in ((half, ~half), (~half, half)):
+            approach = _approach(vertices, faces[first], faces[second], distance)
+            best = approach if approach and (best is None or approach.distance < best.distance) else best
+    return best
+
+
+def _approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> Approach | None:
+    """Return where edges of ``faces`` are nearest to the triangles ``others``, if within ``distance``."""
+    corners = vertices[others]
+    ends = _candidate_edges(vertices, faces, corners, distance)
+    if not len(ends):
+        return None
+    tree, start, end = build_tree(corners), vertices[ends[:, 0]], vertices[ends[:, 1]]
+    for _ in range(DIVISIONS):
+        parts = np.linspace(0.0, 1.0, EDGE_PARTS + 1)[:, None, None]
+        knots = (1.0 - parts) * start + parts * end
+        start, end = knots[:-1].reshape(-1, 3), knots[1:].reshape(-1, 3)
+        middle = 0.5 * (start + end)
+        gap = find_nearest(tree, middle).distance
+        least = int(np.argmin(gap))
+        if gap[least] <= distance:
+            return Approach(float(gap[least]), middle[least])
+        near = gap - 0.5 * np.linalg.norm(end - start, axis=1) <= distance
+        if not near.any():
+            return None
+        start, end = start[near], end[near]
+    return Approach(float(gap[least]), middle[least])
+
+
+def _candidate_edges(vertices: Floats, faces: Ints, corners: Floats, distance: float) -> Ints:
+    """Return (k, 2) the edges of ``faces`` with an end as near to triangles ``corners`` (c, 3, 3) as half its edges."""
+    start, end = faces.ravel(), faces[:, [1, 2, 0]].ravel()
+    length = np.linalg.norm(vertices[end] - vertices[start], axis=1)
+    reach = np.zeros(len(vertices))
+    np.maximum.at(reach, start, 0.5 * length)
+    np.maximum.at(reach, end, 0.5 * length)
+    reach += distance
+    lower, upper = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
+    used = np.unique(faces)
+    inside = ((vertices[used] >= lower - reach[used, None]) & (vertices[used] <= upper + reach[used, None])).all(axis=1)
+    target = used[inside]
+    if not len(target):
+        return np.zeros((0, 2), dtype=np.int64)
+    near: Bools = np.zeros(len(vertices), dtype=bool)
+    near[target] = find_nearest(build_tree(corners), vertices[target]).distance <= reach[target]
+    edges = np.sort(np.stack([start, end], axis=1)[near[start] | near[end]], axis=1)
+    return np.unique(edges, axis=0)
