@@ -20,7 +20,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.studies.spectra import sphere_eigenvalues, torus_eigenvalues
+from cpmkit.studies.eigenvalue_tables import sphere_eigenvalues, torus_eigenvalues
 from cpmkit.studies.tables import table_row, table_rule
 
 FORMS = ("collocation", "galerkin")

@@ -19,11 +19,11 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import CpmkitError
-from cpmkit.studies.making import make_run
 from cpmkit.studies.records import Record
+from cpmkit.studies.reference import reference_of
+from cpmkit.studies.run_one import make_run
 from cpmkit.studies.studyfile import Study, load_study
 from cpmkit.studies.tables import table_row, table_rule
-from cpmkit.studies.truth import truth_of
 
 STUDIES = Path(__file__).parents[1] / "examples" / "studies"
 #: The study of each problem, and one of the spacings at which the documentation has it.
@@ -53,7 +53,7 @@ COARSER = 1.7
 
 def compared(study: Study, spacing: float, origins: int) -> dict[str, list[Record]]:
     """Return the records of both methods at every position of the grid."""
-    truth = truth_of(study)
+    truth = reference_of(study)
     first = replace(study.sweep, lists={}, spacings=[COARSER * spacing], cheap=None, methods=METHODS, origins=1)
     sweep = replace(first, spacings=[spacing], origins=origins)
     for run in first.runs():

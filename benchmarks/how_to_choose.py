@@ -16,13 +16,12 @@ from pathlib import Path
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.studies.front import attempts, front_table, winners_table
+from cpmkit.studies.pareto import attempts, front_table, winners_table
+from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.running import run_study
-from cpmkit.studies.sampling import sample_points
-from cpmkit.studies.series import gather
+from cpmkit.studies.reference import Reference, sample_points
+from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
-from cpmkit.studies.truth import Truth
 
 #: Points of the cloud.
 CLOUD = 6000
@@ -179,7 +178,7 @@ def told(name: str, choice: Choice, folder: Path) -> Iterator[str]:
     truth = None
     if choice.finely is not None:
         points = sample_points(study.scene, study.exact.points)
-        truth = Truth(points, choice.finely(study.scene).evaluate(points))
+        truth = Reference(points, choice.finely(study.scene).evaluate(points))
     outcome = run_study(study, folder / name, truth=truth, recorded=lambda record: print(record, file=sys.stderr))
     made = attempts(gather(read_records(outcome.file)))
     yield from (f"**{choice.words}**", "", winners_table(made), "", "Unbeaten in error and cost:", "")

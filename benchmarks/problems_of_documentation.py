@@ -23,9 +23,8 @@ from cpmkit.forms.choice import choose_form
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.scene_files import load_scene
 from cpmkit.studies.checking import at_spacing
-from cpmkit.studies.sampling import sample_points
+from cpmkit.studies.reference import reference_of, sample_points
 from cpmkit.studies.studyfile import Study, load_study
-from cpmkit.studies.truth import truth_of
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 STUDIES = EXAMPLES / "studies"
@@ -126,7 +125,7 @@ def _cheap(study: Study) -> Sequence[float]:
 
 
 def _at_spacings(study: Study, spacings: Sequence[float], positions: int) -> Iterator[Problem]:
-    truth = truth_of(study)
+    truth = reference_of(study)
     off = _from_values(truth.points, truth.values)
     for spacing in spacings:
         scene = at_spacing(study.scene, study.sweep.step_per_spacing, spacing)

@@ -11,11 +11,10 @@ from typing import Any
 
 import click
 
-from cpmkit.application_commands.maps import map_to_target
-from cpmkit.application_commands.paint import paint
-from cpmkit.application_commands.vectors import vectors
-from cpmkit.command_group import CommandGroup, progress_callback, traceback_option
-from cpmkit.command_options import (
+from cpmkit.commands.applications import map_to_target, paint, vectors
+from cpmkit.commands.distance import distance
+from cpmkit.commands.group import CommandGroup, progress_callback, traceback_option
+from cpmkit.commands.options import (
     accuracy_options,
     as_shown,
     how_fine,
@@ -24,9 +23,8 @@ from cpmkit.command_options import (
     spacing_option,
     with_error,
 )
-from cpmkit.distance_command import distance
-from cpmkit.starting import examples, new, schema
-from cpmkit.studies.commands import study
+from cpmkit.commands.scaffolding import examples, new, schema
+from cpmkit.commands.study import study
 
 
 @click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -250,7 +248,7 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
 
     The first thing to send along with a question.
     """
-    from cpmkit.doctor import diagnose
+    from cpmkit.commands.doctor import diagnose
 
     diagnosis = diagnose(scene)
     click.echo(json.dumps(diagnosis.as_dict(), indent=2) if as_json else str(diagnosis))

@@ -110,25 +110,25 @@ class Solution(SolutionRecord):
 
     def to_pyvista(self, vertices: str = "display") -> Any:
         """Return a ``pyvista.PolyData`` with point data ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_pyvista
+        from cpmkit.saving.mesh_files import to_pyvista
 
         return to_pyvista(self, vertices)
 
     def to_trimesh(self, vertices: str = "display") -> Any:
         """Return a ``trimesh.Trimesh`` with the vertex attribute ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_trimesh
+        from cpmkit.saving.mesh_files import to_trimesh
 
         return to_trimesh(self, vertices)
 
     def to_meshio(self, vertices: str = "display") -> Any:
         """Return a ``meshio.Mesh`` with point data ``u``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_meshio
+        from cpmkit.saving.mesh_files import to_meshio
 
         return to_meshio(self, vertices)
 
     def to_polyscope(self, name: str = "solution", vertices: str = "display") -> Any:
         """Register the mesh with polyscope under ``name``; vertices as for :meth:`save`."""
-        from cpmkit.saving.converting import to_polyscope
+        from cpmkit.saving.mesh_files import to_polyscope
 
         return to_polyscope(self, name, vertices)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from cpmkit.files.ply_files import PlyLists as PlyLists
     from cpmkit.files.ply_files import ply_vertices as ply_vertices
     from cpmkit.files.ply_files import read_ply as read_ply
-    from cpmkit.files.png_files import write_png as write_png
+    from cpmkit.files.whole_files import write_png as write_png
     from cpmkit.forms.contract import Discretized as Discretized
     from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
     from cpmkit.forms.contract import named_sides as named_sides
@@ -215,7 +215,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "existing_file": "files.data_files",
         "read_array": "files.array_files",
         "read_bytes": "files.array_files",
-        "write_png": "files.png_files",
+        "write_png": "files.whole_files",
     },
     "Formulas": {
         "COORDINATES": "formulas.trees",

@@ -19,6 +19,8 @@ PUBLIC = "_PUBLIC"
 FORMS = ("collocation", "galerkin")
 #: What it shows to type checkers, it imports when it is asked for.
 FACADE = "cpmkit.plugin"
+#: Texts that are the name of a module and mean a group of entry points.
+ENTRY_POINT_GROUPS = ("cpmkit.commands",)
 #: Nodes of a syntax tree that import nothing, and hold none that do.
 LEAVES = (ast.Name, ast.arg, ast.expr_context, ast.operator, ast.unaryop, ast.boolop, ast.cmpop)
 
@@ -72,6 +74,8 @@ def _targets(node: ast.AST) -> Iterator[str]:
     elif isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "ck":
         yield from {_public()[node.attr]} if node.attr in _public() else ()
     elif isinstance(node, ast.Constant) and node.value in modules() and "." in node.value:
+        if node.value in ENTRY_POINT_GROUPS:
+            return
         yield node.value
 
 

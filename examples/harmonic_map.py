@@ -49,7 +49,7 @@ def main():
     found.picture(sys.argv[2], texture=stripes, **camera)
     mesh = found.solution.display_mesh()
     before = stripes(target.closest_point(noisy(mesh.points)).points)
-    found.drawn_with(before).picture(sys.argv[1], **camera)
+    found.with_colours(before).picture(sys.argv[1], **camera)
 
 
 if __name__ == "__main__":

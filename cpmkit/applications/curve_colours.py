@@ -1,8 +1,8 @@
-"""Colours of one side of a curve: one for all of it, or several along it."""
+"""Colours on the sides of curves, constant or along the arc length, and the conditions that prescribe values."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+import cpmkit as ck
 from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
@@ -19,9 +20,9 @@ from cpmkit.runtime.arrays import as_colour, as_colours
 
 #: Files of colours along a curve.
 COLOUR_SUFFIXES = (".npy", ".csv")
-#: Pieces by which places along a curve are told: that many over the size of its box.
+#: Number of pieces by which places along a curve are found, over the size of its bounding box.
 PIECES_OVER_SIZE = 2000
-#: What a side's colours may be.
+#: What colours of a side are accepted, in words.
 ACCEPTED = (
     "a colour (a name, '#rrggbb' or three numbers from 0 to 1), colours along the curve as (k, 3), or (k, 4) with the "
     "share of the length first, the name of a .npy or .csv file of these, a function of points, or None where nothing "
@@ -30,19 +31,19 @@ ACCEPTED = (
 
 
 @dataclass(frozen=True, eq=False)
-class Along:
-    """Where points lie along the curves of a boundary, as shares of each curve's length.
+class ArcLengthShare:
+    """Position of points along the curves of a boundary, as a share of each curve's length.
 
     Attributes
     ----------
     curve : ClosestPointSource
-        With a mesh, of which one segment at most begins and ends at a vertex.
+        A curve whose mesh does not branch.
     """
 
     curve: ClosestPointSource
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the shares (n,) of the points of the curve nearest to ``points`` (n, d), from 0 to 1.
+        """Return the shares (n,), from 0 to 1, of the points of the curve nearest to ``points`` (n, d).
 
         A closed curve begins where its own mesh does, at a polyline's first point.
         """
@@ -63,9 +64,9 @@ class Along:
         vertices, segments = self.curve.mesh(longest)
         if isinstance(self.curve, HasTangents):
             middle = self.curve.closest_point(vertices[segments].mean(axis=1))
-            way = np.einsum("sd,sd->s", self.curve.tangents(middle), np.diff(vertices[segments], axis=1)[:, 0])
-            segments = np.where(way[:, None] < 0, segments[:, ::-1], segments)
-        return _pieces(vertices, _followed(segments, len(vertices)), longest)
+            ahead = np.einsum("sd,sd->s", self.curve.tangents(middle), np.diff(vertices[segments], axis=1)[:, 0])
+            segments = np.where(ahead[:, None] < 0, segments[:, ::-1], segments)
+        return _pieces(vertices, _vertex_chains(segments, len(vertices)), longest)
 
     @cached_property
     def _tree(self) -> Any:
@@ -76,7 +77,7 @@ class Along:
 
 
 class _Pieces(NamedTuple):
-    """Short pieces of curves: starts and unit directions (p, d), lengths, lengths before them, those of curves (p,)."""
+    """Short pieces of curves: starts and unit directions (p, d), lengths, arc lengths at starts, curve lengths (p,)."""
 
     starts: Floats
     directions: Floats
@@ -85,8 +86,8 @@ class _Pieces(NamedTuple):
     totals: Floats
 
 
-def _followed(segments: Ints, count: int) -> list[Ints]:
-    """Return the vertices along each curve that directed ``segments`` (m, 2) make; a closed one repeats its first.
+def _vertex_chains(segments: Ints, count: int) -> list[Ints]:
+    """Return the vertices in order along each curve of directed ``segments`` (m, 2); a closed curve repeats its first.
 
     Raises
     ------
@@ -97,25 +98,25 @@ def _followed(segments: Ints, count: int) -> list[Ints]:
     after[segments[:, 0]] = segments[:, 1]
     if np.bincount(segments[:, 0], minlength=1).max() > 1 or np.bincount(segments[:, 1], minlength=1).max() > 1:
         raise InputError("colours along a curve need one that does not branch; give a function of points.")
-    left = np.zeros(count, dtype=bool)
-    left[segments[:, 0]] = True
-    found = []
+    unvisited = np.zeros(count, dtype=bool)
+    unvisited[segments[:, 0]] = True
+    chains = []
     for start in [*np.setdiff1d(segments[:, 0], segments[:, 1]), *np.unique(segments[:, 0])]:
-        if not left[start]:
+        if not unvisited[start]:
             continue
-        way = [start]
-        while after[way[-1]] >= 0 and left[way[-1]]:
-            left[way[-1]] = False
-            way.append(after[way[-1]])
-        found.append(np.array(way))
-    return found
+        chain = [start]
+        while after[chain[-1]] >= 0 and unvisited[chain[-1]]:
+            unvisited[chain[-1]] = False
+            chain.append(after[chain[-1]])
+        chains.append(np.array(chain))
+    return chains
 
 
-def _pieces(vertices: Floats, ways: list[Ints], longest: float) -> _Pieces:
-    """Return the pieces of curves along ``vertices``, cut so that none is longer than ``longest``."""
+def _pieces(vertices: Floats, chains: list[Ints], longest: float) -> _Pieces:
+    """Return pieces no longer than ``longest`` of curves, each given by its ``chains`` of vertices."""
     parts = []
-    for way in ways:
-        start, step = vertices[way[:-1]], np.diff(vertices[way], axis=0)
+    for chain in chains:
+        start, step = vertices[chain[:-1]], np.diff(vertices[chain], axis=0)
         count = np.maximum(np.ceil(np.linalg.norm(step, axis=1) / longest).astype(int), 1)
         row = np.repeat(np.arange(len(count)), count)
         place = np.arange(len(row)) - np.repeat(np.cumsum(count) - count, count)
@@ -126,29 +127,29 @@ def _pieces(vertices: Floats, ways: list[Ints], longest: float) -> _Pieces:
     return _Pieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
-def colour_data(given: Any, along: Along, what: str) -> Any:
-    """Return the datum of three channels that a side's colours are.
+def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
+    """Return the Dirichlet datum of three channels for the colours of a side; ``label`` names it in errors.
 
     Raises
     ------
     InputError
-        If they are not what is accepted.
+        If the colours are not accepted.
     """
-    if callable(given):
-        return _checked(given, what)
-    if isinstance(given, (str, Path)) and Path(given).suffix.lower() in COLOUR_SUFFIXES:
-        given = _read(Path(given), what)
-    if isinstance(given, str):
-        return as_colour(given, what).tolist()
+    if callable(colours):
+        return _check_colours(colours, label)
+    if isinstance(colours, (str, Path)) and Path(colours).suffix.lower() in COLOUR_SUFFIXES:
+        colours = _read_colours(Path(colours), label)
+    if isinstance(colours, str):
+        return as_colour(colours, label).tolist()
     try:
-        array = np.asarray(given, dtype=np.float64)
+        array = np.asarray(colours, dtype=np.float64)
     except (TypeError, ValueError):
-        return Ramp(_named_along(given, what), along)
+        return Ramp(_named_along(colours, label), along)
     if array.shape == (3,):
-        return as_colour(array, what).tolist()
+        return as_colour(array, label).tolist()
     if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
-        raise InputError(f"{what} must be {ACCEPTED}; got shape {array.shape}.")
-    return Ramp(_stops(array, what), along)
+        raise InputError(f"{label} must be {ACCEPTED}; got shape {array.shape}.")
+    return Ramp(_stops(array, label), along)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +162,10 @@ class _Stops:
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """The function of points of a curve that is linear in the arc length between stops."""
+    """A function of points of a curve, linear in the arc length between stops."""
 
     stops: _Stops
-    along: Along
+    along: ArcLengthShare
 
     def __call__(self, points: Floats) -> Floats:
         """Return the colours (n, 3) at ``points`` (n, d)."""
@@ -172,35 +173,35 @@ class Ramp:
         return np.stack([np.interp(share, self.stops.shares, channel) for channel in self.stops.colours.T], axis=1)
 
 
-def _stops(array: Floats, what: str) -> _Stops:
-    """Return the stops of rows (k, 3), which divide the curve evenly, or (k, 4), which begin with their shares."""
+def _stops(array: Floats, label: str) -> _Stops:
+    """Return stops from rows (k, 3), at equal arc lengths, or (k, 4), which begin with shares of the length."""
     shares = np.linspace(0, 1, len(array)) if array.shape[1] == 3 else array[:, 0]
     if not (np.isfinite(shares).all() and (np.diff(shares) >= 0).all() and shares[0] >= 0 and shares[-1] <= 1):
-        raise InputError(f"{what} must begin its rows with shares of the length from 0 to 1 that do not go back.")
-    return _Stops(shares, as_colours(array[:, -3:], what))
+        raise InputError(f"{label} must begin its rows with shares of the length from 0 to 1 that do not go back.")
+    return _Stops(shares, as_colours(array[:, -3:], label))
 
 
-def _named_along(given: Any, what: str) -> _Stops:
-    """Return the stops of a list of names, which divide the curve evenly."""
-    if not isinstance(given, (list, tuple)) or not given:
-        raise InputError(f"{what} must be {ACCEPTED}; got {shown(given)}.")
-    colours = np.array([as_colour(one, f"entry {number} of {what}") for number, one in enumerate(given)])
-    return _Stops(np.linspace(0, 1, len(colours)), colours)
+def _named_along(colours: Any, label: str) -> _Stops:
+    """Return stops from a list of colour names, at equal arc lengths."""
+    if not isinstance(colours, (list, tuple)) or not colours:
+        raise InputError(f"{label} must be {ACCEPTED}; got {shown(colours)}.")
+    array = np.array([as_colour(entry, f"entry {number} of {label}") for number, entry in enumerate(colours)])
+    return _Stops(np.linspace(0, 1, len(array)), array)
 
 
-def _checked(function: Callable[..., Any], what: str) -> Callable[[Floats], Floats]:
-    """Return a function of points whose answers are checked for colours."""
+def _check_colours(function: Callable[..., Any], label: str) -> Callable[[Floats], Floats]:
+    """Return a function of points whose values are checked to be colours."""
 
     def colours(points: Floats) -> Floats:
-        found = np.asarray(function(points), dtype=np.float64)
-        if found.shape != (len(points), 3):
-            raise InputError(f"{what} must return colours of shape ({len(points)}, 3), got {found.shape}.")
-        return as_colours(found, what)
+        values = np.asarray(function(points), dtype=np.float64)
+        if values.shape != (len(points), 3):
+            raise InputError(f"{label} must return colours of shape ({len(points)}, 3), got {values.shape}.")
+        return as_colours(values, label)
 
     return colours
 
 
-def _read(name: Path, what: str) -> Floats:
+def _read_colours(name: Path, label: str) -> Floats:
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)
@@ -208,6 +209,63 @@ def _read(name: Path, what: str) -> Floats:
         return np.loadtxt(file, delimiter=",", ndmin=2)
     except (ValueError, OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{what}: {shown(file.name)} must hold lines of three numbers, or of four that begin with a share of the "
-            f"length, parted by commas: {shown(str(error))}."
+            f"{label}: {shown(file.name)} must hold lines of three numbers, or of four that begin with a share of the "
+            f"length, separated by commas: {shown(str(error))}."
         ) from error
+
+
+def dirichlet_at_points(name: str, points: Floats, values: Floats) -> list[ck.Boundary]:
+    """Return a boundary for each of ``points`` (k, d), with its row of ``values`` (k, channels) as Dirichlet value."""
+    return [
+        ck.Boundary(f"{name}.{k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(value.tolist()))
+        for k, (at, value) in enumerate(zip(points, values, strict=True))
+    ]
+
+
+def dirichlet_along_curve(name: str, curve: ClosestPointSource, values: Callable[[Floats], Floats]) -> ck.Boundary:
+    """Return a boundary with a function of points as the Dirichlet value on both sides of a curve."""
+    return ck.Boundary(name, curve, both=ck.Dirichlet(values))
+
+
+def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
+    """Return the least and the largest value of three channels that Dirichlet conditions prescribe, (2, 3), in [0, 1].
+
+    By the maximum principle a harmonic function stays between them if all other conditions are zero fluxes. 0 and 1 are
+    returned if one is not, or prescribes a function on a curve without a mesh. Functions are sampled ``spacing`` apart.
+    """
+    samples = [np.clip(values, 0.0, 1.0) for values in _prescribed_values(scene, spacing)]
+    if not samples:
+        return np.array([[0.0] * 3, [1.0] * 3])
+    values = np.concatenate(samples)
+    return np.stack([values.min(axis=0), values.max(axis=0)])
+
+
+def _prescribed_values(scene: ck.Scene, spacing: float) -> Iterator[Floats]:
+    """Yield the values (k, 3) that each condition prescribes, 0 and 1 where they are not known."""
+    for boundary in scene.boundaries:
+        for side in ("left", "right"):
+            yield _values_of(boundary.condition(side), boundary.source, spacing)
+    for condition in scene.edge_conditions:
+        yield _values_of(condition, None, spacing)
+
+
+def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
+    unknown = np.array([[0.0] * 3, [1.0] * 3])
+    datum = condition.data()[0][1] if len(condition.data()) == 1 else None
+    if condition.kind == "neumann":
+        return unknown[:0] if np.isscalar(datum) and datum == 0 else unknown
+    if condition.kind != "dirichlet":
+        return unknown
+    if isinstance(datum, Ramp):
+        return datum.stops.colours
+    if callable(datum):
+        if not isinstance(curve, HasMesh):
+            return unknown
+        datum = datum(curve.mesh(spacing)[0])
+    else:
+        datum = [datum]
+    try:
+        values = np.asarray(datum, dtype=np.float64)
+    except (TypeError, ValueError):  # a formula, or a list of them
+        return unknown
+    return np.broadcast_to(values.reshape(len(values), -1), (len(values), 3))

@@ -1,15 +1,15 @@
 """Geodesic distance, from heat, and from a transport equation whose solution is the distance.
 
 The heat method (Crane, Weischedel and Wardetzky 2013; King et al. (2024), section 7.2): heat v flows from the origins
-for a short time, X = -grad v / |grad v|, and the distance phi is what has this gradient, Lap phi = div X. Its heat step
-has a lumped mass here, so that v stays positive as far as it falls.
+for a short time, X = -grad v / |grad v| approximates the gradient of the distance phi, and Lap phi = div X gives phi.
+The heat step has a lumped mass here, so that v stays positive while it decays.
 
-X is wrong where heat is smoothed over ridges and thin parts. Each round of transport,
+X is wrong where heat is smoothed over ridges and thin parts. Each round of transport solves
 
     -e Lap phi + X . grad phi = 1 - e div X,    e = 1.05 h,
 
-whose solution is the distance itself where X is its gradient, carries the distance on along X from the origins, and
-gives the next X.
+whose solution is the distance itself where X is its gradient. It transports the distance along X from the origins, and
+its gradient is the next X.
 """
 
 from __future__ import annotations
@@ -20,13 +20,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.descent import descend
-from cpmkit.applications.heat import away_from, heat_solver, manifold_of
-from cpmkit.applications.origins import Origins, origins_of
-from cpmkit.applications.pieces import Pieces, pieces_of
-from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.applications.heat import DISTANCE_RESIDUAL, heat_directions, heat_solver, manifold_of
+from cpmkit.applications.origins import Origins, Pieces, origins_of, pieces_of
+from cpmkit.applications.result import Measured, measure_to_target
+from cpmkit.errors import InputError, ResolutionError, SceneError, place, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
@@ -34,7 +31,57 @@ from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.runtime.messages import warn_each
 
+#: Artificial diffusion of the transport over the spacing: a cell Peclet number just below one.
+DIFFUSION_SPACINGS = 1.05
+#: Within so many spacings of an origin the straight distance is prescribed, by a penalty of PENALTY over the spacing.
+PRESCRIBED_SPACINGS, PENALTY = 3.0, 10.0
+#: Step of the descent of a path, and the distance at which the rest of a path is straight; both in spacings.
+STEP_SPACINGS, ARRIVED_SPACINGS = 0.5, 1.0
+#: Limit of the steps of a path, over those of a straight descent.
+STEPS_OVER_LEAST = 4.0
 METHODS = ("transport", "heat")
+
+
+def transport_solver(prepared: Prepared) -> Prepared:
+    """Return the prepared scene for rounds of transport: less exact solves, which share the first preconditioner."""
+    solver = prepared.solver
+    if solver.solver_tolerance is None:
+        prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
+    return prepared.lending()
+
+
+def transport_distance(
+    prepared: Prepared,
+    field: ck.Field,
+    prescribed: Bools,
+    target: Floats,
+    sign: Floats | float = 1.0,
+    guess: Solution | None = None,
+) -> Solution:
+    """Solve -e Lap phi + sign X . grad phi = sign - e div X, with phi = ``target`` (p,) where it is ``prescribed``.
+
+    Parameters
+    ----------
+    prepared : Prepared
+        The manifold, as :func:`transport_solver` returns it.
+    field : Field
+        X, unit vectors (p, d) along which phi grows.
+    prescribed : (p,) bool
+        Points at which the target is prescribed.
+    target : (p,) float64
+        The distance there.
+    sign : (p,) float64
+        Sign of phi: it is transported along X where it is positive, and against X where it is negative.
+    guess : Solution
+        Initial guess of iterative solvers.
+    """
+    h = prepared.discretized.spacing
+    penalty = prescribed * (PENALTY / h)
+    e = DIFFUSION_SPACINGS * h
+    velocity = field.map(lambda _, vectors: (sign * vectors.T).T)
+    f = ck.Divergence(field, -e, beside=prepared.field(sign + penalty * target))
+    problem = ck.Elliptic(f, diffusivity=e, velocity=velocity, c=prepared.field(penalty))
+    return prepared.solve(problem=problem, guess=guess)
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -46,13 +93,13 @@ class Distance(Measured):
     solution : Solution
         The distance on splines of the lattice, smooth at the origins where the distance has a tip.
     origins : Origins
-        Where it is measured from.
+        Points and curves from which it is measured.
     rounds : int
-        Of transport that were made.
+        Number of rounds of transport.
     pieces : Pieces
-        Of the manifold.
+        Connected pieces of the manifold.
     reached : (count,) bool
-        Which of them have an origin.
+        Which pieces have an origin.
     """
 
     origins: Origins
@@ -63,26 +110,29 @@ class Distance(Measured):
     def evaluate(self, points: Any) -> Floats:
         """Return the distance (n,), zero or above, at the points of the manifold nearest to ``points`` (n, d).
 
-        Within two spacings of an origin it is the straight one; on pieces without an origin it is infinite.
+        Within two spacings of an origin it is the straight distance; on pieces without an origin it is infinite.
         """
-        at = as_points(points, self.solution.scene.surface.dim)
-        found = self.solution.evaluate(at)
-        feet = self.solution.scene.surface.closest_point(at).points
-        near = _with_tips(self.origins.closest(feet)[0], found, self.solution.spacing)
+        surface, h = self.solution.scene.surface, self.solution.spacing
+        at = as_points(points, surface.dim)
+        distance = self.solution.evaluate(at)
+        feet = surface.closest_point(at).points
+        straight = self.origins.closest(feet)[0]
+        at_tip = (straight < 2 * h) & (distance < PRESCRIBED_SPACINGS * h)  # splines round the tip off
+        distance = np.where(at_tip, straight, np.maximum(distance, 0.0))
         if self.reached.all():
-            return near
-        return np.where(self.reached[self.pieces.numbers_at(self.solution.discretized, feet)], near, np.inf)
+            return distance
+        return np.where(self.reached[self.pieces.numbers_at(self.solution.discretized, feet)], distance, np.inf)
 
     def path(self, start: Any) -> list[Floats]:
-        """Return for each of the points ``start`` (k, d) or (d,) the shortest path (m, d) to the origins, by descent.
+        """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.
 
         Raises
         ------
         ResolutionError
-            If a path does not arrive: it is caught at a barrier.
+            If a path does not arrive because it is caught at a barrier.
         """
-        given = np.atleast_2d(np.asarray(start, dtype=np.float64))
-        return descend(self, as_points(given, self.solution.scene.surface.dim))
+        points = np.atleast_2d(np.asarray(start, dtype=np.float64))
+        return descend(self, as_points(points, self.solution.scene.surface.dim))
 
 
 def geodesic_distance(
@@ -99,22 +149,21 @@ def geodesic_distance(
     Parameters
     ----------
     surface : ClosestPointSource, Scene or Prepared
-        The manifold; a scene, whose boundaries are barriers that nothing passes; or a scene that was prepared, for many
+        The manifold; a scene whose boundaries are barriers, which nothing passes; or a prepared scene, for many
         origins.
     origins : (k, d) array, whole numbers, ClosestPointSource, or a sequence of these
-        Points, vertices of a mesh by their numbers, and curves that distances are measured from, to the nearest of
-        them.
+        Points, vertices of a mesh by their numbers, and curves; the distance is that from the nearest origin.
     spacing : float
-        Of the lattice, in the scene's unit; not of a prepared scene. Or, in its place, ``tolerance``, the error that is
-        accepted as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
+        Spacing of the lattice, in the scene's unit; not for a prepared scene. In its place ``tolerance``, the accepted
+        error as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
     method : {"transport", "heat"}
-        ``heat`` takes two linear solves, and little for further origins on a prepared scene. ``transport`` improves it
-        on meshes by rounds that cost several times as much: on Spot with 19,000 unknowns from 1.1 percent of the mean
-        distance to 0.2.
+        ``heat`` takes two linear solves, and little for further origins on a prepared scene. ``transport`` reduces its
+        error on meshes by rounds that cost several times as much: on Spot with 19,000 unknowns from 1.1 percent of the
+        mean distance to 0.2.
     rounds : int
-        Of transport.
+        Number of rounds of transport.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -123,7 +172,7 @@ def geodesic_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted, or a boundary of the scene is none that nothing passes.
+        If an argument is not accepted, or a boundary of the scene is no barrier.
 
     Notes
     -----
@@ -142,45 +191,49 @@ def geodesic_distance(
     if method not in METHODS:
         raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
     rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    given = origins_of(origins, manifold_of(surface))
-    return measured(surface, spacing, options, lambda prepared: _measured(prepared, given, rounds))
+    sources = origins_of(origins, manifold_of(surface))
+    return measure_to_target(surface, spacing, options, lambda prepared: _measure(prepared, sources, rounds))
 
 
-def _measured(prepared: Prepared, given: Origins, rounds: int) -> Distance:
-    points = prepared.discretized.points  # held here, so that all fields below share them
+def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
+    """Return the distance on a prepared scene: by heat, then by ``rounds`` of transport."""
+    points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = pieces_of(prepared)
-    near, reached = _near(prepared, given, pieces, points)
-    field, phi = _by_heat(prepared, given, near, pieces)
-    carrying = carriers(prepared)
-    still = ~reached[pieces.of_point]
+    nearest, reached = _nearest_origins(prepared, origins, pieces, points)
+    field, phi = _distance_by_heat(prepared, origins, nearest, pieces)
+    transport = transport_solver(prepared)
+    unreached = ~reached[pieces.of_point]
     for _ in range(rounds):
-        phi = _carried(carrying, near, still, field, phi)
-        field = prepared.field(phi).gradient().map(lambda _, slopes: np.where(still[:, None], 0.0, unit(slopes)))
-    return Distance(solution=_told(phi, reached), origins=given, rounds=rounds, pieces=pieces, reached=reached)
+        phi = _transport_round(transport, nearest, unreached, field, phi)
+        field = prepared.field(phi).gradient().map(lambda _, slopes: np.where(unreached[:, None], 0.0, unit(slopes)))
+    return Distance(
+        solution=_warn_unreached(phi, reached), origins=origins, rounds=rounds, pieces=pieces, reached=reached
+    )
 
 
-class _Near(NamedTuple):
+class _Nearest(NamedTuple):
     """Straight distances (p,) from the points of a prepared scene to the nearest origins, and their numbers (p,)."""
 
     straight: Floats
     number: Ints
 
 
-def _near(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[_Near, Bools]:
-    """Return the nearest origins, infinitely far where these are on another piece, and which pieces (k,) have one."""
+def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[_Nearest, Bools]:
+    """Return the nearest origins, infinitely far if on another piece, and which pieces (count,) have an origin."""
     form = prepared.discretized
     straight, number = origins.distances(points)
     if pieces.count == 1:
-        return _Near(straight, number), np.ones(1, dtype=bool)
+        return _Nearest(straight, number), np.ones(1, dtype=bool)
     places, owner = origins.samples(form.spacing)
-    on = pieces.numbers_at(form, places)
+    piece = pieces.numbers_at(form, places)
     lies_on = np.zeros((owner.max() + 1, pieces.count), dtype=bool)
-    lies_on[owner, on] = True
-    return _Near(np.where(lies_on[number, pieces.of_point], straight, np.inf), number), np.asarray(lies_on.any(axis=0))
+    lies_on[owner, piece] = True
+    straight = np.where(lies_on[number, pieces.of_point], straight, np.inf)
+    return _Nearest(straight, number), np.asarray(lies_on.any(axis=0))
 
 
-def _told(phi: Solution, reached: Bools) -> Solution:
-    """Return ``phi`` with a warning of pieces that are not reached, which is given."""
+def _warn_unreached(phi: Solution, reached: Bools) -> Solution:
+    """Return ``phi`` with a warning on pieces without an origin, and issue the warning."""
     if reached.all():
         return phi
     text = (
@@ -191,55 +244,85 @@ def _told(phi: Solution, reached: Bools) -> Solution:
     return replace(phi, warnings=(*phi.warnings, text))
 
 
-def _by_heat(prepared: Prepared, origins: Origins, near: _Near, pieces: Pieces) -> tuple[ck.Field, Solution]:
-    """Return X (p, d) away from the origins, and the distance that the heat method makes of it."""
-    field = away_from(prepared, origins, everywhere=False)
+def _distance_by_heat(
+    prepared: Prepared, origins: Origins, nearest: _Nearest, pieces: Pieces
+) -> tuple[ck.Field, Solution]:
+    """Return X (p, d), the directions away from the origins, and the distance of the heat method."""
+    field = heat_directions(prepared, origins, everywhere=False)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    moves = np.zeros(pieces.count)
+    shifts = np.zeros(pieces.count)
     for piece in range(pieces.count):
-        own = np.flatnonzero(pieces.of_point == piece)
-        if np.isfinite(near.straight[own]).any():
-            moves[piece] = _move(phi, near, own)
-    return field, replace(phi, values=phi.values + moves[pieces.of_unknown][:, None])
+        rows = np.flatnonzero(pieces.of_point == piece)
+        if np.isfinite(nearest.straight[rows]).any():
+            shifts[piece] = _shift_at_origins(phi, nearest, rows)
+    return field, replace(phi, values=phi.values + shifts[pieces.of_unknown][:, None])
 
 
-def _move(phi: Solution, near: _Near, own: Ints) -> float:
-    """Return by how much ``phi`` is below the straight distance near the origins, at the points ``own`` of a piece.
-
-    It is fixed up to a constant, one for all origins.
+def _shift_at_origins(phi: Solution, nearest: _Nearest, piece: Ints) -> float:
+    """Return the constant to add to ``phi`` on a ``piece`` (its points) so that it is the straight distance at origins.
 
     Raises
     ------
     SceneError
-        If origins ask for different ones, as on pieces that do not hang together.
+        If origins need different constants, as on pieces that are not connected.
     """
-    h, straight = phi.spacing, near.straight[own]
-    beside = (straight > h) & (straight < HELD_SPACINGS * h)
-    beside = beside if beside.any() else straight <= straight.min() + h
-    rows = own[beside]
-    off = near.straight[rows] - phi.discretized.at_points(phi.values, rows)[:, 0]
-    found, label = np.unique(near.number[rows], return_inverse=True)
-    constants = np.bincount(label, off) / np.bincount(label)
-    if len(found) > 1 and np.ptp(constants) > HELD_SPACINGS * h:
+    h, straight = phi.spacing, nearest.straight[piece]
+    near_origin = (straight > h) & (straight < PRESCRIBED_SPACINGS * h)
+    near_origin = near_origin if near_origin.any() else straight <= straight.min() + h
+    rows = piece[near_origin]
+    difference = nearest.straight[rows] - phi.discretized.at_points(phi.values, rows)[:, 0]
+    numbers, label = np.unique(nearest.number[rows], return_inverse=True)
+    constants = np.bincount(label, difference) / np.bincount(label)
+    if len(numbers) > 1 and np.ptp(constants) > PRESCRIBED_SPACINGS * h:
         raise SceneError(
-            f"distances beside {len(found)} origins differ by {np.ptp(constants):.3g}: they lie on pieces of the "
-            "manifold that do not hang together; measure piece by piece."
+            f"distances beside {len(numbers)} origins differ by {np.ptp(constants):.3g}: they lie on pieces of the "
+            "manifold that are not connected; measure piece by piece."
         )
-    return float(np.median(off))
+    return float(np.median(difference))
 
 
-def _carried(prepared: Prepared, near: _Near, still: Bools, field: ck.Field, before: Solution) -> Solution:
-    """Return the solution of the transport along ``field``, the straight distance held near the origins.
-
-    And zero where all is ``still`` (p,), on pieces without an origin.
-    """
+def _transport_round(
+    prepared: Prepared, nearest: _Nearest, unreached: Bools, field: ck.Field, previous: Solution
+) -> Solution:
+    """Return the distance transported along ``field``: straight near the origins, zero where ``unreached`` (p,)."""
     h = prepared.discretized.spacing
-    # no nearer by the way along the manifold than straight: the other side of a thin part is not held
-    beside = np.maximum(prepared.field(before).values, near.straight) < HELD_SPACINGS * h
-    return carried(prepared, field, beside | still, np.where(beside, near.straight, 0.0), guess=before)
+    # The previous distance along the manifold must be small, too: the opposite side of a thin part is not prescribed.
+    near_origin = np.maximum(prepared.field(previous).values, nearest.straight) < PRESCRIBED_SPACINGS * h
+    target = np.where(near_origin, nearest.straight, 0.0)
+    return transport_distance(prepared, field, near_origin | unreached, target, guess=previous)
 
 
-def _with_tips(straight: Floats, found: Floats, spacing: float) -> Floats:
-    """Return distances with the straight one within two spacings of the origins, where splines round off the tip."""
-    near = (straight < 2 * spacing) & (found < HELD_SPACINGS * spacing)
-    return np.where(near, straight, np.maximum(found, 0.0))
+def descend(distance: Distance, start: Floats) -> list[Floats]:
+    """Return the path (m, d) from each of ``start`` (k, d) down to the origins, by the midpoint rule for all at once.
+
+    Raises
+    ------
+    ResolutionError
+        If a point lies on a piece without an origin, or a path does not arrive.
+    """
+    surface, h = distance.solution.scene.surface, distance.solution.spacing
+    at = surface.closest_point(start).points
+    paths, step = [[point.copy()] for point in at], STEP_SPACINGS * h
+    left = distance.evaluate(at) if len(at) else np.zeros(0)
+    if not np.isfinite(left).all():
+        lost = place(start[int(np.argmin(np.isfinite(left)))])
+        raise ResolutionError(f"no path leads from {lost} to an origin: its piece of the manifold has none.")
+    moving = np.flatnonzero(left > ARRIVED_SPACINGS * h)
+    most = int(STEPS_OVER_LEAST * (left.max(initial=0.0) / step + 10))
+    for _ in range(most):
+        if not len(moving):
+            break
+        here = at[moving]
+        middle = surface.closest_point(here - 0.5 * step * unit(distance.gradient(here))).points
+        at[moving] = surface.closest_point(here - step * unit(distance.gradient(middle))).points
+        for number in moving:
+            paths[number].append(at[number].copy())
+        moving = moving[distance.evaluate(at[moving]) > ARRIVED_SPACINGS * h]
+    if len(moving):
+        raise ResolutionError(
+            f"{len(moving)} of {len(start)} paths did not arrive within {most} steps, the first from "
+            f"{start[moving[0]]}; they are caught at a barrier, or where the distance is not resolved: use a smaller "
+            "spacing."
+        )
+    ends = distance.origins.closest(at)[1]
+    return [np.array([*path, end]) for path, end in zip(paths, ends, strict=True)]

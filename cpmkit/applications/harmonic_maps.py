@@ -1,7 +1,7 @@
-"""Harmonic maps from one curve or surface to another: the rest of u_t = P Lap u, P the projection on the target.
+"""Harmonic maps between curves or surfaces: stationary states of u_t = P Lap u, P the target's tangential projection.
 
 After King et al. (2024), section 7.4, on the flow of Memoli, Sapiro and Osher (2004): coordinates of the map spread as
-heat, and are put back to the target's closest points after each step.
+heat, and are projected on the target by its closest points after each step.
 """
 
 from __future__ import annotations
@@ -14,24 +14,92 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.degree import covered_area, degree_of_map
-from cpmkit.applications.explicit_flow import explicit_flow
-from cpmkit.applications.held import hold_along, hold_at
-from cpmkit.applications.implicit_flow import implicit_flow
-from cpmkit.applications.painted import painted
+from cpmkit.applications.coloured_meshes import with_colours
+from cpmkit.applications.curve_colours import dirichlet_along_curve, dirichlet_at_points
+from cpmkit.applications.harmonic_flows import explicit_flow, implicit_flow
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
+from cpmkit.plugin import vertex_normals
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, Ints
 from cpmkit.runtime.arrays import as_points, positive, whole
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import warn_each
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
 
+
+#: Largest distance of a computed degree from a whole number.
+WHOLE_TOLERANCE = 0.3
+
+
+def degree_of_map(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> int:
+    """Return the degree of a map: the signed area of the images of a surface's triangles over the target's area.
+
+    Raises
+    ------
+    InputError
+        If one of the surfaces has no closed oriented mesh.
+    ResolutionError
+        If the quotient is no whole number.
+    """
+    return _degree_and_area(surface, target, images, spacing)[0]
+
+
+def covered_area(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> float:
+    """Return the target's area times the absolute degree; arguments and errors as of :func:`degree_of_map`."""
+    degree, area = _degree_and_area(surface, target, images, spacing)
+    return abs(degree) * area
+
+
+def _degree_and_area(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> tuple[int, float]:
+    from scipy.spatial import cKDTree
+
+    vertices, faces = _closed_mesh(surface, 0.5 * spacing)
+    goals, cells = _closed_mesh(target, 0.5 * spacing)
+    vertex_images = images(vertices)
+    image_areas = _area_vectors(vertex_images, faces)
+    centres = target.closest_point(vertex_images[faces].mean(axis=1)).points
+    normals = vertex_normals(goals, cells)[cKDTree(goals).query(centres)[1]]
+    area = float(np.linalg.norm(_area_vectors(goals, cells), axis=1).sum())
+    degree = float(np.einsum("fd,fd->", image_areas, normals) / area)
+    if abs(degree - round(degree)) > WHOLE_TOLERANCE:
+        raise ResolutionError(f"the map covers {degree:.2f} of the target, no whole number; use a smaller spacing.")
+    return round(degree), area
+
+
+def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
+    """Return (f, 3) the normals of triangles, as long as their areas."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
+
+
+def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
+    """Return vertices and triangles of a closed surface, oriented with normals outwards."""
+    if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
+        raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
+    vertices, faces = surface.mesh(spacing)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if faces.shape[1] == 3 else np.zeros((1, 2))
+    ahead, back = ({*map(tuple, pairs.tolist())} for pairs in (edges, edges[:, ::-1]))
+    if len(ahead) < len(edges) or ahead != back:
+        raise InputError(
+            f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none."
+        )
+    corners = vertices[faces]
+    volume = np.einsum("fd,fd->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
+    return vertices, faces if volume > 0 else faces[:, ::-1]
+
+
 METHODS = ("implicit", "explicit")
-#: The step over the square of half the manifold's size: .1 on a sphere of radius one.
+#: Default step over the square of half the manifold's size: 0.1 on a sphere of radius one.
 STEP_SHARE = 0.1
 
 
@@ -44,11 +112,11 @@ class SurfaceMap(Result):
     solution : Solution
         Coordinates of the image on splines of the lattice, on the target to the order of the method.
     target : ClosestPointSource
-        Where it goes.
+        The manifold of the images.
     energy : (steps + 1,) float64
-        Integrals of ``|grad u|^2 / 2``, of the initial map and after each step.
+        Integrals of ``|grad u|^2 / 2`` of the initial map and after each step.
     at_rest : bool
-        Whether the last step changed the energy by less than was asked for.
+        Whether the last step changed the energy by less than ``rest``.
     """
 
     target: ClosestPointSource
@@ -57,33 +125,33 @@ class SurfaceMap(Result):
 
     def evaluate(self, points: Any, side: Any = None) -> Floats:
         """Return the images (n, target's dimension), on the target, of the source's points nearest to ``points``."""
-        found = self.solution.evaluate(as_points(points, self.solution.scene.surface.dim), side)
-        return np.asarray(self.target.closest_point(found).points)
+        coordinates = self.solution.evaluate(as_points(points, self.solution.scene.surface.dim), side)
+        return np.asarray(self.target.closest_point(coordinates).points)
 
     @cached_property
     def degree(self) -> int:
-        """How often the target is covered, turned-over parts counted negative; of closed surfaces with meshes.
+        """Number of times that the target is covered, with sign; of maps between closed surfaces with meshes.
 
         Raises
         ------
         InputError
-            If one is no such surface.
+            If one of the surfaces is not closed or has no mesh.
         """
         return degree_of_map(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)
 
     def pull_back(self, values: Any) -> Callable[[Any], Floats]:
-        """Return the function of the source's points (n, d) that has the target's ``values`` at their images.
+        """Return a function of the source's points (n, d): the target's ``values`` at their images.
 
         Parameters
         ----------
         values : callable or (v,) or (v, channels) array
-            On the target: a function of points, or one row for each of its vertices, where it is a mesh or a cloud.
+            A function of points of the target; or a row for each of its vertices, if it is a mesh or a cloud.
         """
-        known = values if callable(values) else ck.VertexData(self.target, values)
-        return lambda points: np.asarray(known(self.evaluate(points)), dtype=np.float64)
+        function = values if callable(values) else ck.VertexData(self.target, values)
+        return lambda points: np.asarray(function(self.evaluate(points)), dtype=np.float64)
 
     @property
-    def _told(self) -> str:
+    def _details(self) -> str:
         return f" to {self.target!r}, energy {self.energy[-1]:.6g} {'at' if self.at_rest else 'not at'} rest"
 
     def picture(self, path: Any, texture: Any = None, **options: Unpack[LookKeywords]) -> Any:
@@ -92,24 +160,26 @@ class SurfaceMap(Result):
         Parameters
         ----------
         path : str or Path
-            Of a PNG file.
+            A PNG file.
         texture : callable or array, optional
-            Values of the target, as for :meth:`pull_back`; three are a colour. Without one, places in its box are.
+            Colours of the target (three values), as for :meth:`pull_back`; by default its coordinates.
         **options
-            As of :func:`cpmkit.view.picture`.
+            Options of :func:`cpmkit.view.picture`.
         """
-        return self.drawn(texture).picture(path, **options)
+        return self.drawable(texture).picture(path, **options)
 
-    def drawn(self, texture: Any = None) -> Solution:
-        """Return the source with the target's colours, to be drawn; ``texture`` as for :meth:`picture`."""
-        seen = self._in_box if texture is None else texture
-        return self.drawn_with(self.pull_back(seen)(self.solution.display_mesh().points))
+    def drawable(self, texture: Any = None) -> Solution:
+        """Return the source with the target's colours; ``texture`` as for :meth:`picture`."""
+        colours = self._coordinates_as_colours if texture is None else texture
+        return self.with_colours(self.pull_back(colours)(self.solution.display_mesh().points))
 
-    def drawn_with(self, colours: Any) -> Solution:
-        """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``, to be drawn."""
-        return painted(self.solution, colours)
+    drawn_with = DeprecatedMember("with_colours")
 
-    def _in_box(self, points: Floats) -> Floats:
+    def with_colours(self, colours: Any) -> Solution:
+        """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``."""
+        return with_colours(self.solution, colours)
+
+    def _coordinates_as_colours(self, points: Floats) -> Floats:
         low, high = self.target.bounds
         share = (points - low) / np.where(high > low, high - low, 1.0)
         return np.pad(share, ((0, 0), (0, 3 - share.shape[1])), constant_values=0.5)
@@ -128,33 +198,33 @@ def harmonic_map(
     method: str = "implicit",
     **options: Any,
 ) -> SurfaceMap:
-    """Return the harmonic map that a given one relaxes to: the map of least stretch nearby.
+    """Return the harmonic map to which an initial map relaxes: the nearby map of least stretch.
 
     Parameters
     ----------
     surface : ClosestPointSource or Scene
-        Where it comes from, a curve or surface; a scene, whose boundaries are barriers, or hold points of the target.
+        The source, a curve or surface; or a scene whose boundaries are barriers or prescribe points of the target.
     target : ClosestPointSource
-        Where it goes: a curve or surface of any kind.
+        A curve or surface of any kind.
     initial : "nearest" or callable
-        The map to begin with: the target's closest points, or a function of points (n, d), as ``VertexData(surface,
-        vertices of the target)`` where two meshes share their triangles. It is put on the target.
+        The initial map: the target's closest points; or a function of points (n, d), such as ``VertexData(surface,
+        vertices of the target)`` where two meshes share their triangles. It is projected on the target.
     landmarks : sequence of pairs
-        Where and whither: points (k, d) with points (k, target's dimension) of the target, or a curve with a function
-        of points on it. A point alone holds the map in its place and little around, the less the finer the spacing.
+        Places and their images: points (k, d) with points (k, target's dimension) of the target; or a curve with a
+        function of its points. A single point fixes the map there and, the finer the spacing, little around it.
     spacing : float
-        Of the lattice, in the scene's unit.
+        Spacing of the lattice, in the scene's unit.
     step : float
-        Of time, in the unit of length squared. A tenth of the square of half the manifold's size unless given.
+        Time step, in the unit of length squared. By default a tenth of the square of half the manifold's size.
     most_steps : int
-        After which the run ends, with a warning, if the map has not come to rest.
+        Number of steps after which the run ends, with a warning, if the map is not at rest.
     rest : float
         The run ends when a step lowers the energy by less than this share of it.
     method : {"implicit", "explicit"}
-        ``explicit`` takes the paper's steps, in the form ``collocation``, of a tenth of the spacing's square unless
-        given; it is for comparison.
+        ``explicit`` takes the paper's steps in the form ``collocation``, by default a tenth of the spacing squared; it
+        is for comparison.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -163,11 +233,11 @@ def harmonic_map(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
-    A circle's map to an ellipse comes to rest at one speed: half the squared length over the circle's is its energy.
+    A circle's map to an ellipse rests with constant speed: its energy is half the squared length over the circle's.
 
     >>> import cpmkit as ck
     >>> from cpmkit.applications import harmonic_map
@@ -184,20 +254,20 @@ def harmonic_map(
     prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
     start = _start(prepared, target, initial)
     if method == "explicit":
-        made = explicit_flow(prepared, target, start, step, most_steps, rest)
+        result = explicit_flow(prepared, target, start, step, most_steps, rest)
     else:
         half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
         first = STEP_SHARE * half**2 if step is None else positive(step, "step")
         covering = _covering(prepared, target, initial)
-        made = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
-    solution, energy, at_rest = made
+        result = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
+    solution, energy, at_rest = result
     if not at_rest and len(energy) > most_steps:
         warn_each([f"The map did not come to rest within {most_steps} steps; allow more, or longer ones."])
     return SurfaceMap(solution, target, np.array(energy), at_rest)
 
 
 def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
-    """Return the area that the initial map covers, 0 where it is not known: no map like it has less energy."""
+    """Return the area that the initial map covers, a lower bound of the energy of its homotopy class; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
     try:
         return covered_area(
@@ -208,7 +278,7 @@ def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> f
 
 
 def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
-    """Return the initial map (p, k) at the points of the prepared scene, on the target."""
+    """Return the images (p, k), on the target, of the points of the prepared scene under the initial map."""
     if isinstance(initial, str) and initial == "nearest":
         if prepared.scene.surface.dim != target.dim:
             raise InputError("nearest points are those of a target in the same space; give the initial map.")
@@ -219,7 +289,7 @@ def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floa
 
 
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
-    """Return the scene of the flow, with landmarks for boundaries."""
+    """Return the scene of the flow with landmarks as boundaries."""
     problem = ck.ScreenedPoisson([0.0] * target.dim)
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, problem)
     if target.manifold_dim not in (1, 2):
@@ -227,22 +297,22 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
     boundaries = list(scene.boundaries)
     for number, pair in enumerate(landmarks):
         if not isinstance(pair, tuple) or len(pair) != 2:
-            raise InputError(f"landmarks are pairs (where, whither), got {shown(pair)}.")
-        where, whither = pair
+            raise InputError(f"landmarks are pairs (place, image), got {shown(pair)}.")
+        place, image = pair
         name = f"landmark {number}"
-        if isinstance(where, ClosestPointSource) and where.manifold_dim:
-            boundaries.append(hold_along(name, where, _on_target(target, whither)))
+        if isinstance(place, ClosestPointSource) and place.manifold_dim:
+            boundaries.append(dirichlet_along_curve(name, place, _on_target(target, image)))
             continue
-        at = scene.surface.closest_point(as_points(np.atleast_2d(where), scene.surface.dim)).points
-        goals = as_points(np.atleast_2d(whither), target.dim)
+        at = scene.surface.closest_point(as_points(np.atleast_2d(place), scene.surface.dim)).points
+        goals = as_points(np.atleast_2d(image), target.dim)
         if len(goals) != len(at):
             raise InputError(f"landmarks at {len(at)} points need as many points of the target, got {len(goals)}.")
-        boundaries += hold_at(name, at, target.closest_point(goals).points)
+        boundaries += dirichlet_at_points(name, at, target.closest_point(goals).points)
     return ck.Scene(scene.surface, problem, boundaries, scene.edge)
 
 
-def _on_target(target: ClosestPointSource, whither: Any) -> Callable[[Floats], Floats]:
-    """Return a function of points of a curve whose values are on the target."""
-    if not callable(whither):
-        raise InputError(f"a landmark curve goes where a function of its points says, got {shown(whither)}.")
-    return lambda points: np.asarray(target.closest_point(np.asarray(whither(points), dtype=np.float64)).points)
+def _on_target(target: ClosestPointSource, image: Any) -> Callable[[Floats], Floats]:
+    """Return the function ``image`` of points of a curve, with values projected on the target."""
+    if not callable(image):
+        raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
+    return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

@@ -1,4 +1,4 @@
-"""Where distances are measured from: points, curves, several at once."""
+"""Origins of distances, points and curves, and the connected pieces of a manifold that they lie on."""
 
 from __future__ import annotations
 
@@ -6,16 +6,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
-from cpmkit.plugin import norms
-from cpmkit.protocols import ClosestPointSource, Floats, HasGivenMesh, Ints
+from cpmkit.plugin import Discretized, Terms, norms
+from cpmkit.preparing import Prepared
+from cpmkit.protocols import Bools, ClosestPointSource, Floats, HasGivenMesh, Ints
 
-#: So many points are gone through one by one: a tree takes five times as long.
-FEW = 4
+#: Up to so many points are searched one after the other: a tree takes five times as long.
+MOST_SEARCHED_POINTS = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,9 +29,9 @@ class Origins:
     surface : ClosestPointSource
         The manifold.
     points : (k, d) float64
-        On it.
+        Points of the manifold.
     curves : sequence of ClosestPointSource
-        In it.
+        Curves in the manifold.
     """
 
     surface: ClosestPointSource
@@ -37,22 +39,22 @@ class Origins:
     curves: Sequence[ClosestPointSource]
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
-        """Return the straight distance (n,) from ``points`` (n, d) to the nearest origin, its place and its number.
+        """Return the straight distance (n,) from ``points`` (n, d) to the nearest origin, its place, its number.
 
         Points are numbered first, then curves.
         """
         count = len(self.points)
         best, number = self._nearest_point(points)
-        found = self.points[number] if count else np.zeros_like(points)
+        places = self.points[number] if count else np.zeros_like(points)
         for k, curve in enumerate(self.curves):
             feet = curve.closest_point(points)
             nearer = feet.distance < best
-            best, found = np.where(nearer, feet.distance, best), np.where(nearer[:, None], feet.points, found)
+            best, places = np.where(nearer, feet.distance, best), np.where(nearer[:, None], feet.points, places)
             number = np.where(nearer, count + k, number)
-        return best, found, number
+        return best, places, number
 
     def distances(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return the same distance and number without the place."""
+        """Return the distance (n,) and the number (n,) of :meth:`closest` alone, which is faster."""
         if self.curves:
             best, _, number = self.closest(points)
             return best, number
@@ -60,34 +62,35 @@ class Origins:
 
     def _nearest_point(self, points: Floats) -> tuple[Floats, Ints]:
         """Return the distance (n,) to the nearest of the points, infinity where there is none, and its number."""
-        if len(self.points) > FEW:
+        if len(self.points) > MOST_SEARCHED_POINTS:
             best, number = self._tree.query(points)
             return best, number
         best, number = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-        for k, one in enumerate(self.points):
-            away = norms(points - one)
-            number[away < best] = k
-            best = np.minimum(best, away)
+        for k, point in enumerate(self.points):
+            distance = norms(points - point)
+            number[distance < best] = k
+            best = np.minimum(best, distance)
         return best, number
 
     def samples(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return points (k, d) on all of them, on curves about a ``spacing`` apart, and whose each is."""
+        """Return points (k, d) on all origins, about a ``spacing`` apart on curves, and the number (k,) of each."""
         at, owner = [self.points], [np.arange(len(self.points))]
         for number, curve in enumerate(self.curves, len(self.points)):
             at.append(ck.boundary_points(curve, self.surface, spacing).points)
             owner.append(np.full(len(at[-1]), number))
         return np.concatenate(at), np.concatenate(owner)
 
-    def source(self, spacing: float, reach: float) -> ck.PointSource:
-        """Return what heats all of them: one a length of the spacing on curves, and points as much as to be as warm.
+    def heat_source(self, spacing: float, reach: float) -> ck.PointSource:
+        """Return heat sources on all origins: of strength 1 per spacing on curves, and stronger at points.
 
-        Heat of time t = reach^2 from a curve falls as exp(-s / reach), that from a point as the Bessel function
-        K0(s / reach) / pi, sqrt(2 reach / (pi s)) / 2 as large. They are equal where s is a quarter of the manifold's
-        size, and ridges between both lie half way, but for a share of the reach.
+        Heat of time t = reach^2 from a curve decays as exp(-s / reach), heat from a point as the Bessel function
+        K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. Points are as much stronger that both are
+        equal where s is a quarter of the manifold's size: ridges between points and curves then lie half way, up to a
+        fraction of the reach.
         """
         far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())
-        one = np.pi * reach / spacing * np.sqrt(2 * far / (np.pi * reach))
-        at, strength = [self.points], [np.full(len(self.points), one)]
+        of_point = np.pi * reach / spacing * np.sqrt(2 * far / (np.pi * reach))
+        at, strength = [self.points], [np.full(len(self.points), of_point)]
         for curve in self.curves:
             along = ck.boundary_points(curve, self.surface, spacing)
             at.append(along.points)
@@ -101,51 +104,99 @@ class Origins:
         return cKDTree(self.points)
 
 
-def origins_of(given: Any, surface: ClosestPointSource) -> Origins:
-    """Return the origins: points (k, d) or (d,), numbers of vertices, a source of a curve or of points, or several.
+def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
+    """Return origins that are given as points (k, d) or (d,), numbers of vertices, sources, or a sequence of these.
 
     Raises
     ------
     InputError
-        If there are none, or one is neither.
+        If there are none, or an entry is none of these.
     """
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
-    for one in _listed(given):
-        if _are_vertices(one, surface):
-            one = ck.Boundary("origins", one, both=ck.Neumann(0.0)).on(surface).source
-        if isinstance(one, ClosestPointSource):
-            if one.manifold_dim == 0:
-                points.append(ck.boundary_points(one, surface, 1.0).points)
+    for entry in _as_list(origins):
+        if _are_vertices(entry, surface):
+            entry = ck.Boundary("origins", entry, both=ck.Neumann(0.0)).on(surface).source
+        if isinstance(entry, ClosestPointSource):
+            if entry.manifold_dim == 0:
+                points.append(ck.boundary_points(entry, surface, 1.0).points)
             else:
-                curves.append(one)
+                curves.append(entry)
             continue
         try:
-            array = np.atleast_2d(np.asarray(one, dtype=np.float64))
+            array = np.atleast_2d(np.asarray(entry, dtype=np.float64))
         except (TypeError, ValueError) as error:
-            raise InputError(f"{accepted}, got {shown(one)}.") from error
+            raise InputError(f"{accepted}, got {shown(entry)}.") from error
         if array.ndim != 2 or array.shape[1] != surface.dim or not np.isfinite(array).all():
-            raise InputError(f"{accepted}, got {shown(one)}.")
+            raise InputError(f"{accepted}, got {shown(entry)}.")
         points.append(surface.closest_point(array).points)
-    found = np.concatenate(points)
-    if not len(found) and not curves:
-        raise InputError("distances are measured from something: give origins, points or a source of a curve.")
-    return Origins(surface, found, curves)
+    every = np.concatenate(points)
+    if not len(every) and not curves:
+        raise InputError("a distance needs origins: give points or the source of a curve.")
+    return Origins(surface, every, curves)
 
 
-def _are_vertices(given: Any, surface: ClosestPointSource) -> bool:
-    """Whether whole numbers, one or in a row, stand for vertices: on a mesh; elsewhere d of them are a point."""
+def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
+    """Return whether whole numbers stand for vertices: always on a mesh; elsewhere d of them are a point."""
     try:
-        array = np.asarray(given)
-    except ValueError:  # rows of unlike lengths
+        array = np.asarray(numbers)
+    except ValueError:  # rows of different lengths
         return False
     whole = array.dtype.kind in "iu" and array.ndim < 2 and array.size > 0
     return whole and (isinstance(surface, HasGivenMesh) or array.size != surface.dim)
 
 
-def _listed(given: Any) -> list[Any]:
-    if isinstance(given, ClosestPointSource):
-        return [given]
-    if isinstance(given, Sequence) and any(isinstance(one, ClosestPointSource) for one in given):
-        return list(given)
-    return [given]
+def _as_list(origins: Any) -> list[Any]:
+    if isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins):
+        return list(origins)
+    return [origins]
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The connected pieces of a prepared manifold with barriers.
+
+    Attributes
+    ----------
+    count : int
+        Number of pieces.
+    of_unknown : (n,) int64
+        The number of the piece of each unknown.
+    of_point : (p,) int64
+        The number of the piece of each point in use.
+    """
+
+    count: int
+    of_unknown: Ints
+    of_point: Ints
+
+    def numbers_at(self, form: Discretized, points: Floats) -> Ints:
+        """Return the numbers (k,) of the pieces on which ``points`` (k, d) are evaluated."""
+        if self.count == 1 or not len(points):
+            return np.zeros(len(points), dtype=np.int64)
+        numbers: Ints = np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
+        return numbers
+
+    def any_of(self, at_point: Bools) -> Bools:
+        """Return for each piece whether a condition is true at any of its points, from ``at_point`` (p,)."""
+        return np.bincount(self.of_point, at_point, self.count) > 0
+
+
+#: The pieces of discretised scenes, kept for the next call.
+_CACHE: WeakKeyDictionary[Discretized, Pieces] = WeakKeyDictionary()
+
+
+def pieces_of(prepared: Prepared) -> Pieces:
+    """Return the connected pieces of a prepared scene whose boundaries are barriers, cached."""
+    form = prepared.discretized
+    if form not in _CACHE:
+        border = form.free_constants(form.stiffness(Terms()))
+        count = 1 if border is None else border.indicator.shape[1]
+        of_unknown = np.zeros(form.size, dtype=np.int64)
+        of_point = np.zeros(len(form.points), dtype=np.int64)
+        if border is not None and count > 1:
+            numbers = border.indicator @ np.arange(count, dtype=np.float64)
+            of_unknown = np.rint(numbers).astype(np.int64)
+            of_point = np.rint(form.at_points(numbers[:, None])[:, 0]).astype(np.int64)
+        _CACHE[form] = Pieces(count, of_unknown, of_point)
+    return _CACHE[form]

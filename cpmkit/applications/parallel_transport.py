@@ -4,11 +4,11 @@ After Sharp, Soliman and Crane (2019), The vector heat method. With the connecti
 
     u / t - Lap u = sum of vectors at points,    t = 2 h^2,
 
-with a lumped mass, and for a longer t where nothing arrives, the direction of u at a point is that of the nearest
-vector, transported along the shortest way, to an error of second order; lengths are the quotient of two such equations
-of numbers, mixed over some four spacings where two vectors are about as near. The logarithm of q is the vector at p
-whose length is the distance of q and whose direction is the one in which the shortest way to q leaves: the angle at q
-between the gradient of the distance and a vector that came from p.
+with a lumped mass, and a longer t where nothing arrives, the direction of u at a point is that of the nearest vector
+after transport along the shortest path, up to an error of second order. Lengths are the quotient of two such equations
+for numbers, averaged over some four spacings where two vectors are about equally near. The logarithm of q is the vector
+at p whose length is the distance of q and whose direction is the initial direction of the shortest path to q: the angle
+at q between the gradient of the distance and a vector transported from p.
 """
 
 from __future__ import annotations
@@ -19,12 +19,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coupling import tangential_coupling
-from cpmkit.applications.geodesics import Distance, geodesic_distance
-from cpmkit.applications.painted import painted
-from cpmkit.applications.transport import HELD_SPACINGS
+from cpmkit.applications.coloured_meshes import with_colours
+from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, Distance, geodesic_distance
+from cpmkit.applications.heat import tangential_coupling, vector_heat_directions
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
-from cpmkit.applications.vector_heat import directions_of_heat
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
 from cpmkit.plugin import unit
@@ -35,14 +33,14 @@ from cpmkit.runtime.arrays import as_points, as_vector
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
 
-#: Time of the vectors' heat over the spacing's square: with 16 directions are half as exact on Spot, with 1 they are a
-#: tenth more exact there, and less on a sphere.
+#: Time of the heat of vectors over the spacing squared: at 16 directions are half as exact on Spot; at 1 they are a
+#: tenth more exact there, and less exact on a sphere.
 HEAT_TIME = 2.0
-#: The same of lengths, which are mixed over its root in spacings.
-MIXING_TIME = 16.0
-#: Within so many spacings of the point its logarithm is the straight difference.
+#: Time of the heat of lengths over the spacing squared: lengths are averaged over its square root, in spacings.
+AVERAGING_TIME = 16.0
+#: Within so many spacings of the point the logarithm is the straight difference.
 STRAIGHT_SPACINGS = 2.0
-#: Rings and rays of a picture of a logarithmic map.
+#: Numbers of rings and of rays in a picture of a logarithmic map.
 RINGS, RAYS = 16, 24
 
 
@@ -53,56 +51,60 @@ class TransportedField(TangentField):
     Attributes
     ----------
     lengths : Solution
-        Two channels, the lengths times heat and heat alone.
+        Two channels: lengths times heat, and heat.
     """
 
     lengths: Solution
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = False) -> Floats:
-        """Return the tangential vectors (n, 3) nearest to ``points``, of length one if ``normalized``."""
+        """Return the tangential vectors (n, 3) at the surface points nearest to ``points``; unit if ``normalized``."""
         directions = super().evaluate(points, side)
         if normalized:
             return directions
-        weighed, heat = self.lengths.evaluate(as_points(points, 3), side).T
-        return np.asarray((weighed / heat)[:, None] * directions)
+        weighted, heat = self.lengths.evaluate(as_points(points, 3), side).T
+        return np.asarray((weighted / heat)[:, None] * directions)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class LogarithmicMap:
-    """Coordinates about a point: the plane's polar coordinates of length and direction of the shortest way.
+    """Coordinates about a point: length and initial direction of the shortest path, as a vector of the tangent plane.
 
     Attributes
     ----------
     point : (3,) float64
-        On the surface.
+        A point of the surface.
     axes : (2, 3) float64
-        Orthonormal tangents there, which coordinates belong to.
+        Orthonormal tangents at the point: the axes of the coordinates.
     distance : Distance
-        From the point.
-    transported : sequence of callable
-        The axes, transported to any points (n, 3).
+        The distance from the point.
+    transported_axes : (TransportedField, TransportedField or None)
+        The axes after transport to any point; the second is None where a normal of the surface gives it.
     """
 
     point: Floats
     axes: Floats
     distance: Distance
-    transported: tuple[TangentField, TangentField | None]
+    transported_axes: tuple[TangentField, TangentField | None]
 
     def evaluate(self, points: Any) -> Floats:
         """Return the coordinates (n, 2) of the surface's points nearest to ``points``."""
         surface, h = self.distance.solution.scene.surface, self.distance.solution.spacing
         at = surface.closest_point(as_points(points, 3)).points
         away, length = unit(self.distance.gradient(at)), self.distance.evaluate(at)
-        one, other = self.transported
-        first = one.evaluate(at, normalized=True)
-        second = np.cross(ck.normals_at(surface, at), first) if other is None else other.evaluate(at, normalized=True)
-        turned = np.stack([np.einsum("nd,nd->n", away, axis) for axis in (first, second)], axis=1)
+        first_field, second_field = self.transported_axes
+        first = first_field.evaluate(at, normalized=True)
+        if second_field is None:
+            second = np.cross(ck.normals_at(surface, at), first)
+        else:
+            second = second_field.evaluate(at, normalized=True)
+        direction = np.stack([np.einsum("nd,nd->n", away, axis) for axis in (first, second)], axis=1)
         straight = (at - self.point) @ self.axes.T
-        near = (np.linalg.norm(at - self.point, axis=1) < STRAIGHT_SPACINGS * h) & (length < HELD_SPACINGS * h)
-        return np.asarray(length[:, None] * unit(np.where(near[:, None], straight, turned)))
+        close = np.linalg.norm(at - self.point, axis=1) < STRAIGHT_SPACINGS * h
+        close &= length < PRESCRIBED_SPACINGS * h
+        return np.asarray(length[:, None] * unit(np.where(close[:, None], straight, direction)))
 
     def vectors(self, points: Any) -> Floats:
-        """Return the logarithms (n, 3): tangent vectors at the point, as long as the shortest ways."""
+        """Return the logarithms (n, 3): tangent vectors at the point, as long as the shortest paths."""
         return np.asarray(self.evaluate(points) @ self.axes)
 
     def __repr__(self) -> str:
@@ -120,7 +122,7 @@ class LogarithmicMap:
         ring, ray = np.floor(RINGS * length / length.max()), np.floor(RAYS * np.arctan2(y, x) / (2 * np.pi))
         light = np.where((ring + ray) % 2, 1.0, 0.72)[:, None]
         turn = np.arctan2(y, x)[:, None] + 2 * np.pi / 3 * np.arange(3)
-        return painted(solution, light * (0.6 + 0.35 * np.cos(turn))).picture(path, **options)
+        return with_colours(solution, light * (0.6 + 0.35 * np.cos(turn))).picture(path, **options)
 
 
 def transport_vector(
@@ -131,20 +133,21 @@ def transport_vector(
     spacing: float | None = None,
     **options: Any,
 ) -> TransportedField:
-    """Return the vectors that come from points by parallel transport along shortest ways.
+    """Return the parallel transport of vectors at points along shortest paths to everywhere on a surface.
 
     Parameters
     ----------
     surface : ClosestPointSource, Scene or Prepared
-        In space; a scene, whose boundaries are barriers; or a scene that was prepared in the form ``galerkin``.
+        A surface in space; a scene whose boundaries are barriers; or a scene prepared in the form ``galerkin``.
     points : (k, 3) or (3,) array
-        Where vectors are given. Elsewhere the nearest one's arrives; half way between two, their mean.
+        Points at which vectors are given. Elsewhere the vector of the nearest point arrives; half way between two
+        points, the mean of theirs.
     vectors : (k, 3) or (3,) array
-        Not zero, and not standing on the surface, on which they are projected.
+        Neither zero nor normal to the surface; they are projected on it.
     spacing : float
-        Of the lattice, in the scene's unit; not of a prepared scene.
+        Spacing of the lattice, in the scene's unit; not for a prepared scene.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -153,7 +156,7 @@ def transport_vector(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
@@ -164,14 +167,14 @@ def transport_vector(
     array([[ 0.,  0., -2.],
            [ 2.,  0.,  0.]])
     """
-    prepared = _prepared(surface, spacing, options)
+    prepared = _prepare(surface, spacing, options)
     at = as_points(np.atleast_2d(points), 3)
     at = prepared.scene.surface.closest_point(at).points
-    given = tangential(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
-    lengths = np.linalg.norm(given, axis=1)
+    projected = tangential(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
+    lengths = np.linalg.norm(projected, axis=1)
     if not np.isfinite(lengths).all() or not (lengths > 1e-6 * np.linalg.norm(np.atleast_2d(vectors), axis=1)).all():
-        raise InputError("vectors that are transported must be finite, not zero, and not stand on the surface.")
-    return _transported(prepared, tangential_coupling(prepared, True), at, given, lengths)
+        raise InputError("vectors that are transported must be finite, not zero, and not normal to the surface.")
+    return _transport(prepared, tangential_coupling(prepared, True), at, projected, lengths)
 
 
 def logarithmic_map(
@@ -190,15 +193,15 @@ def logarithmic_map(
     surface : ClosestPointSource, Scene or Prepared
         As for :func:`transport_vector`.
     point : (3,) array
-        On the surface.
+        A point of the surface.
     axis : (3,) array, optional
-        Whose tangential part is the first axis; any unless given.
+        A vector whose tangential part is the first axis; by default any tangent.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     method : {"transport", "heat"}
-        Of the distance, as for :func:`geodesic_distance`.
+        Method of the distance, as for :func:`geodesic_distance`.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -207,7 +210,7 @@ def logarithmic_map(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
@@ -218,24 +221,25 @@ def logarithmic_map(
     array([[ 0. ,  1.6],
            [-1.6,  0. ]])
     """
-    prepared = _prepared(surface, spacing, options)
+    prepared = _prepare(surface, spacing, options)
     source = prepared.scene.surface
     at = source.closest_point(as_vector(point, 3, "point")[None]).points
     normal = ck.normals_at(source, at)[0]
-    wanted = np.eye(3)[np.abs(normal).argmin()] if axis is None else as_vector(axis, 3, "axis")
-    first = wanted - normal * (normal @ wanted)
-    if np.linalg.norm(first) <= 1e-6 * np.linalg.norm(wanted):
-        raise InputError("axis must not be zero or stand on the surface.")
+    direction = np.eye(3)[np.abs(normal).argmin()] if axis is None else as_vector(axis, 3, "axis")
+    first = direction - normal * (normal @ direction)
+    if np.linalg.norm(first) <= 1e-6 * np.linalg.norm(direction):
+        raise InputError("axis must not be zero or normal to the surface.")
     axes = unit(np.stack([first, np.cross(normal, first)]))
     coupling = tangential_coupling(prepared, True)
-    one = _transported(prepared, coupling, at, axes[:1], np.ones(1))
-    own = isinstance(source, HasNormals)  # of one sign everywhere: the second axis is the first one turned
-    other = None if own else _transported(prepared, coupling, at, axes[1:], np.ones(1))
-    return LogarithmicMap(at[0], axes, geodesic_distance(prepared, at, method=method), (one, other))
+    first_field = _transport(prepared, coupling, at, axes[:1], np.ones(1))
+    oriented = isinstance(source, HasNormals)  # then the normal and the first axis give the second
+    second_field = None if oriented else _transport(prepared, coupling, at, axes[1:], np.ones(1))
+    distance = geodesic_distance(prepared, at, method=method)
+    return LogarithmicMap(at[0], axes, distance, (first_field, second_field))
 
 
-def _prepared(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the surface prepared, with its boundaries for barriers."""
+def _prepare(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
+    """Return the surface as a prepared scene whose boundaries are barriers."""
     if isinstance(surface, Prepared):
         if spacing is not None or options:
             raise InputError("spacing and options are those of the prepared scene; leave them out.")
@@ -244,15 +248,15 @@ def _prepared(surface: Any, spacing: float | None, options: dict[str, Any]) -> P
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
     check_surface(scene.surface)
     scene = ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
-    made: Prepared = ck.prepare(scene, spacing, **{"form": "galerkin", **options})
-    return made
+    prepared: Prepared = ck.prepare(scene, spacing, **{"form": "galerkin", **options})
+    return prepared
 
 
-def _transported(
+def _transport(
     prepared: Prepared, coupling: ck.Field, at: Floats, vectors: Floats, lengths: Floats
 ) -> TransportedField:
-    """Return ``vectors`` (k, 3) of ``lengths`` (k,) from the points ``at`` (k, 3)."""
-    moved = directions_of_heat(prepared, coupling, ck.PointSource(at, vectors), HEAT_TIME)[1]
+    """Return the transport of ``vectors`` (k, 3) of ``lengths`` (k,) from the points ``at`` (k, 3)."""
+    directions = vector_heat_directions(prepared, coupling, ck.PointSource(at, vectors), HEAT_TIME)[1]
     numbers = ck.PointSource(at, np.stack([lengths, np.ones(len(at))], axis=1))
-    c = 1 / (MIXING_TIME * prepared.discretized.spacing**2)
-    return TransportedField(moved, "parallel", prepared.solve(problem=ck.ScreenedPoisson(numbers, c=c)))
+    c = 1 / (AVERAGING_TIME * prepared.discretized.spacing**2)
+    return TransportedField(directions, "parallel", prepared.solve(problem=ck.ScreenedPoisson(numbers, c=c)))

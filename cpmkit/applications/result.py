@@ -1,45 +1,159 @@
-"""What the results of applications share: a solution that is written and drawn, and two lines at a prompt."""
+"""Results of applications: a solution that is saved and drawn, its error, and the spacing that reaches a target."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Unpack
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
 
+import cpmkit as ck
+from cpmkit.applications.heat import barriers, prepare_manifold
 from cpmkit.facade import Solution
+from cpmkit.preparing import Prepared
+from cpmkit.protocols import Floats
+from cpmkit.runtime.deprecation import DeprecatedMember
 
 if TYPE_CHECKING:
+    from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.scenefile.look import LookKeywords
+
+#: Order at which errors of distances are assumed to fall: the order on ridges and meshes; smooth surfaces have more.
+ORDER = 1.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Result:
-    """What an application has found: read, saved and drawn as a solution.
+    """The result of an application: read, saved and drawn as a solution.
 
     Attributes
     ----------
     solution : Solution
-        What is read, saved and drawn.
+        The solution that is read, saved and drawn.
     """
 
     solution: Solution
 
     def save(self, path: Any) -> None:
-        """Write it as :meth:`cpmkit.Solution.save` does."""
+        """Write the solution as :meth:`cpmkit.Solution.save` does."""
         self.solution.save(path)
 
     def picture(self, path: Any, **options: Unpack[LookKeywords]) -> Any:
-        """Draw it as :meth:`cpmkit.Solution.picture` does."""
-        return self.drawn().picture(path, **options)
+        """Draw the result as :meth:`cpmkit.Solution.picture` does."""
+        return self.drawable().picture(path, **options)
 
-    def drawn(self) -> Solution:
-        """Return what its pictures show: a solution whose display mesh may have other colours."""
+    def drawable(self) -> Solution:
+        """Return the solution that pictures show: its display mesh may have other colours."""
         return self.solution
 
+    drawn = DeprecatedMember("drawable")
+
     @property
-    def _told(self) -> str:
-        """What there is to say of it beside its solution."""
+    def _details(self) -> str:
+        """Words for ``repr`` beside those of the solution."""
         return ""
 
     def __repr__(self) -> str:
         figures = repr(self.solution).rpartition("\n")[2].strip()
-        return f"{type(self).__name__} on {self.solution.scene.surface!r}{self._told}\n  {figures}"
+        return f"{type(self).__name__} on {self.solution.scene.surface!r}{self._details}\n  {figures}"
+
+
+@dataclass(frozen=True, eq=False, repr=False, kw_only=True)
+class Measured(Result):
+    """A quantity that several solves give, the last of which is its solution.
+
+    Attributes
+    ----------
+    solution : Solution
+        The solution that is read, saved and drawn.
+    recompute : callable
+        Computes the solution at another spacing and origin of the lattice.
+    """
+
+    recompute: Callable[[float, Any], Solution] | None = None
+
+    @property
+    def error(self) -> ErrorEstimate:
+        """An estimate of the error, computed on first use from the result at twice the spacing.
+
+        Errors are assumed to be proportional to the spacing. On smooth surfaces they fall faster, and the estimate is
+        up to ten times too large.
+
+        Raises
+        ------
+        CpmkitError
+            If the quantity cannot be computed at twice the spacing.
+        """
+        return self.solution.estimated or self._error
+
+    @cached_property
+    def _error(self) -> ErrorEstimate:
+        assert self.recompute is not None
+        estimate: ErrorEstimate = ck.estimate_error_by(self.recompute, self.solution, order=ORDER)
+        return estimate
+
+    def gradient(self, points: Any) -> Floats:
+        """Return the tangential gradient (n, d), of length one except at ridges, ends and gaps."""
+        gradient: Floats = self.solution.gradient(points)
+        return gradient
+
+    def with_recompute(self, recompute: Callable[[float, Any], Solution], solution: Solution | None = None) -> Self:
+        """Return the same result with a function that computes it at other spacings, and a solution with its error.
+
+        Without a ``solution`` the present one gives no error estimate of its own: that would be the error of the last
+        solve alone.
+        """
+        return replace(self, recompute=recompute, solution=solution or replace(self.solution, estimated=False))
+
+
+MeasuredResult = TypeVar("MeasuredResult", bound=Measured)
+
+
+def measure_to_target(
+    surface: Any, spacing: float | None, options: dict[str, Any], measure: Callable[[Prepared], MeasuredResult]
+) -> MeasuredResult:
+    """Compute a quantity at a spacing, or at one that reaches the accuracy target among the options.
+
+    Parameters
+    ----------
+    surface : ClosestPointSource, Scene or Prepared
+        The manifold.
+    spacing : float or None
+        Of the lattice.
+    options : dict
+        Options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place of a spacing.
+    measure : callable
+        Computes the quantity on a prepared scene.
+
+    Raises
+    ------
+    CpmkitError
+        If an option is not accepted, or as ``measure`` does.
+    """
+    target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
+    if not target or spacing is not None or isinstance(surface, Prepared):
+        prepared = prepare_manifold(surface, spacing, options)
+        return measure(prepared).with_recompute(_recompute_like(prepared, measure))
+    scene = barriers(surface)
+    others = {name: value for name, value in options.items() if name not in target}
+    last: list[MeasuredResult] = []
+
+    def recompute(spacing: float, origin: Any) -> Solution:
+        last[:] = [measure(prepare_manifold(scene, spacing, {**others, "origin": others.get("origin", origin)}))]
+        return last[0].solution
+
+    solution = ck.solve_by(recompute, scene, order=ORDER, **target)
+    return last[0].with_recompute(recompute, solution)
+
+
+def _recompute_like(prepared: Prepared, measure: Callable[[Prepared], Measured]) -> Callable[[float, Any], Solution]:
+    """Return a function that measures at another spacing, with the options that a scene was prepared with."""
+    options = prepared.options
+    every = {} if options is None else options.as_dict()
+    others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
+
+    def recompute(spacing: float, origin: Any) -> Solution:
+        options = {**others, "origin": origin, "form": prepared.discretized.form}
+        return measure(prepare_manifold(prepared.scene, spacing, options)).solution
+
+    return recompute

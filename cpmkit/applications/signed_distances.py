@@ -1,11 +1,12 @@
 """Signed distance to closed, open and broken curves of a surface, by heat of vectors and by transport.
 
-The signed heat method (Feng and Crane 2024): the conormals of the curves, as vectors, flow as heat with the Laplacian
-of the connection for a short time; X, what arrives, made unit, is the gradient of the distance phi, Lap phi = div X,
-which is moved so that its mean on the curves is zero. It tells a side, and closes gaps, where curves are broken.
+The signed heat method (Feng and Crane 2024): the conormals of the curves, as vectors, diffuse for a short time with the
+Laplacian of the connection. The unit vectors X of the result approximate the gradient of the distance phi, Lap phi =
+div X, and phi is shifted so that its mean on the curves is zero. The sign is defined, and gaps are closed, where curves
+are broken.
 
-Where all curves are closed, X is -grad v / |grad v| of the scalar heat v, the same but for its sign, which the vectors
-give: on coarse lattices it is more exact. Rounds of transport then carry the distance away from the curves as they do
+Where all curves are closed, X is -grad v / |grad v| of the scalar heat v, which has the same direction up to the sign
+that the vectors give, and is more exact on coarse lattices. Rounds of transport then correct the distance as they do
 without a sign.
 """
 
@@ -18,13 +19,17 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coupling import tangential_coupling
-from cpmkit.applications.geodesics import METHODS
-from cpmkit.applications.heat import HEAT_TIME, away_from, heat_solver, manifold_of
+from cpmkit.applications.geodesics import METHODS, PRESCRIBED_SPACINGS, transport_distance, transport_solver
+from cpmkit.applications.heat import (
+    HEAT_TIME,
+    heat_directions,
+    heat_solver,
+    manifold_of,
+    tangential_coupling,
+    vector_heat_directions,
+)
 from cpmkit.applications.origins import Origins, origins_of
-from cpmkit.applications.spacings import Measured, measured
-from cpmkit.applications.transport import HELD_SPACINGS, carried, carriers
-from cpmkit.applications.vector_heat import directions_of_heat
+from cpmkit.applications.result import Measured, measure_to_target
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import dots, unit
@@ -33,7 +38,7 @@ from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.boundary_points import BoundaryPoints
 
-#: Across a curve is what is no more than this share along it: else the nearest point is an end.
+#: A point lies across a curve if its offset has at most this share along the tangent; else the foot is an end.
 ALONG_SHARE = 0.3
 
 
@@ -46,9 +51,9 @@ class SignedDistance(Measured):
     solution : Solution
         The distance on splines of the lattice.
     curves : Origins
-        Where it is measured from.
+        Curves from which it is measured.
     rounds : int
-        Of transport that were made.
+        Number of rounds of transport.
     """
 
     curves: Origins
@@ -70,24 +75,24 @@ def signed_distance(
 ) -> SignedDistance:
     """Return the signed distance to curves on a surface, positive to the left of their direction of travel.
 
-    Curves need not be closed nor hang together: the distance is zero on them and on a smooth continuation that joins
-    them, and changes its sign there.
+    Curves need not be closed or connected: the distance is zero on them and on a smooth continuation that joins them,
+    and changes its sign there.
 
     Parameters
     ----------
     surface : ClosestPointSource, Scene or Prepared
-        A surface in space; a scene, whose boundaries are barriers that nothing passes; or a scene that was prepared.
+        A surface in space; a scene whose boundaries are barriers, which nothing passes; or a prepared scene.
     curves : ClosestPointSource or sequence of these
-        That have a direction, each in the surface; together they should part a left from a right.
+        Directed curves in the surface, which together should separate a left from a right.
     spacing : float
-        Of the lattice, in the scene's unit; not of a prepared scene. Or, in its place, ``tolerance``, the error that is
-        accepted as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
+        Spacing of the lattice, in the scene's unit; not for a prepared scene. In its place ``tolerance``, the accepted
+        error as a share of the largest distance, ``seconds`` or ``memory``, as for :func:`cpmkit.solve`.
     method : {"transport", "heat"}
         ``heat`` is the signed heat method; ``transport`` improves it by rounds, as in :func:`geodesic_distance`.
     rounds : int
-        Of transport.
+        Number of rounds of transport.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -96,7 +101,7 @@ def signed_distance(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted, a piece of the surface has no curve, or curves do not part one left from
+        If an argument is not accepted, a piece of the surface has no curve, or the curves do not separate one left from
         one right.
 
     Examples
@@ -114,81 +119,81 @@ def signed_distance(
     manifold = manifold_of(surface)
     if manifold.dim != 3 or manifold.manifold_dim != 2:
         raise InputError("signed distances are measured on surfaces in space.")
-    given = origins_of(curves, manifold)
-    if len(given.points):
+    sources = origins_of(curves, manifold)
+    if len(sources.points):
         raise InputError("signed distances are those to curves, which have two sides; points have none.")
-    return measured(surface, spacing, options, lambda prepared: _measured(prepared, given, rounds))
+    return measure_to_target(surface, spacing, options, lambda prepared: _measure(prepared, sources, rounds))
 
 
-def _measured(prepared: Prepared, given: Origins, rounds: int) -> SignedDistance:
+def _measure(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance:
+    """Return the signed distance on a prepared scene: by heat, then by ``rounds`` of transport."""
     manifold = prepared.scene.surface
-    along = [ck.boundary_points(one, manifold, prepared.discretized.spacing) for one in given.curves]
-    field = _upwards(prepared, given, along)
+    samples = [ck.boundary_points(curve, manifold, prepared.discretized.spacing) for curve in curves.curves]
+    field = _gradient_directions(prepared, curves, samples)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    phi = replace(phi, values=phi.values - _on_curves(phi, along))
-    straight, across = _beside(given, prepared.points)
-    carrying = carriers(prepared)
+    phi = replace(phi, values=phi.values - _mean_on_curves(phi, samples))
+    straight, signed = _signed_straight_distance(curves, prepared.points)
+    transport = transport_solver(prepared)
     for _ in range(rounds):
-        phi = _carried(carrying, straight, across, field, phi)
+        phi = _transport_round(transport, straight, signed, field, phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: unit(slopes))
-    return SignedDistance(solution=phi, curves=given, rounds=rounds)
+    return SignedDistance(solution=phi, curves=curves, rounds=rounds)
 
 
-def _on_curves(phi: Solution, along: Sequence[BoundaryPoints]) -> float:
-    """Return the mean of phi on the curves, to be zero.
+def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
+    """Return the mean of phi over the curves, which is subtracted so that phi is zero there.
 
     Raises
     ------
     SceneError
-        If curves ask for different constants.
+        If the means of curves differ.
     """
     means = np.concatenate(
-        [np.bincount(one.curve, one.weights * phi.evaluate(one.points)) / one.lengths for one in along]
+        [np.bincount(curve.curve, curve.weights * phi.evaluate(curve.points)) / curve.lengths for curve in samples]
     )
     if np.ptp(means) > phi.spacing:
         raise SceneError(
             f"the distance is to be zero on {len(means)} curves and differs by {np.ptp(means):.3g} between them: they "
-            "do not part one left from one right, or lie on pieces of the surface that do not hang together; turn some "
-            "round, or measure from fewer."
+            "do not separate one left from one right, or lie on pieces of the surface that are not connected; turn "
+            "some round, or measure from fewer."
         )
-    return float(np.average(means, weights=np.concatenate([one.lengths for one in along])))
+    return float(np.average(means, weights=np.concatenate([curve.lengths for curve in samples])))
 
 
-def _upwards(prepared: Prepared, curves: Origins, along: Sequence[BoundaryPoints]) -> ck.Field:
+def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
     """Return X (p, 3), the unit directions in which the distance grows."""
-    vectors = _heat_of_conormals(prepared, along)
-    if not all(all(one.closed) for one in along):
-        return prepared.field(vectors)
-    return away_from(prepared, curves).map(lambda _, one: np.sign(dots(vectors, one))[:, None] * one)
-
-
-def _heat_of_conormals(prepared: Prepared, along: Sequence[BoundaryPoints]) -> Floats:
-    """Return the unit vectors (p, 3) that the curves' conormals become after the shortest time in which any arrive."""
     h = prepared.discretized.spacing
-    strength = np.concatenate([one.weights[:, None] / h * one.conormals for one in along])
-    source = ck.PointSource(np.concatenate([one.points for one in along]), strength)
-    return directions_of_heat(prepared, tangential_coupling(prepared, parallel=True), source, HEAT_TIME)[0]
+    strength = np.concatenate([curve.weights[:, None] / h * curve.conormals for curve in samples])
+    source = ck.PointSource(np.concatenate([curve.points for curve in samples]), strength)
+    coupling = tangential_coupling(prepared, parallel=True)
+    vectors, _ = vector_heat_directions(prepared, coupling, source, HEAT_TIME)
+    if not all(all(curve.closed) for curve in samples):
+        return prepared.field(vectors)
+    away = heat_directions(prepared, curves)
+    return away.map(lambda _, directions: np.sign(dots(vectors, directions))[:, None] * directions)
 
 
-def _beside(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return the straight distance (p,) to the nearest curve, and the same with its sign, NaN beside and past ends."""
+def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
+    """Return the straight distance (p,) to the nearest curve, and its signed value, NaN beside and past ends."""
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):
-        mine = np.flatnonzero(number == k)
-        tangents, conormals = ck.directions_along(curve, curves.surface)(places[mine])
-        way = points[mine] - places[mine]
-        across = np.abs(dots(way, tangents)) <= ALONG_SHARE * straight[mine]
-        signed[mine[across]] = (np.sign(dots(way, conormals)) * straight[mine])[across]
+        rows = np.flatnonzero(number == k)
+        tangents, conormals = ck.directions_along(curve, curves.surface)(places[rows])
+        offset = points[rows] - places[rows]
+        across = np.abs(dots(offset, tangents)) <= ALONG_SHARE * straight[rows]
+        signed[rows[across]] = (np.sign(dots(offset, conormals)) * straight[rows])[across]
     return straight, signed
 
 
-def _carried(prepared: Prepared, straight: Floats, signed: Floats, field: ck.Field, before: Solution) -> Solution:
-    """Return the distance carried along ``field``: beside curves the straight one is held, in gaps that ``before``."""
-    own = prepared.field(before).values
-    reach = HELD_SPACINGS * prepared.discretized.spacing
+def _transport_round(
+    prepared: Prepared, straight: Floats, signed: Floats, field: ck.Field, previous: Solution
+) -> Solution:
+    """Return the distance transported along ``field``: straight beside curves, ``previous`` in gaps of curves."""
+    values = prepared.field(previous).values
+    reach = PRESCRIBED_SPACINGS * prepared.discretized.spacing
     across = np.isfinite(signed)
-    beside = across & (np.maximum(np.abs(own), straight) < reach)
-    gap = ~across & (np.abs(own) < reach)
-    target = np.where(beside, signed, own)
-    return carried(prepared, field, beside | gap, target, np.sign(target), before)
+    beside_curve = across & (np.maximum(np.abs(values), straight) < reach)
+    in_gap = ~across & (np.abs(values) < reach)
+    target = np.where(beside_curve, signed, values)
+    return transport_distance(prepared, field, beside_curve | in_gap, target, np.sign(target), previous)

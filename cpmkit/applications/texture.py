@@ -1,4 +1,4 @@
-"""Colours baked onto a mesh's own texture coordinates, as an image that other programs wrap round it."""
+"""Colours of a solution baked to an image by a mesh's texture coordinates, for other programs to map onto it."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import cpmkit as ck
 from cpmkit.applications.colouring import ColouredSurface
 from cpmkit.errors import InputError
 from cpmkit.facade import Solution
-from cpmkit.files.png_files import write_png
+from cpmkit.files.whole_files import write_png
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.messages import warn_each
 
-#: Pixels that are looked at at once.
+#: Pixels that are processed at once.
 PARCEL_PIXELS = 2_000_000
-#: Texture coordinates may leave the image by this share of it.
+#: Largest distance of texture coordinates from the image, as a share of it.
 OUTSIDE_SHARE = 1e-6
-#: Barycentric coordinates below this of two triangles at a pixel are rounding at their common edge.
+#: Two triangles overlap at a pixel if all barycentric coordinates exceed this; else it is on their common edge.
 INSIDE_COORDINATE = 1e-9
 
 
@@ -34,7 +34,7 @@ class TexturedMesh:
     coordinates : (k, 2) float64
         From 0 to 1, u to the right and v upwards.
     corners : (m, 3) int64
-        Those of each triangle's corners.
+        Numbers of the texture coordinates of each triangle's corners.
     """
 
     vertices: Floats
@@ -48,13 +48,13 @@ class TexturedMesh:
 
 @dataclass(frozen=True, eq=False)
 class Texture:
-    """An image that wraps round a mesh.
+    """An image to be mapped onto a mesh.
 
     Attributes
     ----------
     colours : (height, width, 3) float64
-        From 0 to 1, the top row (v = 1) first. Pixels of no triangle have the colour of the nearest pixel of one, so
-        that nothing else shows at seams.
+        From 0 to 1, the top row (v = 1) first. Pixels outside of all triangles have the colour of the nearest pixel
+        inside, so that seams are not visible.
     covered : (height, width) bool
         Which pixels have their centre in a triangle.
     """
@@ -78,16 +78,16 @@ def bake(
     width: int = 1024,
     height: int | None = None,
 ) -> Texture:
-    """Return the colours of a solution at the places of a mesh that the pixels of its texture show.
+    """Return the texture of a mesh with the colours of a solution.
 
     Parameters
     ----------
     solution : Solution or ColouredSurface
-        Of three channels, on the mesh or on what the mesh lies on.
+        A solution of three channels, on the mesh or on the surface that the mesh approximates.
     mesh : path or TexturedMesh
         An OBJ file with texture coordinates, found as :func:`cpmkit.source` finds files.
     width, height : int
-        In pixels; square unless both are given.
+        Size in pixels; square if only the width is given.
 
     Returns
     -------
@@ -102,47 +102,45 @@ def bake(
     Warns
     -----
     CpmkitWarning
-        If triangles overlap in the image, as mirrored halves may: of those at a pixel the last one is seen.
+        If triangles overlap in the image, as mirrored halves may: a pixel shows the last of its triangles.
     """
     read = solution.solution if isinstance(solution, ColouredSurface) else solution
     if read.channels != 3:
         raise InputError(f"a texture is baked of three channels, red, green and blue, got {read.channels}.")
     width = whole(width, "width in pixels", 1, 16384)
     height = width if height is None else whole(height, "height in pixels", 1, 16384)
-    given = mesh if isinstance(mesh, TexturedMesh) else _read(mesh)
-    triangle, local, overlapping = _shown(_in_pixels(given, width, height), width, height)
+    if not isinstance(mesh, TexturedMesh):
+        mesh = TexturedMesh(*ck.read_mesh(mesh), *ck.read_texture_coordinates(mesh))
+    triangle, local, overlapping = _rasterise(_in_pixels(mesh, width, height), width, height)
     covered = triangle >= 0
     if not covered.any():
         raise InputError(f"no pixel of {width} by {height} lies in a triangle of the texture; use more pixels.")
     if overlapping:
-        told = f"triangles overlap at {overlapping} of {np.count_nonzero(covered)} pixels of the texture"
-        warn_each([f"{told}, as mirrored halves do; of those the last one is seen."])
-    corners = given.vertices[given.faces[triangle[covered]]]
+        share = f"{overlapping} of {np.count_nonzero(covered)} pixels of the texture"
+        warn_each([f"triangles overlap at {share}, as mirrored halves do; such a pixel shows the last triangle."])
+    corners = mesh.vertices[mesh.faces[triangle[covered]]]
     colours = np.zeros((height * width, 3))
     colours[covered] = np.clip(solution.evaluate(np.einsum("nc,ncd->nd", local[covered], corners)), 0.0, 1.0)
-    image, seen = colours.reshape(height, width, 3), covered.reshape(height, width)
-    return Texture(_dilated(image, seen), seen)
-
-
-def _read(file: str | Path) -> TexturedMesh:
-    return TexturedMesh(*ck.read_mesh(file), *ck.read_texture_coordinates(file))
+    image, mask = colours.reshape(height, width, 3), covered.reshape(height, width)
+    return Texture(_dilate(image, mask), mask)
 
 
 def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
-    """Return the triangles (m, 3, 2) of the image in pixels, rows downwards, centres of pixels at whole numbers."""
+    """Return the triangles (m, 3, 2) in pixels of the image, downwards, with pixel centres at whole numbers."""
     outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
     if len(mesh.corners) != len(mesh.faces):
         raise InputError(f"a textured mesh has corners for each of {len(mesh.faces)} faces, got {len(mesh.corners)}.")
     if not outside <= OUTSIDE_SHARE:
         raise InputError(
-            f"texture coordinates must be from 0 to 1, and leave it by {outside:.3g}; tiles and repeats are not baked."
+            f"texture coordinates must be from 0 to 1, and exceed that by {outside:.3g}; tiles and "
+            "repeated images are not baked."
         )
     at = np.stack([mesh.coordinates[:, 0] * width, (1 - mesh.coordinates[:, 1]) * height], axis=1) - 0.5
     return np.asarray(at[mesh.corners])
 
 
-def _shown(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
-    """Return which triangle each pixel shows, -1 for none, its barycentric coordinates (n, 3), how many overlap."""
+def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
+    """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), the number of overlaps."""
     shown, local = np.full(height * width, -1), np.zeros((height * width, 3))
     times = np.zeros(height * width, dtype=np.int64)
     limit = np.array([width, height]) - 1
@@ -163,7 +161,7 @@ def _shown(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, in
 
 
 def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return all pixels of the boxes of triangles: the triangle, the column and the line of each."""
+    """Return triangle, column and line of all pixels in the bounding boxes of triangles."""
     count = size.prod(axis=1)
     which = np.repeat(np.arange(len(rows)), count)
     place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
@@ -172,7 +170,7 @@ def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _barycentric(triangles: Floats, points: Ints) -> Floats:
-    """Return the barycentric coordinates (n, 3) of points in triangles (n, 3, 2) of the plane; -1 without an area."""
+    """Return barycentric coordinates (n, 3) of points in triangles (n, 3, 2) of the plane; -1 if the area is zero."""
     a, b, c = (triangles[:, k] for k in range(3))
 
     def twice_area(o: Floats, q: Floats, r: Floats) -> Floats:
@@ -185,8 +183,8 @@ def _barycentric(triangles: Floats, points: Ints) -> Floats:
     return np.asarray(np.where(whole_area[:, None] == 0, -1.0, parts / safe[:, None]))
 
 
-def _dilated(image: Floats, covered: Bools) -> Floats:
-    """Return the image with the colour of the nearest covered pixel at every other."""
+def _dilate(image: Floats, covered: Bools) -> Floats:
+    """Return the image with the colour of the nearest covered pixel at all pixels that are not covered."""
     from scipy.ndimage import distance_transform_edt
 
     nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)

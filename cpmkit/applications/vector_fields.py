@@ -1,15 +1,16 @@
-"""Fields of tangential vectors that go on smoothly from directions given at points and along curves.
+"""Smooth fields of tangential vectors with prescribed directions at points and along curves, and their singularities.
 
-``parallel``: vectors go on as by parallel transport, P Lap (P u) = 0 with the connection's Laplacian, as in the vector
-heat method (Sharp, Soliman and Crane 2019). ``paper``: each coordinate goes on by itself, vectors are kept tangential,
-P Lap u = 0, the rest of the flow of King et al. (2024), section 7.3; it bends towards where the surface is flat.
+``parallel`` extends vectors as parallel transport does: P Lap (P u) = 0 with the connection's Laplacian, as in the
+vector heat method (Sharp, Soliman and Crane 2019). ``paper`` extends each coordinate by itself and keeps vectors
+tangential: P Lap u = 0, the stationary flow of King et al. (2024), section 7.3, whose vectors deviate towards flat
+parts of the surface.
 
 With n the normal, S = -grad n and componentwise energies |grad u|^2 = |P grad u|^2 + |S u|^2 of tangential u,
 
     -Lap u + (s / h^2) n n' u - S^2 u = 0,
 
-the last term for ``parallel`` alone, is one linear system of three channels; s / h^2 holds u tangential, to an error of
-third order.
+the last term for ``parallel`` alone, is one linear system of three channels. The penalty s / h^2 keeps u tangential up
+to an error of third order.
 """
 
 from __future__ import annotations
@@ -22,27 +23,127 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.arrows import APART_LENGTHS, arrows, spread
-from cpmkit.applications.coupling import tangential_coupling
-from cpmkit.applications.held import hold_along, hold_at
-from cpmkit.applications.painted import painted, with_triangles
+from cpmkit.applications.coloured_meshes import (
+    APART_LENGTHS,
+    arrow_triangles,
+    spread_points,
+    with_colours,
+    with_triangles,
+)
+from cpmkit.applications.curve_colours import dirichlet_along_curve, dirichlet_at_points
+from cpmkit.applications.heat import tangential_coupling
 from cpmkit.applications.result import Result
-from cpmkit.applications.tangent_fields import Singularity, singularities
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import unit
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.plugin import unit, vertex_normals
+from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, positive
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
 
+
+@dataclass(frozen=True)
+class Singularity:
+    """A point at which a tangential field has no direction.
+
+    Attributes
+    ----------
+    place : (3,) float64
+        The centre of the triangle that contains the point.
+    index : int
+        Number of turns of the field along a small circle around the point, positive in the sense of the circle. On a
+        surface that is not orientable the sign is that of the triangle's own orientation.
+    """
+
+    place: Floats
+    index: int
+
+
+def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Floats | None = None) -> list[Singularity]:
+    """Return the singularities of a field given by tangential ``vectors`` (v, 3) at the vertices of a mesh.
+
+    In each triangle the field is transported from corner to corner by the smallest rotation that takes one corner's
+    tangent plane to the next. The index is the sum of the remaining turns and the curvature of the triangle, over 2 pi.
+    On a closed surface the indices sum exactly to the Euler characteristic of the mesh, for any field; also where the
+    mesh is cut along a curve that the field follows on both sides, in equal or opposite directions, with the same
+    ``normals``.
+
+    Parameters
+    ----------
+    vertices, faces : (v, 3) float64, (f, 3) int64
+        The triangles.
+    vectors : (v, 3) float64
+        The field.
+    normals : (v, 3) float64, optional
+        At the vertices; those of the triangles if not given, and on a surface that is not orientable.
+    """
+    corners = vertices[faces]
+    across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    if _consistently_oriented(faces):  # the sign of the normals is trusted, also against that of a sliver
+        normals = vertex_normals(vertices, faces) if normals is None else normals
+        signs = np.ones(faces.shape)
+    else:
+        normals = _normals_of_any_sign(len(vertices), faces, across)
+        signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
+    planes = (
+        normals[faces] * signs[:, :, None]
+    )  # (f, 3, 3): normals at corners, with the sign of the triangle's own normal
+    first = _perpendicular(planes)
+    second = np.cross(planes, first)
+    at_corners = vectors[faces]
+    angle = np.arctan2(np.einsum("fcd,fcd->fc", at_corners, second), np.einsum("fcd,fcd->fc", at_corners, first))
+    transport = np.stack([_transport_angle(planes, first, second, k) for k in range(3)], axis=1)
+    steps = _wrap(np.roll(angle, -1, axis=1) - angle - transport)
+    curvature = _wrap(transport.sum(axis=1))
+    index = np.rint((steps.sum(axis=1) + curvature) / (2 * np.pi)).astype(int)
+    return [Singularity(corners[face].mean(axis=0), int(index[face])) for face in np.flatnonzero(index)]
+
+
+def _consistently_oriented(faces: Ints) -> bool:
+    """Return whether all neighbouring triangles have opposite directions along their common edge."""
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    return len(np.unique(edges, axis=0)) == len(edges)
+
+
+def _normals_of_any_sign(count: int, faces: Ints, across: Floats) -> Floats:
+    """Return unit normals (count, 3) at vertices, of either sign, from the normals ``across`` (f, 3) of triangles."""
+    squares = np.zeros((count, 3, 3))
+    area = np.linalg.norm(across, axis=1)[:, None, None]
+    np.add.at(squares, faces.ravel(), np.repeat(across[:, :, None] * across[:, None] / (area + (area == 0)), 3, axis=0))
+    return np.asarray(np.linalg.eigh(squares)[1][:, :, -1])
+
+
+def _perpendicular(normals: Floats) -> Floats:
+    """Return unit vectors (f, 3, 3) perpendicular to ``normals``; equal normals have the same vector up to its sign."""
+    axis = np.eye(3)[np.abs(normals).argmin(axis=2)]
+    vectors = np.cross(normals, axis)
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True))
+
+
+def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
+    """Return the angle (f,) of the first axis of a corner's plane after transport to the plane of the next corner."""
+    after = (corner + 1) % 3
+    n, m, axis = planes[:, corner], planes[:, after], first[:, corner]
+    cosine = np.einsum("fd,fd->f", n, m)[:, None]
+    turn = np.cross(n, m)
+    # Rodrigues' rotation that takes n to m
+    rotated = axis * cosine + np.cross(turn, axis) + turn * np.einsum("fd,fd->f", turn, axis)[:, None] / (1 + cosine)
+    along, across = (np.einsum("fd,fd->f", rotated, axes[:, after]) for axes in (first, second))
+    return np.asarray(np.arctan2(across, along))
+
+
+def _wrap(angles: Floats) -> Floats:
+    """Return angles modulo 2 pi, between -pi and pi."""
+    return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
+
+
 TRANSPORTS = ("parallel", "paper")
-#: Vectors whose tangential part is a smaller share of them stand on the surface.
+#: Vectors with a smaller tangential part, as a share of their length, are normal to the surface and refused.
 LEAST_TANGENTIAL_SHARE = 1e-6
-#: Length of an arrow over the surface's size, and colours of a picture.
+#: Length of an arrow over the surface's size; colours of the surface and of arrows, red, green and blue.
 ARROW_SHARE, IVORY, INDIGO = 0.045, (0.93, 0.92, 0.9), (0.10, 0.25, 0.55)
-#: Directions along a curve, by name: along it, and across it.
+#: Directions along a curve by name: 0 the tangent or 1 the conormal, and the sign.
 NAMED = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
 
 
@@ -55,7 +156,7 @@ class TangentField(Result):
     solution : Solution
         The vectors on splines of the lattice, tangential to the order of the method, of any length.
     transport : str
-        How they go on.
+        How directions are extended: ``parallel`` or ``paper``.
     """
 
     transport: str
@@ -64,51 +165,51 @@ class TangentField(Result):
         """Return the tangential vectors (n, 3) nearest to ``points``, of length one unless ``normalized`` is False."""
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
-        found = self.solution.evaluate(at, side)
-        found = tangential(surface, at, found)
-        return unit(found) if normalized else found
+        vectors = tangential(surface, at, self.solution.evaluate(at, side))
+        return unit(vectors) if normalized else vectors
 
     @cached_property
     def singularities(self) -> list[Singularity]:
-        """Where the field has no direction, by index; on a closed surface they sum to its Euler characteristic.
+        """Points at which the field has no direction, with indices; on a closed surface these sum to its Euler number.
 
-        So they do where it runs along a curve opposite ways on the two sides. Where the two sides differ otherwise, as
-        around a piece that the spacing does not resolve, each side's are listed, and the sum means nothing.
+        This includes fields that run in opposite directions on both sides of a curve. Where the two sides differ in
+        another way, as around a piece that the spacing does not resolve, the singularities of each side are listed, and
+        their sum has no meaning.
 
         Raises
         ------
         InputError
-            If the surface has no triangles, as a cloud.
+            If the surface has no triangles, as a point cloud.
         """
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         if not len(mesh.triangles):
-            raise InputError(f"singularities are looked for on triangles, and {type(surface).__name__} has none.")
+            raise InputError(f"singularities are found on triangles, and {type(surface).__name__} has none.")
         vectors = tangential(surface, mesh.points, mesh.values)
         return singularities(mesh.points, mesh.triangles, vectors, mesh.normals)
 
-    def drawn(self, length: float | None = None) -> Solution:
-        """Return the surface with arrows of one ``length`` that lie on it; a share of its size unless given."""
+    def drawable(self, length: float | None = None) -> Solution:
+        """Return the surface with arrows of one ``length`` on it; by default a share of the surface's size."""
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         size = float(np.ptp(surface.bounds, axis=0).max())
         length = ARROW_SHARE * size if length is None else positive(length, "length")
-        middles = mesh.points[spread(mesh.points, APART_LENGTHS * length)]
-        made = arrows(surface, middles, self.evaluate(middles, normalized=True), length)
-        plain = painted(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
-        return with_triangles(plain, *made, INDIGO)
+        centres = mesh.points[spread_points(mesh.points, APART_LENGTHS * length)]
+        arrows = arrow_triangles(surface, centres, self.evaluate(centres, normalized=True), length)
+        plain = with_colours(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
+        return with_triangles(plain, *arrows, INDIGO)
 
     def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
-        """Draw arrows of one length that lie on the surface, as :meth:`cpmkit.Solution.picture` draws.
+        """Draw arrows of one length on the surface, as :meth:`cpmkit.Solution.picture` draws.
 
         Parameters
         ----------
         path : str or Path
-            Of a PNG file.
+            A PNG file.
         length : float, optional
-            Of an arrow; a share of the surface's size unless given.
+            Length of an arrow; by default a share of the surface's size.
         **options
-            As of :func:`cpmkit.view.picture`.
+            Options of :func:`cpmkit.view.picture`.
         """
-        return self.drawn(length).picture(path, **options)
+        return self.drawable(length).picture(path, **options)
 
 
 def vector_field(
@@ -119,22 +220,22 @@ def vector_field(
     transport: str = "parallel",
     **options: Any,
 ) -> TangentField:
-    """Return the smoothest field of tangential vectors with given directions.
+    """Return the smoothest field of tangential vectors with prescribed directions.
 
     Parameters
     ----------
     surface : ClosestPointSource or Scene
-        A surface in space; a scene, whose boundaries are barriers that nothing passes.
+        A surface in space; or a scene whose boundaries are barriers, which nothing passes.
     directions : sequence of pairs
-        Where and which: points (k, 3) with vectors (k, 3) or (3,); a curve with ``"tangent"``, ``"backwards"``,
-        ``"left"``, ``"right"``, a vector (3,) or a function of points, or with ``{"left": ..., "right": ...}`` one of
-        these for each of its sides. Vectors are projected on the surface.
+        Places and their directions: points (k, 3) with vectors (k, 3) or (3,); a curve with ``"tangent"``,
+        ``"backwards"``, ``"left"``, ``"right"``, a vector (3,) or a function of points; or a curve with ``{"left": ...,
+        "right": ...}``, one of these for each of its sides. Vectors are projected on the surface.
     spacing : float
-        Of the lattice, in the scene's unit.
+        Spacing of the lattice, in the scene's unit.
     transport : {"parallel", "paper"}
-        How vectors go on; see this module.
+        How directions are extended; see this module.
     **options
-        Of :func:`cpmkit.prepare`.
+        Options of :func:`cpmkit.prepare`.
 
     Returns
     -------
@@ -143,11 +244,11 @@ def vector_field(
     Raises
     ------
     InputError, SceneError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
-    East along a sphere's equator goes on as east to both poles, round which the field turns.
+    The direction east along a sphere's equator extends to both poles as east; the field turns round the poles.
 
     >>> import cpmkit as ck
     >>> from cpmkit.applications import vector_field
@@ -163,8 +264,12 @@ def vector_field(
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
     check_surface(scene.surface)
     if not directions:
-        raise InputError("give directions at a point or along a curve at least.")
-    boundaries = [one for number, pair in enumerate(directions) for one in _boundaries(number, pair, scene.surface)]
+        raise InputError("give a direction at one point or along one curve at least.")
+    boundaries = [
+        boundary
+        for number, pair in enumerate(directions)
+        for boundary in _direction_boundaries(number, pair, scene.surface)
+    ]
     whole = ck.Scene(scene.surface, ck.Laplace(), [*scene.boundaries, *boundaries], scene.edge)
     prepared = ck.prepare(whole, spacing, **{"form": "galerkin", **options})
     coupling = tangential_coupling(prepared, transport == "parallel")
@@ -174,36 +279,36 @@ def vector_field(
 
 
 def check_surface(surface: ClosestPointSource) -> None:
-    """Refuse what is no surface in space.
+    """Refuse manifolds other than surfaces in space.
 
     Raises
     ------
     InputError
-        If it is another manifold.
+        If the manifold is no surface in space.
     """
     if surface.dim != 3 or surface.manifold_dim != 2:
         raise InputError("fields of tangential vectors are made on surfaces in space.")
 
 
-def _boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
-    """Return the boundaries that hold the directions of one pair."""
+def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
+    """Return the boundaries with the directions of one pair (place, directions) as Dirichlet data."""
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"directions are pairs (where, which), got {shown(pair)}.")
     where, which = pair
     if isinstance(where, ClosestPointSource) and where.manifold_dim:
         name = f"direction {number}"
         if isinstance(which, Mapping):
-            sides = {side: _along(where, surface, one) for side, one in which.items()}
+            sides = {side: _along(where, surface, direction) for side, direction in which.items()}
             if set(sides) != {"left", "right"}:
                 raise InputError(f"directions of two sides are given as left and right, got {', '.join(sides)}.")
-            return [ck.Boundary(name, where, **{side: ck.Dirichlet(one) for side, one in sides.items()})]
-        return [hold_along(name, where, _along(where, surface, which))]
+            return [ck.Boundary(name, where, **{side: ck.Dirichlet(direction) for side, direction in sides.items()})]
+        return [dirichlet_along_curve(name, where, _along(where, surface, which))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
-    given = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
-    vectors = tangential(surface, points, given)
-    if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(given, axis=1)).all():
-        raise InputError("a direction at a point must not be zero or stand on the surface.")
-    return hold_at(f"direction {number}", points, unit(vectors))
+    directions = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
+    vectors = tangential(surface, points, directions)
+    if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(directions, axis=1)).all():
+        raise InputError("a direction at a point must not be zero or normal to the surface.")
+    return dirichlet_at_points(f"direction {number}", points, unit(vectors))
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
@@ -211,8 +316,8 @@ def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -
     if isinstance(which, str):
         if which not in NAMED:
             raise InputError(f"a direction along a curve is {', '.join(NAMED)}, got {shown(which)}.")
-        (kind, sign), found = NAMED[which], ck.directions_along(curve, surface)
-        return lambda points: sign * found(points)[kind]
+        (kind, sign), frame = NAMED[which], ck.directions_along(curve, surface)
+        return lambda points: sign * frame(points)[kind]
     if callable(which):
         return lambda points: unit(tangential(surface, points, np.asarray(which(points), dtype=np.float64)))
     vector = np.asarray(which, dtype=np.float64)

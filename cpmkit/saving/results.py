@@ -13,9 +13,8 @@ from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
 from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.protocols import ClosestPointSource, Progress
-from cpmkit.saving.export import FILMS, PAGE, check_file, save, write_summary
+from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
-from cpmkit.saving.series import draw_frames, frames_folder
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
 from cpmkit.view import check_picture, picture

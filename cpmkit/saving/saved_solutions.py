@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
+from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
-from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
 from cpmkit.forms.choice import every_option
 from cpmkit.protocols import SIDES
 from cpmkit.saving.export import FORMAT_VERSION

@@ -10,7 +10,7 @@ from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.files.toml_files import from_toml
+from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options

@@ -165,6 +165,10 @@ class SolutionRecord:
             raise InputError("the error of this solution was not estimated; cpmkit.Solution.error estimates it.")
         return self.estimated
 
+    def error_at(self, points: Any) -> Any:
+        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
+        return self._at(points, self.error.at_points)
+
     @overload
     def evaluate(self, points: Sequence[float], side: ReadSides = None) -> Any: ...
     @overload

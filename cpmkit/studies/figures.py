@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.studies.front import COSTS, attempts, front
-from cpmkit.studies.series import Series
+from cpmkit.studies.pareto import COSTS, attempts, front
+from cpmkit.studies.record_series import Series
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

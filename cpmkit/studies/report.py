@@ -8,12 +8,18 @@ from pathlib import Path
 
 from cpmkit.errors import InputError, printable
 from cpmkit.files.whole_files import written_whole
-from cpmkit.studies.comparison import comparison_table, told_of_differences
 from cpmkit.studies.figures import convergence_figure, difference_figure, trade_figure, work_figure
-from cpmkit.studies.front import attempts, front_table, winners_table
+from cpmkit.studies.pareto import attempts, front_table, winners_table
+from cpmkit.studies.record_series import Series, gather
 from cpmkit.studies.records import RECORDS_FILE, Record, of_content, read_records
-from cpmkit.studies.series import Series, gather
-from cpmkit.studies.tables import costs_table, error_sentence, orders_table, run_name
+from cpmkit.studies.tables import (
+    comparison_table,
+    costs_table,
+    error_sentence,
+    orders_table,
+    run_name,
+    told_of_differences,
+)
 
 REPORT_PAGE, CONVERGENCE_FIGURE, WORK_FIGURE = "report.md", "convergence.png", "work.png"
 TRADE_FIGURE = "trade.png"

@@ -6,22 +6,23 @@ import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
-from cpmkit.files.toml_files import from_toml
+from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
 from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
+from cpmkit.scenefile.documented_keys import Key, keys_of
 from cpmkit.scenefile.scene_files import read_options, read_scene
-from cpmkit.studies.formulas import expand, expand_all, expand_names
-from cpmkit.studies.sampling import VERTICES_WORD
+from cpmkit.scenefile.scene_schema import DRAFT, definitions, scene_tables, table_of
+from cpmkit.studies.named_formulas import expand, expand_all, expand_names
 from cpmkit.studies.sweep import ASKED, Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
@@ -154,7 +155,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep = read_sweep(tables["sweep"])
     read_options(scene)
-    return Study(path.stem, title, path.parent, scene, exact, sweep, _content(scene, exact, sweep, path.parent))
+    return Study(path.stem, title, path.parent, scene, exact, sweep, _content_hash(scene, exact, sweep, path.parent))
 
 
 def _swept() -> dict[str, str]:
@@ -167,7 +168,7 @@ def _swept() -> dict[str, str]:
     return said
 
 
-def _content(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
+def _content_hash(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
     """Return a short hash of everything that a run's result depends on beside its parameters."""
     solution = exact.u if exact.reference is None else {"reference": exact.reference}
     digests = [_digest(file) for file in _files(scene, folder)]
@@ -197,3 +198,40 @@ def _digest(file: Path) -> str:
             return hashlib.file_digest(opened, "sha256").hexdigest()
     except OSError as error:
         raise SceneError(f"the file {shown(str(file))} cannot be read: {error.strerror or error}.") from error
+
+
+def study_schema() -> dict[str, Any]:
+    """Return the schema of study files; names of [let] may stand for numbers, which it therefore does not check."""
+    tables = {name: _without_types(table) for name, table in scene_tables(problem_needs=False).items()}
+    lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed().items()]
+    sweep = [key for key in keys_of(Sweep) if key.name in {one.name for one in fields(Sweep)} - {"lists"}]
+    return {
+        "$schema": DRAFT,
+        "title": "A study of cpmkit",
+        "type": "object",
+        "properties": {
+            "title": {"description": "For the report.", "type": "string"},
+            **{name: table for name, table in tables.items() if name != "output"},
+            "let": {"description": "Names of formulas for the rest of the file.", "type": "object"},
+            "exact": table_of(keys_of(Exact)),
+            "sweep": table_of([*sweep, *lists]),
+        },
+        "required": ["surface", "problem", "exact", "sweep"],
+        "additionalProperties": False,
+        "definitions": _without_types(definitions()),
+    }
+
+
+def _without_types(schema: Any) -> Any:
+    """Return a schema in which any key may hold text that is a name of [let]."""
+    if isinstance(schema, list):
+        return [_without_types(one) for one in schema]
+    if not isinstance(schema, dict):
+        return schema
+    plain = {"number", "integer"} & set([schema["type"]] if isinstance(schema.get("type"), str) else [])
+    kept = {key: value for key, value in schema.items() if not (plain and key == "type")}
+    return {key: _without_types(value) for key, value in kept.items()}
+
+
+#: In place of a number of points: the vertices of the mesh that the surface is.
+VERTICES_WORD = "vertices"

@@ -1,4 +1,4 @@
-"""The parallel projection of a picture, fitted to what it shows."""
+"""The parallel projection of a picture, fitted to the model, and the vertical axis of the model."""
 
 from __future__ import annotations
 
@@ -10,19 +10,50 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.arrays import as_vector
-from cpmkit.view.standing import upward_axis
 
-#: Three numbers, or what is usual.
+#: Points within this share of the height above the lowest point touch the ground.
+GROUND_SHARE = 0.03
+#: Least stability, as a share of the breadth, at which y is up, and the least ratio to the stability with z up.
+LEAST_STABILITY, MORE_STABLE = 0.08, 2.0
+
+
+def upward_axis(points: Floats) -> int:
+    """Return the axis that points up: 1 if points (n, 3) stand on their lowest y and less stably on z, else 2."""
+    y, z = (stability(points, axis) for axis in (1, 2))
+    return 1 if y > LEAST_STABILITY and y > MORE_STABLE * z else 2
+
+
+def stability(points: Floats, axis: int) -> float:
+    """Return the distance of the mean of points (n, 3) to the rim of their base, over their breadth.
+
+    Zero or negative if the points would fall over with ``axis`` up.
+    """
+    from scipy.spatial import ConvexHull, QhullError
+
+    height = points[:, axis]
+    flat = np.delete(points, axis, axis=1)
+    ground = flat[height <= height.min() + GROUND_SHARE * np.ptp(height)]
+    breadth = float(np.linalg.norm(np.ptp(flat, axis=0)))
+    if len(ground) < 3 or breadth == 0:
+        return 0.0
+    try:
+        sides = ConvexHull(ground).equations
+    except QhullError:  # the ground is a point or a line
+        return 0.0
+    return float(-(sides[:, :2] @ flat.mean(axis=0) + sides[:, 2]).max() / breadth)
+
+
+#: Three numbers; None for the default.
 Direction = tuple[float, ...] | None
-#: Three numbers, the letter of an axis, or what the model stands on.
+#: Three numbers or the letter of an axis; None for the axis that the model stands on.
 Upward = str | Direction
 
 AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
-#: Where the camera stands unless asked, by what is up: a three-quarter view from the front, the right and above. Models
-#: that are drawn with y up look along z.
+#: Default direction to the camera for each axis that is up: a three-quarter view from the front, right and above.
+#: Models with y up face along z.
 VIEW_DIRECTIONS = {"x": (0.6, 0.55, -1.0), "y": (0.55, 0.6, 1.0), "z": (0.55, -1.0, 0.6)}
 
-#: Directions of a greater cosine are the same, or opposite.
+#: Directions with a greater cosine are taken for parallel.
 PARALLEL_COSINE = 0.999
 
 #: Free space around the model, as a share of the picture's half width.
@@ -41,20 +72,20 @@ class Camera:
     centre : (3,) float64
         The point in the middle of the picture.
     axes : (3, 3) float64
-        Rows: to the right, up, and towards the viewer; orthonormal.
+        Orthonormal rows: to the right, up, and towards the viewer.
     half : (2,) float64
         Half the width and half the height that the picture shows, in the scene's unit of length.
     pixels : (2,) int
         Width and height of the picture.
-    told : str
-        From where it looks and what is up, and whether that was guessed.
+    description : str
+        The direction of the view and the vertical axis, in words.
     """
 
     centre: Floats
     axes: Floats
     half: Floats
     pixels: Ints
-    told: str = ""
+    description: str = ""
 
     def project(self, points: Floats) -> Floats:
         """Return (n, 3): to the right of the centre, above it, and in front of it."""
@@ -80,18 +111,20 @@ def fit(
     view : three numbers, optional
         The direction from the model to the camera; its length has no meaning.
     up : "x", "y", "z" or three numbers, optional
-        What points upwards in the picture, as far as ``view`` allows. Unless given y or z, on which the model stands.
+        The direction that is vertical in the picture, as far as ``view`` allows. By default y or z, the axis on which
+        the model stands.
     planar : bool
         Whether the model lies in the plane, which is seen from above.
     more : (k, 3) float64, optional
-        What else must be seen.
+        Further points that must be visible.
 
     Raises
     ------
     InputError
         If ``view`` or ``up`` is not three numbers, or the two are parallel.
     """
-    axes, told = (axes_of(AXES["z"], AXES["y"]), "the plane from above") if planar else aimed(points, view, up)
+    plane = axes_of(AXES["z"], AXES["y"]), "the plane from above"
+    axes, description = plane if planar else choose_axes(points, view, up)
     projected = (points if more is None else np.concatenate([points, more])) @ axes.T
     low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low) / 2
@@ -101,11 +134,11 @@ def fit(
     half_height = max(extent[1] + margin, ASPECT_BOUNDS[0] * half_width)
     height = round(width * half_height / half_width)
     pixels = np.array([width, height])
-    return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), pixels, told)
+    return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), pixels, description)
 
 
-def aimed(points: Floats, view: Direction, up: Upward) -> tuple[Floats, str]:
-    """Return the axes of the camera that looks at points (n, 3), and a sentence's part on what was chosen."""
+def choose_axes(points: Floats, view: Direction, up: Upward) -> tuple[Floats, str]:
+    """Return the axes (3, 3) of a camera that looks at points (n, 3), and their description in words."""
     chosen: Upward = up
     if up is None:
         axis = upward_axis(points)
@@ -113,9 +146,9 @@ def aimed(points: Floats, view: Direction, up: Upward) -> tuple[Floats, str]:
             axis = 3 - axis  # seen from above or below
         chosen = "xyz"[axis]
     axes = axes_of(view, chosen)
-    upwards = chosen if isinstance(chosen, str) else _written(chosen or ())
+    upwards = chosen if isinstance(chosen, str) else _as_text(chosen or ())
     guessed = ", on which the model stands" if up is None and chosen == "y" else ""
-    return axes, f"seen from {_written(axes[2].tolist())}, {upwards} up{guessed}"
+    return axes, f"seen from {_as_text(axes[2].tolist())}, {upwards} up{guessed}"
 
 
 def axes_of(view: Direction, up: Upward) -> Floats:
@@ -126,8 +159,8 @@ def axes_of(view: Direction, up: Upward) -> Floats:
     InputError
         As :func:`fit` does.
     """
-    given = AXES.get(up, up) if isinstance(up, str) else AXES["z"] if up is None else up
-    upward = _unit(as_vector(given, 3, "up"), "up")
+    vector = AXES.get(up, up) if isinstance(up, str) else AXES["z"] if up is None else up
+    upward = _unit(as_vector(vector, 3, "up"), "up")
     along = [letter for letter, axis in AXES.items() if abs(upward @ axis) > PARALLEL_COSINE]
     toward = _unit(as_vector(VIEW_DIRECTIONS[along[0] if along else "z"] if view is None else view, 3, "view"), "view")
     right = np.cross(upward, toward)
@@ -137,13 +170,13 @@ def axes_of(view: Direction, up: Upward) -> Floats:
     return np.stack([right, np.cross(toward, right), toward])
 
 
-def _written(vector: Sequence[float]) -> str:
+def _as_text(vector: Sequence[float]) -> str:
     return "(" + ", ".join(f"{entry:.2g}" for entry in vector) + ")"
 
 
-def _unit(vector: Floats, what: str) -> Floats:
+def _unit(vector: Floats, label: str) -> Floats:
     largest = np.abs(vector).max()
     if largest == 0:
-        raise InputError(f"{what} must be a direction, got three zeros.")
+        raise InputError(f"{label} must be a direction, got three zeros.")
     scaled = vector / largest
     return np.asarray(scaled / np.linalg.norm(scaled), dtype=np.float64)

@@ -10,11 +10,11 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean, install_command
 
-#: Values that differ by a smaller share of their size are one value, in the middle of a bar of this half length.
+#: Values that differ by a smaller share of their size are one value, and the bar is this share longer on both sides.
 EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05
-#: What lines are drawn in: dark, and on colours of less than this luminance, of red, green and blue together, light.
+#: Colours of lines: dark, and light on colours below a luminance; weights of red, green and blue in the luminance.
 INK, CHALK, DARK, LUMINANCE = np.array((0.12, 0.12, 0.14)), np.array((0.9, 0.9, 0.9)), 0.25, np.array((0.3, 0.59, 0.11))
-#: How many colours a bar has.
+#: Number of colours of a bar.
 BAR_COLOURS = 256
 
 
@@ -27,11 +27,11 @@ class Bar:
     ends : (2,) float64
         The values at its ends.
     cmap : str
-        The name of its colours in matplotlib.
+        The name of the colour map in matplotlib.
     table : (BAR_COLOURS, 3) float64
-        These, from 0 to 1.
+        Its colours, from 0 to 1.
     label : str
-        What is written beside it.
+        The text beside the bar.
     """
 
     ends: Floats
@@ -44,7 +44,7 @@ class Bar:
         return np.asarray(self.table[np.round((len(self.table) - 1) * self.shares(values)).astype(np.int64)])
 
     def contrasting(self, values: Floats) -> Floats:
-        """Return colours (n, 3) in which lines can be seen on those of values (n,): dark, or nearly white."""
+        """Return colours (n, 3), dark or light, that are visible on the colours of values (n,)."""
         bright = self.colours(values) @ LUMINANCE > DARK
         return np.where(bright[:, None], INK, CHALK)
 
@@ -86,8 +86,8 @@ def colour_table(cmap: str) -> Floats:
     except ImportError as error:
         raise MissingDependencyError(f"Colours need matplotlib; {install_command('view')} adds it.") from error
     if cmap not in colormaps:
-        near = did_you_mean(cmap, colormaps)
+        suggestion = did_you_mean(cmap, colormaps)
         raise InputError(
-            f"cmap must be the name of one of matplotlib's colour maps, such as 'coolwarm', got {shown(cmap)}{near}."
+            f"cmap must name one of matplotlib's colour maps, such as 'coolwarm', got {shown(cmap)}{suggestion}."
         )
     return np.asarray(colormaps[cmap](np.linspace(0, 1, BAR_COLOURS)), dtype=np.float64)[:, :3]

@@ -1,4 +1,4 @@
-"""The frames of a run in time as pictures: of one mesh, under one camera, in the colours of one bar."""
+"""Films of the frames of a run in time: one mesh, one camera, one colour bar."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cpmkit.files.whole_files import written_whole
 from cpmkit.runtime.arrays import positive
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.frames import frames_of
-from cpmkit.view.layout import composed
-from cpmkit.view.pictures import check_look, drawn, painted, shown_values
+from cpmkit.view.marks import compose
+from cpmkit.view.pictures import check_look, make_drawing, shade, shown_values
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.frames import EvolvedRecord
     from cpmkit.solution.record import SolutionRecord
 
-#: Frames a second, and how wide a film is in pixels, unless asked.
+#: Default frames a second, and default width of a film in pixels.
 FRAMES_A_SECOND, FILM_WIDTH = 12.0, 700
 
 
@@ -35,20 +35,21 @@ def animate(
     Parameters
     ----------
     solution : EvolvedSolution
-        With frames: ask the problem for some, such as ``Heat(..., frames=40)``.
+        A solution with frames; request them from the problem, such as ``Heat(..., frames=40)``.
     path : path
         Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours a frame; an MP4 needs imageio and imageio-ffmpeg.
     fps : float
         Frames a second.
     **options
-        Of :class:`~cpmkit.scenefile.look.Look`. The bar spans the values of all frames unless ``clim`` says otherwise.
+        Options of :class:`~cpmkit.scenefile.look.Look`. The colour bar spans the values of all frames unless ``clim``
+        is given.
 
     Raises
     ------
     InputError
-        If the solution has no frames, or an argument is not what is accepted.
+        If the solution has no frames, or an argument is not accepted.
     MissingDependencyError
-        If what writes the film is not installed.
+        If the library that writes the film is not installed.
     """
     look = Look.of({"width": FILM_WIDTH, **options}, "a film", ("fps",))
     check_look(look)
@@ -77,11 +78,11 @@ def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     meshes = replace(evolved, frames=frames).frame_meshes()
     every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
     _, bar = shown_values(evolved, every, look)
-    drawing = drawn(evolved, meshes[0], look, bar)
+    drawing = make_drawing(evolved, meshes[0], look, bar)
     for frame, mesh in zip(frames, meshes, strict=True):
         values, _ = shown_values(frame, mesh, look)
         title = f"{look.title}, t = {frame.time:.4g}" if look.title else f"t = {frame.time:.4g}"
-        yield composed(painted(drawing, frame, mesh, values, bar, look), bar, title, look.width)
+        yield compose(shade(drawing, frame, mesh, values, bar, look), bar, title, look.width)
 
 
 def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
@@ -94,8 +95,8 @@ def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
 def _write_mp4(images: Iterator[Any], path: Path, fps: float) -> None:
     import imageio.v2
 
-    made: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)
-    with made as writer:
+    opened: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)
+    with opened as writer:
         for image in images:
             rows, columns = image.shape[:2]  # both must be even
             writer.append_data(np.pad(image, ((0, rows % 2), (0, columns % 2), (0, 0)), constant_values=255))

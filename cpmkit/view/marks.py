@@ -1,38 +1,41 @@
-"""Lines over a drawing that follow from its mesh and values: outlines, edges, isolines, arrows."""
+"""Lines over a drawing (outlines, edges, isolines, arrows), and the page with its title and colour bar."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.view.colours import INK, Bar
-from cpmkit.view.drawing import Drawing, in_space
-from cpmkit.view.shapes import Shapes, lines
+from cpmkit.view.drawing import Drawing, Shapes, in_space, lines
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
+
 #: Half the width of outlines, isolines, edges and the shafts of arrows, as shares of the picture's half width.
 OUTLINE_WIDTH, ISOLINE_WIDTH, EDGE_WIDTH, SHAFT_WIDTH = 0.0016, 0.002, 0.0008, 0.0022
-#: They lie so much before the surface, as a share of the picture's half width.
+#: Distance of lines in front of the surface, as a share of the picture's half width.
 LIFT = 0.004
 EDGE_COLOUR = (0.35, 0.35, 0.38)
 
-#: Arrows stand on a grid of cells, so many on the picture's width; the longest are this share of a cell, the shortest
-#: this share of those, and vectors below this share of the longest have none.
+#: Arrows start on a grid of ARROW_CELLS cells across the picture. The longest arrow is this share of a cell, the
+#: shortest this share of the longest, and vectors below this share of the longest vector have no arrow.
 ARROW_CELLS, LONGEST_ARROW, SHORTEST_SHARE, LEAST_VECTOR = 26, 0.9, 0.45, 1e-6
-#: A shaft follows the surface in so many steps; heads are this share of an arrow, and half as broad as this.
+#: Segments of a shaft; length of a head as a share of its arrow, and half its breadth as a share of its length.
 SHAFT_STEPS, HEAD_SHARE, HEAD_BREADTH = 6, 0.35, 0.4
 
 
 def outlines(drawing: Drawing) -> Shapes:
-    """Return the edges of the mesh between a triangle whose one side is seen and one whose other side is.
+    """Return the silhouette: edges of the mesh between a triangle seen from its front and one seen from its back.
 
-    Which side that is tells the winding; triangles that pass their edge the same way are wound against each other.
+    Front and back follow from the order of corners; two triangles that list their common edge in the same direction
+    have opposite orientations.
     """
     triangles, half = drawing.triangles[: drawing.mesh_triangles], drawing.camera.half[0]
     a, b, c = (drawing.points[triangles[:, k], :2] for k in range(3))
@@ -40,7 +43,7 @@ def outlines(drawing: Drawing) -> Shapes:
     edges, members, counts = _edges(triangles)
     rising = np.concatenate([triangles[:, 0] < triangles[:, 1], triangles[:, 1] < triangles[:, 2],
                              triangles[:, 2] < triangles[:, 0]])  # fmt: skip
-    alike = np.bincount(members, np.tile(front, 3) == rising, len(edges))  # 1 where the surface goes on
+    alike = np.bincount(members, np.tile(front, 3) == rising, len(edges))  # 1 where both triangles show the same side
     turning = edges[(counts == 2) & (alike != 1)]
     return _lines(drawing, drawing.points, turning, OUTLINE_WIDTH * half, INK, lift=0.25 * LIFT)
 
@@ -52,37 +55,39 @@ def mesh_edges(drawing: Drawing) -> Shapes:
 
 
 def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
-    """Return the lines on which ``values`` (v,) of the mesh's vertices, linear in each triangle, have given levels."""
+    """Return the isolines at ``levels`` of ``values`` (v,) at the mesh's vertices, linear in each triangle."""
     triangles = drawing.triangles[: drawing.mesh_triangles]
-    found = [np.zeros((0, 2, 3))]
+    segments_of_level = [np.zeros((0, 2, 3))]
     for level in levels:
         above = values[triangles] > level
         crossed = triangles[above.any(axis=1) & ~above.all(axis=1)]
         up = values[crossed] > level
-        lone = np.argmax(up == (up.sum(axis=1) == 1)[:, None], axis=1)  # the corner that is alone on its side
+        lone = np.argmax(
+            up == (up.sum(axis=1) == 1)[:, None], axis=1
+        )  # the corner on the other side of the level than the two others
         rows = np.arange(len(crossed))
         tip, ends = crossed[rows, lone], [crossed[rows, (lone + k) % 3] for k in (1, 2)]
         shares = [(level - values[tip]) / (values[end] - values[tip]) for end in ends]
         points = drawing.points
-        found.append(
+        segments_of_level.append(
             np.stack(
                 [points[tip] + s[:, None] * (points[e] - points[tip]) for s, e in zip(shares, ends, strict=True)], 1
             )
         )
-    segments, half = np.concatenate(found), drawing.camera.half[0]
-    colours = np.repeat(bar.contrasting(np.array([0.0, *levels])), [len(part) for part in found], axis=0)
+    segments, half = np.concatenate(segments_of_level), drawing.camera.half[0]
+    colours = np.repeat(bar.contrasting(np.array([0.0, *levels])), [len(part) for part in segments_of_level], axis=0)
     return lines(segments[:, 0], segments[:, 1], ISOLINE_WIDTH * half, LIFT * half, colours)
 
 
 def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
-    """Return arrows along ``vectors`` (v, d) at the mesh's vertices, bent so that they stay on the surface.
+    """Return arrows along ``vectors`` (v, d) at the mesh's vertices that follow the surface.
 
-    Their lengths tell less than the colours of ``bar`` do: the shortest are a share of the longest, to be seen.
+    Short vectors have arrows of a least length, so that they are visible; the colours of ``bar`` show the lengths.
     """
     half = drawing.camera.half[0]
     cell = 2 * half / ARROW_CELLS
     sizes = np.linalg.norm(vectors, axis=1)
-    seeds = _one_a_cell(mesh.points, cell)
+    seeds = _one_point_per_cell(mesh.points, cell)
     seeds = seeds[sizes[seeds] > LEAST_VECTOR * sizes.max(initial=0.0)]
     if not len(seeds):
         return Shapes.join([])
@@ -100,7 +105,7 @@ def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vector
 
 
 def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift: float) -> Shapes:
-    """Return triangles with their points a little beyond ``tips``, away from ``before``, as long as they appear."""
+    """Return heads of arrows, triangles with a corner just beyond ``tips`` (k, 3) in the direction from ``before``."""
     ahead = tips - before
     whole = np.maximum(np.linalg.norm(ahead, axis=1), 1e-300)
     ahead *= (lengths / whole)[:, None]
@@ -110,8 +115,8 @@ def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift:
     return Shapes(points.reshape(-1, 3) + [0, 0, lift], np.repeat(colours, 3, axis=0), cells)
 
 
-def _one_a_cell(points: Floats, cell: float) -> Ints:
-    """Return of the points in each cell of a cubic grid the one nearest to its middle."""
+def _one_point_per_cell(points: Floats, cell: float) -> Ints:
+    """Return for each cell of a cubic grid the number of the point nearest to its centre."""
     scaled = points / cell
     cells = np.floor(scaled)
     order = np.argsort(np.linalg.norm(scaled - cells - 0.5, axis=1), kind="stable")
@@ -119,7 +124,7 @@ def _one_a_cell(points: Floats, cell: float) -> Ints:
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return the edges (e, 2), which of them each side (3 t,) of a triangle is, and in how many each is."""
+    """Return the edges (e, 2), the edge of each side (3 t,) of the triangles, and the triangles at each edge (e,)."""
     sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     edges, members, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return edges, members.ravel(), counts
@@ -127,3 +132,104 @@ def _edges(triangles: Ints) -> tuple[Ints, Ints, Ints]:
 
 def _lines(drawing: Drawing, points: Floats, edges: Ints, width: float, colour: object, lift: float = LIFT) -> Shapes:
     return lines(points[edges[:, 0]], points[edges[:, 1]], width, lift * drawing.camera.half[0], colour)
+
+
+#: Width of the colour bar's column, with and without a label, and the height of a title, as shares of the whole width.
+LABELLED_BAR_WIDTH, BAR_WIDTH, TITLE_HEIGHT = 0.16, 0.12, 0.055
+#: Size of letters at the bar, as a share of the whole width; their least size in pixels; and the largest share of the
+#: width that the bar's column takes to allow for that size.
+LETTER_SIZE, LEAST_LETTER, LARGEST_BAR_SHARE = 1 / 65, 10.0, 0.35
+#: Size of a title's letters over those at the bar, and mean width of a letter as a share of its size.
+TITLE_LETTERS, LETTER_BREADTH = 1.3, 0.6
+#: Dots an inch of the figures; only the ratio to points an inch matters.
+DOTS_PER_INCH, POINTS_PER_INCH = 100, 72
+
+
+def letter_size(width: int, share: float) -> float:
+    """Return the size of letters in pixels, in a picture of ``width`` whose bar takes this share of a large picture.
+
+    Letters are legible down to about 10 pixels; in narrow pictures they and the bar's column take more of the width.
+    """
+    return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * LARGEST_BAR_SHARE / share))
+
+
+def model_width(width: int, bar: bool, label: str) -> int:
+    """Return the width in pixels of the model in a picture of ``width`` pixels."""
+    share = LABELLED_BAR_WIDTH if label else BAR_WIDTH
+    return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
+
+
+def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
+    """Return the whole picture (rows, columns, 3) as bytes: the model (r, c, 3) with title and colour bar."""
+    parts = [_bytes(model)]
+    if bar is not None:
+        letters = letter_size(width, LABELLED_BAR_WIDTH if bar.label else BAR_WIDTH)
+        parts.append(_bar(bar, len(model), width - model.shape[1], letters))
+    whole = np.concatenate(parts, axis=1)
+    if title:
+        whole = np.concatenate([title_strip(title, whole.shape[1], width), whole])
+    return whole
+
+
+def grid(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
+    """Return a sheet (rows, columns, 3), from 0 to 1, of pictures of one size, each under its title."""
+    width = tiles[0].shape[1]
+    cells = [
+        np.concatenate([title_strip(title, width, 2 * width) / 255, tile])
+        for tile, title in zip(tiles, titles, strict=True)
+    ]
+    cells += [np.ones_like(cells[0])] * (-len(cells) % columns)
+    rows = [np.concatenate(cells[k : k + columns], axis=1) for k in range(0, len(cells), columns)]
+    return np.concatenate(rows)
+
+
+def title_strip(title: str, columns: int, width: int) -> Any:
+    """Return a strip of bytes (r, columns, 3) with a title, in letters that suit a picture of ``width``."""
+    letters = max(LETTER_SIZE * width, LEAST_LETTER)
+    figure = _figure(round(TITLE_HEIGHT * letters / LETTER_SIZE), columns)
+    size = min(TITLE_LETTERS * letters, columns / (LETTER_BREADTH * len(title))) * POINTS_PER_INCH / DOTS_PER_INCH
+    figure.text(0.5, 0.45, title, ha="center", va="center", fontsize=size)
+    return _as_bytes(figure)
+
+
+def write_png(picture: Any, path: Path) -> None:
+    """Write bytes (rows, columns, 3) as a PNG file, in full colours."""
+    from PIL import Image
+
+    Image.fromarray(picture).save(path, "PNG", optimize=True)
+
+
+@lru_cache(maxsize=1)
+def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    figure = _figure(rows, columns)
+    room = 0.16 * (0.75 if bar.label else 1.0)
+    column = figure.add_axes((0.1, 0.12, room, 0.76))
+    figure.colorbar(ScalarMappable(Normalize(*bar.ends), ListedColormap(bar.table)), cax=column)
+    size = letters * POINTS_PER_INCH / DOTS_PER_INCH
+    column.tick_params(labelsize=size)
+    column.yaxis.get_offset_text().set_fontsize(size)
+    if bar.label:
+        tallest = rows / (LETTER_BREADTH * len(bar.label)) * POINTS_PER_INCH / DOTS_PER_INCH
+        column.set_ylabel(bar.label, fontsize=min(1.1 * size, tallest))
+    return _as_bytes(figure)
+
+
+def _figure(rows: int, columns: int) -> Any:
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(columns / DOTS_PER_INCH, rows / DOTS_PER_INCH), dpi=DOTS_PER_INCH, facecolor="white")
+
+
+def _as_bytes(figure: Any) -> Any:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def _bytes(picture: Floats) -> Any:
+    return np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)

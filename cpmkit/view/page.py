@@ -1,4 +1,4 @@
-"""One page that shows a solution in any browser: mesh and values are in it, and nothing else is loaded."""
+"""An interactive page for any browser that contains mesh and values of a solution and loads nothing else."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
     from cpmkit.solution.display_mesh import DisplayMesh
     from cpmkit.solution.record import SolutionRecord
 
-#: Pixels; only the ratio of what is shown matters.
+#: Width of the view in pixels; only its ratio to the height matters.
 WIDTH = 800
 
 
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
-    """Return the page, HTML, of a solution: with a slider over the frames of a run in time, or over modes.
+    """Return the HTML page of a solution, with a slider over frames in time or over modes.
 
     Parameters
     ----------
     solution : Solution
     **options
-        Of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are left out.
+        Options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn.
     """
     look = Look.of(options, "a page")
     check_look(look)
@@ -51,31 +51,31 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     camera = fit(points, WIDTH, look.view, look.up, mesh.points.shape[1] == 2, more)
     every = np.concatenate([points, more]) - camera.centre
     data = {
-        "points": _packed(points - camera.centre, "<f4"),
-        "triangles": _packed(mesh.triangles, "<u4"),
-        "segments": _packed(mesh.segments, "<u4"),
-        "dots": _packed(mesh.dots, "<u4"),
-        "curves": _packed(curve_points[curve_cells] - camera.centre, "<f4"),
-        "pins": _packed(pins - camera.centre, "<f4"),
-        "fields": [{"name": name, "values": _packed(values, "<f4")} for name, values in fields],
+        "points": _as_base64(points - camera.centre, "<f4"),
+        "triangles": _as_base64(mesh.triangles, "<u4"),
+        "segments": _as_base64(mesh.segments, "<u4"),
+        "dots": _as_base64(mesh.dots, "<u4"),
+        "curves": _as_base64(curve_points[curve_cells] - camera.centre, "<f4"),
+        "pins": _as_base64(pins - camera.centre, "<f4"),
+        "fields": [{"name": name, "values": _as_base64(values, "<f4")} for name, values in fields],
         "rgb": bar is None,
         "lit": look.light == "shaded" or (look.light is None and bar is None),
         "ends": [0, 1] if bar is None else bar.ends.tolist(),
         "ticks": [] if bar is None else _ticks(bar),
         "label": "" if bar is None else bar.label,
-        "table": _packed(np.zeros((256, 3)) if bar is None else np.round(255 * bar.table), "u1"),
+        "table": _as_base64(np.zeros((256, 3)) if bar is None else np.round(255 * bar.table), "u1"),
         "axes": camera.axes.tolist(),
         "middle": [0.0, 0.0, 0.0],
         "half": camera.half.tolist(),
         "radius": float(np.linalg.norm(every, axis=1).max()),
     }
-    return _filled(look.title or f"{solution.scene.problem.kind}", data)
+    return _fill_template(look.title or f"{solution.scene.problem.kind}", data)
 
 
-def _filled(title: str, data: dict[str, Any]) -> str:
-    """Return the template with title and data, put in at one pass: neither is searched for places of the other.
+def _fill_template(title: str, data: dict[str, Any]) -> str:
+    """Return the template with title and data, replaced in one pass so that neither is searched for placeholders.
 
-    The page's own script and style alone are run: the content security policy names them by their hashes.
+    The content security policy allows only the page's own script and style, by their hashes.
     """
     template = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
     policy = [f"{tag}-src {_hash_of(tag, template)}" for tag in ("script", "style")]
@@ -88,13 +88,13 @@ def _filled(title: str, data: dict[str, Any]) -> str:
 
 
 def _hash_of(tag: str, template: str) -> str:
-    """Return the hash, as a content security policy has it, of what stands in the one ``<tag>`` without attributes."""
+    """Return the hash, in the notation of a content security policy, of the content of the only plain ``<tag>``."""
     (content,) = re.findall(f"<{tag}>(.*?)</{tag}>", template, re.DOTALL)
     return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode('ascii')}'"
 
 
 def _fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
-    """Return the mesh, what the slider chooses from, and the bar of all of it."""
+    """Return the mesh, the named fields that the slider selects from, and their common colour bar."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         most = float(np.abs(mesh.values).max())
@@ -121,5 +121,5 @@ def _ticks(bar: Bar) -> list[tuple[float, str]]:
     return list(zip(bar.shares(np.array(places)).tolist(), texts, strict=True))
 
 
-def _packed(array: Any, kind: str) -> str:
+def _as_base64(array: Any, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")

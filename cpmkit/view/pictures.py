@@ -20,15 +20,14 @@ from cpmkit.solution.modes import EigenRecord
 from cpmkit.view import marks
 from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, make_bar
-from cpmkit.view.drawing import Drawing, draw
-from cpmkit.view.layout import composed, grid, model_width, write_png
-from cpmkit.view.shapes import Shapes
+from cpmkit.view.drawing import Drawing, Shapes, draw
+from cpmkit.view.marks import compose, grid, model_width, write_png
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.record import SolutionRecord
 
-#: A sheet of modes has at most so many columns, and colours of both signs.
+#: Most columns of a sheet of modes, and its colour map, for values of both signs.
 SHEET_COLUMNS, SIGNED_CMAP = 3, "coolwarm"
 
 
@@ -41,7 +40,7 @@ class Picture:
     file : Path
         The PNG file.
     camera : str
-        From where it looks, and what is up.
+        The direction of the view and the vertical axis, in words.
     """
 
     file: Path
@@ -49,29 +48,29 @@ class Picture:
 
 
 def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKeywords]) -> Picture:
-    """Draw a solution, or how large its error is, into a PNG file.
+    """Draw a solution, or its estimated error, into a PNG file.
 
-    Of an eigenvalue problem all modes are drawn, on one sheet, unless ``channel`` says which.
+    All modes of an eigenvalue problem are drawn on one sheet, unless ``channel`` selects one.
 
     Parameters
     ----------
     solution : Solution
-        What to draw. Its surface must have a mesh; boundaries are drawn if theirs has one.
+        The solution. Its surface must have a mesh; boundaries are drawn if they have one.
     path : str or Path
-        Where the picture goes; must end in ``.png``.
+        The file to write; must end in ``.png``.
     **options
-        Of :class:`~cpmkit.scenefile.look.Look`.
+        Options of :class:`~cpmkit.scenefile.look.Look`.
 
     Raises
     ------
     InputError
-        If the surface has no mesh, or an argument is not what is accepted.
+        If the surface has no mesh, or an argument is not accepted.
     MissingDependencyError
-        If matplotlib, which writes the letters, is not installed.
+        If matplotlib, which draws the text, is not installed.
     """
     look = Look.of(options)
     path = check_picture(path, look)
-    image, camera = rendered(solution, look)
+    image, camera = render(solution, look)
     with written_whole(path) as unfinished:
         write_png(image, unfinished)
     logging.getLogger("cpmkit").info("%s: %s.", path, camera)
@@ -79,12 +78,12 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
 
 
 def check_picture(path: str | Path, look: Look) -> Path:
-    """Return ``path`` if a picture can be drawn into such a file here.
+    """Return ``path`` if a picture can be written to such a file.
 
     Raises
     ------
     InputError
-        If it does not end in ``.png``, or the options are no camera's or no colour map's.
+        If it does not end in ``.png``, or the options of the camera or the colour map are not accepted.
     MissingDependencyError
         If matplotlib is not installed.
     """
@@ -96,7 +95,7 @@ def check_picture(path: str | Path, look: Look) -> Path:
 
 
 def check_look(look: Look) -> None:
-    """Refuse what no picture can look like, and all of them where matplotlib is not installed."""
+    """Refuse options that no picture can have, and all pictures if matplotlib is not installed."""
     if find_spec("matplotlib") is None:
         raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
     if look.view is not None or look.up is not None:
@@ -104,26 +103,26 @@ def check_look(look: Look) -> None:
     make_bar(np.zeros(1), None, look.cmap)
 
 
-def rendered(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
-    """Return the picture (rows, columns, 3) as bytes, and what its camera shows."""
+def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
+    """Return the picture (rows, columns, 3) as bytes, and the description of its camera."""
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         return _sheet(solution, look)
     mesh = solution.display_mesh()
     values, bar = shown_values(solution, mesh, look)
-    drawing = drawn(solution, mesh, look, bar)
-    image = painted(drawing, solution, mesh, values, bar, look)
-    return composed(image, bar, look.title, look.width), drawing.camera.told
+    drawing = make_drawing(solution, mesh, look, bar)
+    image = shade(drawing, solution, mesh, values, bar, look)
+    return compose(image, bar, look.title, look.width), drawing.camera.description
 
 
-def drawn(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
-    """Return the drawing of a mesh as the look has it: flat beside a bar, unless it says otherwise."""
+def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
+    """Return the drawing of a mesh with a look: without shading beside a colour bar, unless the look asks for it."""
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
-    return _outlined(draw(solution, mesh, look, width, lit), look)
+    return _with_outlines(draw(solution, mesh, look, width, lit), look)
 
 
-def _outlined(drawing: Drawing, look: Look) -> Drawing:
-    """Return the drawing with the lines that are the same whatever the values: outlines without light, and edges."""
+def _with_outlines(drawing: Drawing, look: Look) -> Drawing:
+    """Return the drawing with the lines that do not depend on values: outlines if it is not shaded, and mesh edges."""
     ink = [drawing.ink]
     if not drawing.lit:
         ink.append(marks.outlines(drawing))
@@ -133,7 +132,7 @@ def _outlined(drawing: Drawing, look: Look) -> Drawing:
 
 
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
-    """Return what the mesh's vertices show, (v, 3) colours or (v, 1) values, and the bar of the latter.
+    """Return the colours (v, 3) of the mesh's vertices, or their values (v, 1) with a colour bar.
 
     Raises
     ------
@@ -155,11 +154,11 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
     return values, make_bar(values, look.clim, look.cmap, label, look.unit)
 
 
-def painted(
+def shade(
     drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
 ) -> Floats:
-    """Return the model (rows, columns, 3), from 0 to 1, with the lines that its values make."""
-    from cpmkit.view.raster import pixels  # compiles
+    """Return the image (rows, columns, 3), from 0 to 1, of a drawing with its values, isolines and arrows."""
+    from cpmkit.view.raster import pixels  # numba is imported here
 
     ink = [drawing.ink]
     if look.isolines and bar is not None:
@@ -170,12 +169,12 @@ def painted(
 
 
 def check_channels(look: Look, channels: int, dim: int) -> None:
-    """Check that a solution of so many channels, in space of dimension ``dim``, can be drawn with this look.
+    """Check that a solution of ``channels`` channels, in space of dimension ``dim``, can be drawn with this look.
 
     Raises
     ------
     InputError
-        If there is no such channel, the channels are no vectors, or isolines are wanted of colours.
+        If there is no such channel, the channels are no vectors, or isolines of colours are requested.
     """
     if look.channel is not None and look.channel >= channels:
         raise InputError(f"channel must be below {channels}, the number of channels, got {look.channel}.")
@@ -188,17 +187,17 @@ def check_channels(look: Look, channels: int, dim: int) -> None:
 
 
 def _sheet(solution: EigenRecord, look: Look) -> tuple[Any, str]:
-    """Return all modes in the same colours, each under its eigenvalue."""
+    """Return the picture of all modes in the same colours, each under its eigenvalue, and the camera's description."""
     mesh = solution.display_mesh()
     columns = min(SHEET_COLUMNS, solution.channels)
     most = float(np.abs(mesh.values).max())
     cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
     bar = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
     width = model_width(look.width, True, bar.label)
-    drawing = _outlined(draw(solution, mesh, look, width // columns, look.light == "shaded"), look)
+    drawing = _with_outlines(draw(solution, mesh, look, width // columns, look.light == "shaded"), look)
     tiles = [
-        painted(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
+        shade(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
         for k in range(solution.channels)
     ]
     sheet = grid(tiles, solution.titles, columns)
-    return composed(sheet, bar, look.title, look.width), drawing.camera.told
+    return compose(sheet, bar, look.title, look.width), drawing.camera.description

@@ -8,19 +8,101 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.protocols import Floats, Ints
+from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.threads import run_parcels
 from cpmkit.view.colours import Bar
-from cpmkit.view.drawing import Drawing
-from cpmkit.view.raster_kernel import fill
-from cpmkit.view.shapes import Shapes
+from cpmkit.view.drawing import Drawing, Shapes
 
-#: Share of its colour that a face keeps where no light falls; the light brings the rest.
+
+@compiled
+def fill(
+    corners: Floats,
+    triangles: Ints,
+    paint: Floats,
+    table: Floats,
+    normals: Floats,
+    signs: Floats,
+    light: Floats,
+    ambient: float,
+    first_row: int,
+    depth: Floats,
+    image: Floats,
+) -> None:
+    """Draw triangles over what rows of an image show, where they are nearer.
+
+    Parameters
+    ----------
+    corners : (v, 3) float64
+        Columns and rows from the upper left corner, in pixels, and how distance to the viewer.
+    triangles : (t, 3) int64
+    paint : (v, 3) or (v, 1) float64
+        Colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
+    normals : (v, 3) float64
+        To the right, up and towards the viewer; no rows where no light falls.
+    signs : (t, 3) float64
+        1 or -1 at each corner of a triangle: what turns its normal to the side of the triangle that is seen.
+    light : (3,) float64
+        Unit vector towards the light.
+    ambient : float
+        Share of its colour that a face keeps where no light falls.
+    first_row : int
+        That of ``depth`` (rows, columns) and ``image`` (rows, columns, 3) in the whole picture.
+    """
+    rows, columns = depth.shape
+    channels, lit = paint.shape[1], len(normals) > 0
+    colour, normal = np.empty(3), np.empty(3)
+    for t in range(len(triangles)):
+        i, j, k = triangles[t]
+        ax, ay = corners[i, 0], corners[i, 1] - first_row
+        bx, by = corners[j, 0], corners[j, 1] - first_row
+        cx, cy = corners[k, 0], corners[k, 1] - first_row
+        area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+        if area == 0:
+            continue
+        top, bottom = max(int(np.ceil(min(ay, by, cy) - 0.5)), 0), min(int(np.floor(max(ay, by, cy) - 0.5)), rows - 1)
+        left = max(int(np.ceil(min(ax, bx, cx) - 0.5)), 0)
+        right = min(int(np.floor(max(ax, bx, cx) - 0.5)), columns - 1)
+        for row in range(top, bottom + 1):
+            y = row + 0.5
+            for column in range(left, right + 1):
+                x = column + 0.5
+                v = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+                w = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+                u = 1.0 - v - w
+                if u < -1e-9 or v < -1e-9 or w < -1e-9:
+                    continue
+                distance = u * corners[i, 2] + v * corners[j, 2] + w * corners[k, 2]
+                if distance <= depth[row, column]:
+                    continue
+                depth[row, column] = distance
+                factor = 1.0
+                if lit:
+                    length, along = 0.0, 0.0
+                    su, sv, sw = u * signs[t, 0], v * signs[t, 1], w * signs[t, 2]
+                    for axis in range(3):
+                        normal[axis] = su * normals[i, axis] + sv * normals[j, axis] + sw * normals[k, axis]
+                        length += normal[axis] ** 2
+                        along += normal[axis] * light[axis]
+                    factor = ambient + (1 - ambient) * max(along / np.sqrt(length), 0.0) if length > 0 else 1.0
+                if channels == 1:
+                    share = u * paint[i, 0] + v * paint[j, 0] + w * paint[k, 0]
+                    entry = int(share * (len(table) - 1) + 0.5)
+                    for axis in range(3):
+                        colour[axis] = table[entry, axis]
+                else:
+                    for axis in range(3):
+                        colour[axis] = u * paint[i, axis] + v * paint[j, axis] + w * paint[k, axis]
+                for axis in range(3):
+                    image[row, column, axis] = factor * colour[axis]
+
+
+#: Ambient share of a face's colour; the light adds the rest.
 AMBIENT = 0.5
-#: Where the light comes from, in the picture's axes: over the viewer's left shoulder.
+#: Direction to the light, in the picture's axes: over the viewer's left shoulder.
 LIGHT = np.array((-0.35, 0.5, 1.0)) / np.linalg.norm((-0.35, 0.5, 1.0))
-#: Each pixel is the mean of so many by so many.
+#: A pixel is the mean of SAMPLES by SAMPLES samples.
 SAMPLES = 3
-#: Rows of pixels that are filled at once.
+#: Rows of pixels that a thread fills at once.
 STRIP_ROWS = 48
 
 
@@ -31,25 +113,25 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
     ----------
     drawing : Drawing
     values : (v, 1) or (v, 3) float64
-        At the mesh's vertices: what ``bar`` explains, or colours.
+        At the mesh's vertices: values on the scale of ``bar``, or colours.
     bar : Bar or None
     ink : Shapes
-        Drawn over it in colours of their own, each at its place before the model.
+        Shapes with colours of their own, drawn at their depth together with the model.
     """
     paint = values if bar is None else bar.shares(values)
     paint = np.ascontiguousarray(np.clip(paint, 0, 1)[drawing.owner])
     table = np.zeros((1, 3)) if bar is None else bar.table
     none = np.zeros((0, 3))
     normals = drawing.normals if drawing.lit else none
-    signs = seen_side(drawing.points, drawing.triangles, normals) if drawing.lit else none
+    signs = facing_signs(drawing.points, drawing.triangles, normals) if drawing.lit else none
     columns, rows = (SAMPLES * drawing.camera.pixels).tolist()
     scale = columns / (2 * drawing.camera.half[0])
     origin = np.array([columns / 2, rows / 2, 0.0])
 
-    def placed(points: Floats) -> Floats:
+    def to_pixels(points: Floats) -> Floats:
         return np.asarray(points * [scale, -scale, scale] + origin)
 
-    corners, over = placed(drawing.points), placed(ink.points)
+    corners, over = to_pixels(drawing.points), to_pixels(ink.points)
     picture = np.empty((rows // SAMPLES, columns // SAMPLES, 3))
 
     def strip(start: int, stop: int) -> None:
@@ -64,10 +146,10 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
     return picture
 
 
-def seen_side(points: Floats, triangles: Ints, normals: Floats) -> Floats:
-    """Return what turns the normal (v, 3) at each corner of triangles (t, 3) to the side that is seen: (t, 3), 1 or -1.
+def facing_signs(points: Floats, triangles: Ints, normals: Floats) -> Floats:
+    """Return signs (t, 3) that turn the normals (v, 3) at corners of triangles (t, 3) to the side that is visible.
 
-    Both sides of a surface are lit alike, and its normals need not be of one side: a Moebius strip has none that are.
+    Both sides of a surface are shaded equally, and its normals need not be oriented, as on a Moebius strip.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)

@@ -1,4 +1,4 @@
-"""Solutions on the screen: an interactive page in a browser or a notebook, and a picture on axes of matplotlib."""
+"""Solutions on the screen: a page in a browser or a notebook, a plot of matplotlib, and a thumbnail in notebooks."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any, Unpack
 from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
 from cpmkit.view.page import page_of
-from cpmkit.view.pictures import check_look, rendered
+from cpmkit.view.pictures import check_look, render
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.record import SolutionRecord
 
-#: Of the frame in a notebook, in pixels; and how wide a picture on axes is.
+#: Height of the frame in a notebook, and width of a picture on axes, in pixels.
 NOTEBOOK_HEIGHT, PLOT_WIDTH = 520, 900
 
 
@@ -31,7 +31,7 @@ class Page:
     ----------
     html : str
     file : Path or None
-        Where it lies, if it was opened in a browser.
+        The file of the page, if it was opened in a browser.
     """
 
     html: str
@@ -46,12 +46,12 @@ class Page:
 
 
 def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
-    """Show a solution to be turned and zoomed: in a notebook below the cell, else in a window of the browser.
+    """Show a solution that can be turned and zoomed: in a notebook below the cell, else in a window of the browser.
 
     Raises
     ------
     InputError
-        If there is no browser to open; the message says where the page lies.
+        If no browser can be opened; the message names the file of the page.
     """
     html = page_of(solution, **options)
     if in_notebook():
@@ -65,12 +65,12 @@ def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
 
 
 def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-    """Draw a solution on axes of matplotlib, those of a new figure unless given, and return them."""
+    """Draw a solution on axes of matplotlib, by default those of a new figure, and return them."""
     from matplotlib import pyplot
 
     look = Look.of({"width": PLOT_WIDTH, **options}, "a plot", ("axes",))
     check_look(look)
-    image, _ = rendered(solution, look)
+    image, _ = render(solution, look)
     if axes is None:
         rows, columns = image.shape[:2]
         axes = pyplot.figure(figsize=(columns / 100, rows / 100), layout="constrained").add_subplot()
@@ -80,7 +80,7 @@ def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywo
 
 
 def in_notebook() -> bool:
-    """Tell whether this runs in the kernel of a notebook."""
+    """Return whether this process is the kernel of a notebook."""
     shell = sys.modules.get("IPython")
     running = shell.get_ipython() if shell is not None else None
     return type(running).__name__ == "ZMQInteractiveShell"

@@ -110,7 +110,7 @@ def test_a_map_that_turns_the_equator_turns_the_sphere(folder: Path) -> None:
     assert np.abs(values - np.stack([-points[:, 1], points[:, 0], points[:, 2]], axis=1)).max() < 0.05
 
 
-def test_a_map_tells_energy_and_degree_and_begins_where_it_is_told(folder: Path) -> None:
+def test_a_map_tells_energy_and_degree_and_begins_where_it_is_reported(folder: Path) -> None:
     own = '\n[map]\ninitial = ["x", "y", "-z"]\nrest = 1e-3\ntexture = "z"\n'
     found = _run("map", MAP.split("[[")[0] + own + SPHERE)
     assert found.exit_code == 0, found.output
@@ -165,7 +165,7 @@ def test_pictures_and_pages_show_what_is_made(folder: Path) -> None:
         ("map", MAP.replace('to = ["-y", "x", "z"]', ""), "needs to"),
         ("map", MAP.replace('"z"]', '"t"]'), "must not depend on t"),
         ("map", MAP + "[map]\nmost_steps = 0\n", "most_steps"),
-        ("paint", "", "no side of a curve holds a colour"),
+        ("paint", "", "no side of a curve has a colour"),
         ("paint", PAINT.replace("right", "both"), "needs both, or left and right"),
         ("paint", PAINT.replace('"lime"', '"limy"'), "limy"),
         ("paint", PAINT.replace("formula", "formulas"), "must be a colour"),

@@ -7,7 +7,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import ColouredSurface, diffusion_curves
-from cpmkit.applications.curve_colours import Along, colour_data
+from cpmkit.applications.curve_colours import ArcLengthShare, colour_data
 from cpmkit.errors import InputError, SceneError
 
 SPHERE = ck.source("analytic.sphere")
@@ -21,7 +21,7 @@ POINTS /= np.linalg.norm(POINTS, axis=1, keepdims=True)
 @pytest.mark.parametrize("curve", [EQUATOR, ck.source("analytic.circle", center=[0, 0, 0.6], radius=0.8)])
 def test_shares_of_a_closed_curve_grow_with_its_angle(curve):
     angle = RNG.uniform(0, 2 * np.pi, 200)
-    along = Along(curve)
+    along = ArcLengthShare(curve)
     start = along(np.array([[1.0, 0, curve.bounds[0, 2]]]))
     found = (along(np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)) - start) % 1
     np.testing.assert_allclose(
@@ -31,11 +31,11 @@ def test_shares_of_a_closed_curve_grow_with_its_angle(curve):
 
 def test_shares_of_a_polyline_are_of_its_arc_length_from_its_first_point():
     corners = np.array([[0.3, 0.0], [0.8, 0.0], [0.8, 0.2], [0.3, 0.2]])
-    closed = Along(ck.source("mesh.polyline", points=corners, closed=True))
+    closed = ArcLengthShare(ck.source("mesh.polyline", points=corners, closed=True))
     np.testing.assert_allclose(
         closed(np.array([[0.45, 0], [0.8, 0.1], [0.3, 0.1]])), [0.15 / 1.4, 0.6 / 1.4, 1.3 / 1.4], atol=1e-6
     )
-    opened = Along(ck.source("mesh.polyline", points=corners))
+    opened = ArcLengthShare(ck.source("mesh.polyline", points=corners))
     np.testing.assert_allclose(opened(np.array([[0.3, 0.0], [0.8, 0.1], [0.3, 0.2]])), [0, 0.5, 1], atol=1e-6)
 
 
@@ -45,9 +45,9 @@ def test_colours_along_a_curve_are_the_same_from_arrays_names_and_files(tmp_path
     np.save(tmp_path / "stops.npy", np.column_stack([[0, 0.5, 1], ramp]))
     angle = np.linspace(0.2, 6, 20)
     on = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    green = 1 - np.abs(1 - 2 * Along(EQUATOR)(on))
+    green = 1 - np.abs(1 - 2 * ArcLengthShare(EQUATOR)(on))
     for given in (ramp, str(tmp_path / "ramp.csv"), tmp_path / "stops.npy", ["red", "lime", "#f00"]):
-        data = colour_data(given, Along(EQUATOR), "the colour")
+        data = colour_data(given, ArcLengthShare(EQUATOR), "the colour")
         np.testing.assert_allclose(data(on), np.stack([1 - green, green, 0 * green], axis=1), atol=1e-12)
 
 
@@ -57,7 +57,7 @@ def test_colours_are_met_on_both_sides():
     assert isinstance(found, ColouredSurface)
     angle = np.linspace(0, 6, 20)
     on = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    exact = colour_data(data["left"], Along(EQUATOR), "left")(on)
+    exact = colour_data(data["left"], ArcLengthShare(EQUATOR), "left")(on)
     np.testing.assert_allclose(found.evaluate(on, "left"), exact, atol=0.06)  # the ramp has kinks
     np.testing.assert_allclose(found.evaluate(on, "right"), [[0, 0, 1.0]] * 20, atol=1e-6)
 
@@ -85,7 +85,7 @@ def test_colours_at_a_tip_are_cut_off_at_those_that_are_held():
     arc = {"left": ["#402040", "#c04040", "#402040"], "right": lambda points: 0 * points + [0.5, 0.25, 0.75]}
     found = diffusion_curves(SPHERE, [(ARC, arc)], spacing=0.2)
     np.testing.assert_allclose(found.ends, [[64 / 255, 32 / 255, 64 / 255], [192 / 255, 64 / 255, 0.75]])
-    raw, mesh = found.solution.evaluate(POINTS), found.drawn().display_mesh()
+    raw, mesh = found.solution.evaluate(POINTS), found.drawable().display_mesh()
     assert (raw < found.ends[0]).any() or (raw > found.ends[1]).any()
     for colours in (found.evaluate(POINTS), mesh.values):
         assert (colours >= found.ends[0]).all()
@@ -103,7 +103,7 @@ def test_a_side_without_a_colour_lets_nothing_pass_and_a_scene_holds_besides():
     pin = ck.source("analytic.circle", normal=[0, 0, 1], center=[0, 0, -0.6], radius=0.8)
     curves = {"collar": (collar, {"left": "navy", "right": None}), "low": (pin, "white")}
     with pytest.raises(
-        SceneError, match="sees no side of a curve that holds a colour"
+        SceneError, match="touches no side of a curve that has a colour"
     ):  # between collar and wall nothing holds a colour
         diffusion_curves(scene, {"collar": curves["collar"]}, spacing=0.2)
     found = diffusion_curves(SPHERE, curves, spacing=0.2).evaluate([[0, 0, 1.0], [0.96, 0, 0.28]])
@@ -115,7 +115,7 @@ def test_a_side_without_a_colour_lets_nothing_pass_and_a_scene_holds_besides():
     [
         ([EQUATOR], "must be a pair"),
         ([(EQUATOR, {"left": "red"})], "as left and right, with None"),
-        ([(EQUATOR, {"left": None, "right": None})], "no side of a curve holds a colour"),
+        ([(EQUATOR, {"left": None, "right": None})], "no side of a curve has a colour"),
         ([], "no side of a curve"),
         ([(EQUATOR, "navvy")], "did you mean 'navy'"),
         ([(EQUATOR, [255, 0, 0])], "from 0 to 1, got 255"),

@@ -18,7 +18,7 @@ POINTS /= np.linalg.norm(POINTS, axis=1, keepdims=True)
 EXACT = np.arccos(np.clip(POINTS[:, 2], -1, 1))
 
 
-def test_a_tolerance_is_reached_and_told() -> None:
+def test_a_tolerance_is_reached_and_reported() -> None:
     distance = geodesic_distance(SPHERE, [0, 0, 1], tolerance=2e-2, method="heat")
     trade, estimate = distance.solution.solve_history, distance.error
     assert trade is not None

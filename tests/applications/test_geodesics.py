@@ -133,13 +133,13 @@ def test_representations_of_one_sphere_agree() -> None:
     ("given", "words"),
     [
         ({"origins": []}, "finite points"),
-        ({"origins": np.zeros((0, 3))}, "something"),
+        ({"origins": np.zeros((0, 3))}, "needs origins"),
         ({"origins": [[0, 1]]}, "finite points"),
         ({"origins": [1, 0, 0], "method": "fast"}, "method must be"),
         ({"origins": [1, 0, 0], "rounds": 0}, "rounds"),
     ],
 )
-def test_bad_input_is_told(given: dict[str, Any], words: str) -> None:
+def test_bad_input_is_reported(given: dict[str, Any], words: str) -> None:
     origins = given.pop("origins")
     with pytest.raises(ck.InputError, match=words):
         geodesic_distance(SPHERE, origins, spacing=0.3, **given)

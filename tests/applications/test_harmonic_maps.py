@@ -9,7 +9,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import harmonic_map
-from cpmkit.applications.degree import degree_of_map
+from cpmkit.applications.harmonic_maps import degree_of_map
 
 SPHERE = ck.source("analytic.sphere")
 #: Of maps of degree one between unit spheres.
@@ -113,7 +113,7 @@ def test_the_papers_explicit_steps_go_the_same_way() -> None:
         ({"rest": 0.0}, "rest"),
     ],
 )
-def test_bad_arguments_are_told(given: dict[str, Any], words: str) -> None:
+def test_bad_arguments_are_reported(given: dict[str, Any], words: str) -> None:
     with pytest.raises(ck.InputError, match=words):
         harmonic_map(SPHERE, SPHERE, spacing=0.5, **given)
 

@@ -107,9 +107,9 @@ def test_two_circles_of_a_torus_part_its_outside_from_its_inside() -> None:
     assert _share(found, exact) < 6e-2
 
 
-def test_curves_that_part_no_left_from_a_right_are_told() -> None:
+def test_curves_that_part_no_left_from_a_right_are_reported() -> None:
     lower = ck.source("analytic.circle", center=[0, 0, -HEIGHT], radius=RADIUS, normal=[0, 0, 1])
-    with pytest.raises(ck.SceneError, match="do not part one left from one right"):
+    with pytest.raises(ck.SceneError, match="do not separate one left from one right"):
         signed_distance(_sphere(0.4), [LATITUDE, lower], method="heat")
 
 

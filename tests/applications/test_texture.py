@@ -117,9 +117,9 @@ def test_a_real_mesh_without_texture_coordinates_says_so(real_mesh):
         ck.read_texture_coordinates(real_mesh("spot.obj"))
 
 
-def test_what_no_image_can_show_is_refused_or_told(solution):
+def test_what_no_image_can_show_is_refused_or_warned(solution):
     mesh = _tube()
-    with pytest.raises(InputError, match=r"from 0 to 1, and leave it by 0\.9"):
+    with pytest.raises(InputError, match=r"from 0 to 1, and exceed that by 0\.9"):
         bake(solution, replace(mesh, coordinates=mesh.coordinates + 1.0))
     with pytest.raises(InputError, match="width in pixels"):
         bake(solution, mesh, width=0)

@@ -10,7 +10,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import logarithmic_map, transport_vector, vector_field
-from cpmkit.applications.arrows import arrows
+from cpmkit.applications.coloured_meshes import arrow_triangles
 
 SPHERE = ck.source("analytic.sphere")
 POLAR, TURN = np.random.default_rng(0).uniform([[0.05], [0]], [[2.4], [2 * np.pi]], (2, 500))
@@ -31,7 +31,7 @@ def test_logarithms_and_transport_are_exact_to_second_order_on_the_sphere(spacin
     for spacing in spacings:
         found = logarithmic_map(SPHERE, [0, 0, 1], axis=[1, 0, 0], spacing=spacing, method="heat")
         off.append(float(np.linalg.norm(found.evaluate(POINTS) - logarithms, axis=1).mean()))
-        moved = found.transported[0].evaluate(POINTS, normalized=True)
+        moved = found.transported_axes[0].evaluate(POINTS, normalized=True)
         turned.append(float(np.linalg.norm(moved - EXACT, axis=1).mean()))
     assert off[0] < 0.1
     assert _order(spacings, off) > 1.6
@@ -52,17 +52,17 @@ def test_lengths_are_kept_and_mixed_half_way_between_two_points() -> None:
 @pytest.mark.parametrize(
     ("function", "given", "words"),
     [
-        (transport_vector, ([0, 0, 1], [0, 0, 1]), "not stand on the surface"),
+        (transport_vector, ([0, 0, 1], [0, 0, 1]), "not normal to the surface"),
         (logarithmic_map, ([0, 0, 1, 2],), "point"),
     ],
 )
-def test_bad_vectors_are_told(function: Any, given: tuple[Any, ...], words: str) -> None:
+def test_bad_vectors_are_reported(function: Any, given: tuple[Any, ...], words: str) -> None:
     with pytest.raises(ck.InputError, match=words):
         function(SPHERE, *given, spacing=0.5)
 
 
 def test_arrows_lie_beside_the_surface() -> None:
-    vertices, faces, normals = arrows(SPHERE, POINTS[:20], EXACT[:20], 0.1)
+    vertices, faces, normals = arrow_triangles(SPHERE, POINTS[:20], EXACT[:20], 0.1)
     np.testing.assert_allclose(np.abs(np.linalg.norm(vertices, axis=1) - 1), 0.008, atol=1e-4)
     assert faces.max() < len(vertices) == len(normals)
 

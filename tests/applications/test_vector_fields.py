@@ -9,7 +9,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import vector_field
-from cpmkit.applications.tangent_fields import singularities
+from cpmkit.applications.vector_fields import singularities
 
 SPHERE = ck.source("analytic.sphere")
 EQUATOR = ck.source("analytic.circle", normal=[0, 0, 1])
@@ -128,16 +128,16 @@ def test_a_direction_at_a_point_is_kept_there() -> None:
         ([], "at least"),
         ([(EQUATOR, "up")], "direction along a curve"),
         ([(EQUATOR, {"left": "tangent"})], "left and right"),
-        ([([0, 0, 1], [0, 0, 1])], "stand on the surface"),
-        ([([1.0, 0.7, 0.3], [1.0, 0.7, 0.3])], "stand on the surface"),
+        ([([0, 0, 1], [0, 0, 1])], "normal to the surface"),
+        ([([1.0, 0.7, 0.3], [1.0, 0.7, 0.3])], "normal to the surface"),
         ([EQUATOR], "pairs"),
     ],
 )
-def test_bad_directions_are_told(given: Any, words: str) -> None:
+def test_bad_directions_are_reported(given: Any, words: str) -> None:
     with pytest.raises(ck.InputError, match=words):
         vector_field(SPHERE, given, spacing=0.3)
 
 
-def test_an_unknown_transport_is_told() -> None:
+def test_an_unknown_transport_is_reported() -> None:
     with pytest.raises(ck.InputError, match="transport must be"):
         vector_field(SPHERE, [(EQUATOR, "tangent")], spacing=0.3, transport="lie")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from cpmkit.formulas.derivatives import formula_jets
 from cpmkit.formulas.expressions import Expression
 from cpmkit.formulas.trees import COORDINATES, FUNCTIONS, formula_tree
-from cpmkit.studies.formulas import expand_names
+from cpmkit.studies.named_formulas import expand_names
 
 #: Of functions, in all that is done with one formula: some seconds.
 MOST_CALLS = 2_000_000

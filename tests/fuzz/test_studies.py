@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from cpmkit.errors import CpmkitError
 from cpmkit.studies.report import table_of, write_report
-from cpmkit.studies.running import run_study
+from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
 TEXT = """

@@ -14,9 +14,9 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.runtime.options import DeclaredOptions, declared_options, option
+from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.running import run_study
-from cpmkit.studies.series import gather
+from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 
 CIRCLE = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(lambda x: 2 * x[:, 0]))

@@ -12,7 +12,8 @@ import pytest
 from click.testing import CliRunner
 
 import cpmkit
-from cpmkit import cli, command_group
+from cpmkit import cli
+from cpmkit.commands import group
 from cpmkit.errors import SceneError
 from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.progress import ProgressLine
@@ -165,7 +166,7 @@ def plugged(monkeypatch):
         EntryPoint("broken", "cpmkit_absent:command", COMMANDS_GROUP),
         EntryPoint("number", "math:pi", COMMANDS_GROUP),
     ]
-    monkeypatch.setattr(command_group, "entry_points", lambda group: points)
+    monkeypatch.setattr(group, "entry_points", lambda group: points)
     greet = click.Command("greet", callback=lambda: click.echo("good day"))
     monkeypatch.setitem(__import__("sys").modules, f"{__name__}_commands", SimpleNamespace(greet=greet))
 

@@ -6,9 +6,9 @@ from importlib.metadata import PackageNotFoundError
 
 import pytest
 
-from cpmkit import doctor
 from cpmkit.cli import main
-from cpmkit.doctor import diagnose
+from cpmkit.commands import doctor
+from cpmkit.commands.doctor import diagnose
 from cpmkit.errors import CpmkitWarning
 
 runner = pytest.importorskip("click.testing").CliRunner()

@@ -190,7 +190,7 @@ def test_what_is_not_installed_is_one_sentence(welded, monkeypatch):
     def missing(name):
         raise ImportError(name)
 
-    monkeypatch.setattr("cpmkit.saving.converting.import_module", missing)
+    monkeypatch.setattr("cpmkit.saving.mesh_files.import_module", missing)
     for name in ("trimesh", "meshio", "polyscope"):
         with pytest.raises(MissingDependencyError, match=f"^{name} is not installed; `pip install {name}` adds it.$"):
             getattr(solution, f"to_{name}")()

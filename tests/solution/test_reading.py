@@ -34,7 +34,7 @@ def test_left_is_where_the_curve_comes_from(jump):
     assert np.isnan(far.signed_distance("cut", on_circle(np.array([0.0])))).all()
 
 
-def test_far_from_a_boundary_its_side_is_still_told(jump):
+def test_far_from_a_boundary_its_side_is_still_reported(jump):
     """The form of splines reads distances from the boundary itself, which ends nowhere here: there is no tube."""
     across = on_circle(np.array([1.022 * np.pi - 1.0, 1.022 * np.pi + 1.0]))
     assert np.sign(jump.signed_distance("cut", across)).tolist() == [1.0, -1.0]

@@ -7,8 +7,8 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.studies.checking import at_spacing
+from cpmkit.studies.reference import reference_of
 from cpmkit.studies.studyfile import load_study
-from cpmkit.studies.truth import truth_of
 
 STUDIES = Path(__file__).parents[2] / "examples" / "studies"
 #: Errors that differ by less than a tenth are equal.
@@ -29,7 +29,7 @@ WORSE = 1.1
 )
 def test_no_more_error_is_left(name, spacing):
     study = load_study(STUDIES / f"{name}.toml")
-    scene, truth = at_spacing(study.scene, study.sweep.step_per_spacing, spacing), truth_of(study)
+    scene, truth = at_spacing(study.scene, study.sweep.step_per_spacing, spacing), reference_of(study)
     errors = {
         form: [off := ck.solve(scene, spacing, form=form).evaluate(truth.points) - truth.values, np.abs(off).max()]
         for form in ("collocation", "galerkin")

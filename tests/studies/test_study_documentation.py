@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from cpmkit.studies.making import make_run
+from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.running import run_study
-from cpmkit.studies.series import gather
+from cpmkit.studies.reference import reference_of
+from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import STUDY_TABLES, Exact, load_study
 from cpmkit.studies.sweep import Sweep, listed
-from cpmkit.studies.truth import truth_of
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "examples" / "studies"
@@ -48,5 +47,5 @@ def test_every_key_of_a_study_is_documented(tmp_path):
     assert {"title", *keys} - named == set()
     assert {f"[{table}]" for table in STUDY_TABLES if table not in ("title", "boundary")} - named == set()
     study = load_study(STUDIES / "panel-a-circle-jump.toml")
-    record = make_run(study, study.sweep.runs()[0], truth_of(study))
+    record = make_run(study, study.sweep.runs()[0], reference_of(study))
     assert {*record, "error"} - named == set()

@@ -10,16 +10,15 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, PluginError, SceneError
-from cpmkit.studies import making, running
+from cpmkit.studies import run_one
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
-from cpmkit.studies.making import make_run
+from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import append_record, read_records
+from cpmkit.studies.reference import Reference
 from cpmkit.studies.report import write_report
-from cpmkit.studies.running import run_study
-from cpmkit.studies.series import gather
+from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Sweep
-from cpmkit.studies.truth import Truth
 
 TEXT = """
 [surface]
@@ -190,7 +189,7 @@ def test_what_no_run_could_be_made_with_is_refused_before_anything_is_solved(
     )
     if "ball" in message:
         text += 'methods = ["cpm", "ball"]\n'
-    for module, name in ((making, "solve"), (running, "truth_of")):
+    for module, name in ((run_one, "solve"), (run_one, "reference_of")):
         monkeypatch.setattr(module, name, lambda *_, **__: pytest.fail("it was solved"))
     with pytest.raises(error, match=message):
         run_study(study(tmp_path, text), tmp_path / "out")
@@ -274,7 +273,7 @@ def test_a_line_that_is_no_record_is_refused(line, folder):
         read_records(folder / "records.jsonl")
 
 
-def test_records_that_cannot_be_written_or_read_are_told(tmp_path):
+def test_records_that_cannot_be_written_or_read_are_reported(tmp_path):
     with pytest.raises(InputError, match="cannot be written: No such file or directory"):
         append_record(tmp_path / "nowhere" / "records.jsonl", {})
     (tmp_path / "records.jsonl").mkdir()
@@ -284,7 +283,7 @@ def test_records_that_cannot_be_written_or_read_are_told(tmp_path):
 
 def test_a_solution_beyond_all_use_is_recorded_as_an_error(tmp_path):
     one = study(tmp_path)
-    truth = Truth(np.array([[1.0, 0.0]]), np.array([1e300]))
+    truth = Reference(np.array([[1.0, 0.0]]), np.array([1e300]))
     record = make_run(one, one.sweep.runs()[0], truth)
     assert record["error"].startswith("ResolutionError: the solution is off by 1e+300")
 

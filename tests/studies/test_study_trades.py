@@ -9,14 +9,13 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.studies import making
-from cpmkit.studies.front import Attempt, front, winners
-from cpmkit.studies.making import costs_in_memory
+from cpmkit.studies import run_one
+from cpmkit.studies.pareto import Attempt, front, winners
+from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
 from cpmkit.studies.refined import RefinedMesh, solve_on_refined_mesh
 from cpmkit.studies.report import write_report
-from cpmkit.studies.running import run_study
-from cpmkit.studies.series import gather
+from cpmkit.studies.run_one import costs_in_memory, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Run, Sweep
 
@@ -140,7 +139,7 @@ def test_bytes_are_foretold_where_they_are_not_measured():
     assert foretold["bytes_are"] == "foretold"
     assert foretold["bytes"] > 1000 * solution.discretized.size
     other = SimpleNamespace(discretized=SimpleNamespace(options=None), scene=solution.scene)
-    assert making.costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
+    assert run_one.costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
 
 
 def test_a_refined_mesh_is_finer_and_the_error_on_it_falls_at_second_order():

@@ -16,7 +16,7 @@ from cpmkit.scenefile.application_files import load_application
 from cpmkit.scenefile.documented_keys import first_sentence, keys_of
 from cpmkit.scenefile.scene_files import PROBLEMS
 from cpmkit.scenefile.scene_schema import application_schema, scene_schema
-from cpmkit.studies.schema import study_schema
+from cpmkit.studies.studyfile import study_schema
 
 ROOT = Path(__file__).parents[2]
 SCENE = {"surface": {"kind": "analytic.sphere"}, "problem": {"kind": "poisson", "f": "x*y"}}

@@ -67,7 +67,7 @@ def test_what_is_drawn_is_not_drawn_again(gallery, tmp_path, capsys):
     assert set(json.loads((tmp_path / gallery.RECORDS).read_text())) == {"a.png", "b.png"}
 
 
-def test_one_that_fails_stops_no_other_and_is_told(gallery, tmp_path, capsys):
+def test_one_that_fails_stops_no_other_and_is_reported(gallery, tmp_path, capsys):
     broken = gallery.Job(("broken.png",), 2.0, ("-c", "raise SystemExit('no such mesh')"))
     lazy = gallery.Job(("lazy.png",), 1.5, ("-c", "pass"))
     assert gallery.main([str(tmp_path), "--at-once", "1"], [broken, lazy, written(gallery, "b.png")]) == 1

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.command_options import as_shown
+from cpmkit.commands.options import as_shown
 from cpmkit.errors import InputError, SceneError
 from cpmkit.scenefile.look import Look
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest

@@ -18,7 +18,7 @@ from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
 from cpmkit.view.colours import colour_table
 from cpmkit.view.film import frame_images
-from cpmkit.view.layout import model_width
+from cpmkit.view.marks import model_width
 from cpmkit.view.page import page_of
 from cpmkit.view.showing import in_notebook
 

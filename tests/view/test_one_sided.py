@@ -13,10 +13,9 @@ import pytest
 import cpmkit as ck
 from cpmkit.mesh.normals_of_mesh import vertex_normals
 from cpmkit.scenefile.look import Look
-from cpmkit.view.drawing import draw
+from cpmkit.view.drawing import Shapes, draw
 from cpmkit.view.marks import outlines
-from cpmkit.view.raster import AMBIENT, LIGHT, pixels, seen_side
-from cpmkit.view.shapes import Shapes
+from cpmkit.view.raster import AMBIENT, LIGHT, facing_signs, pixels
 
 pytest.importorskip("matplotlib")
 SPHERE = ck.source("analytic.sphere")
@@ -57,7 +56,7 @@ def test_a_moebius_strip_is_as_bright_as_its_slope_says_and_has_no_line_where_it
     a, b, c = (drawing.points[drawing.triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)
     face /= np.linalg.norm(face, axis=1)[:, None] * np.where(face[:, 2:] < 0, -1, 1)
-    signs = seen_side(drawing.points, drawing.triangles, drawing.normals)
+    signs = facing_signs(drawing.points, drawing.triangles, drawing.normals)
     turned = signs[:, :, None] * drawing.normals[drawing.triangles]
     assert np.einsum("tkd,td->tk", turned, face).min() > 0.9  # the strip bends slowly
     bright = AMBIENT + (1 - AMBIENT) * np.maximum(turned @ LIGHT, 0)

@@ -8,13 +8,10 @@ import cpmkit.view.pictures
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.scenefile.look import Look
 from cpmkit.view import picture
-from cpmkit.view.camera import fit
+from cpmkit.view.camera import fit, stability, upward_axis
 from cpmkit.view.colours import colour_table, make_bar
-from cpmkit.view.drawing import draw
-from cpmkit.view.layout import letter_size, model_width
-from cpmkit.view.marks import LIFT, arrows
-from cpmkit.view.shapes import disc_radii, discs
-from cpmkit.view.standing import stability, upward_axis
+from cpmkit.view.drawing import disc_radii, discs, draw
+from cpmkit.view.marks import LIFT, arrows, letter_size, model_width
 
 image = pytest.importorskip("matplotlib.image")
 #: Of 255: an eight bit colour and the bar's own steps.
@@ -247,9 +244,9 @@ def test_a_model_that_stands_on_its_lowest_y_is_upright_and_it_is_said():
     cone = np.column_stack([radius * np.cos(angle), height, radius * np.sin(angle)])
     camera = fit(cone, 300)
     assert camera.axes[1, 1] > 0.8
-    assert camera.told == "seen from (0.43, 0.47, 0.78), y up, on which the model stands"
+    assert camera.description == "seen from (0.43, 0.47, 0.78), y up, on which the model stands"
     lying = cone[:, [0, 2, 1]]
-    assert fit(lying, 300).told == "seen from (0.43, -0.78, 0.47), z up"
+    assert fit(lying, 300).description == "seen from (0.43, -0.78, 0.47), z up"
     assert fit(cone, 300, up="z").axes[1, 2] > 0.8
     assert stability(cone, 1) > 0.2 > 0.05 > stability(cone, 2)
 
@@ -267,7 +264,7 @@ def test_real_models_stand_upright(real_mesh, name, axis):
         ({"view": (0, 1, 0), "up": (0, -2, 0)}, "view and up must not be parallel"),
         ({"up": "w"}, "up of a picture, unless it is three numbers, must be 'x' or 'y' or 'z', got 'w'"),
         ({"light": "bright"}, "light of a picture must be 'flat' or 'shaded', got 'bright'"),
-        ({"cmap": "virids"}, r"cmap must be .* got 'virids' \(did you mean 'viridis'\?\)"),
+        ({"cmap": "virids"}, r"cmap must name .* got 'virids' \(did you mean 'viridis'\?\)"),
         ({"clim": (2, 1)}, "clim must be two numbers, the lower first, got 2 and 1"),
         ({"isolines": -1}, "isolines must be a whole number from 0 to 1000, got -1"),
         ({"isolines": 3}, "isolines are those of one channel; give channel=."),

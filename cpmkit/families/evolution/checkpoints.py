@@ -15,8 +15,8 @@ from cpmkit.families.evolution.moment import REMEMBERED_MOMENTS, Moment
 from cpmkit.families.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
 from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
 from cpmkit.families.evolution.shifted import SolveTally
+from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
-from cpmkit.files.saved_arrays import SavedArray, read_json_table, read_saved
 from cpmkit.files.whole_files import written_whole
 from cpmkit.protocols import Floats
 

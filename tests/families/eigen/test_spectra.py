@@ -6,7 +6,7 @@ from cpmkit_fem.assembly import stiffness_and_mass
 from scipy.sparse.linalg import eigsh
 
 import cpmkit as ck
-from cpmkit.studies.spectra import sphere_eigenvalues, torus_eigenvalues
+from cpmkit.studies.eigenvalue_tables import sphere_eigenvalues, torus_eigenvalues
 
 SURFACES = {
     "sphere": (ck.source("analytic.sphere"), sphere_eigenvalues),

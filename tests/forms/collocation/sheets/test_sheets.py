@@ -8,8 +8,7 @@ from thin_ellipsoid import odd_solution
 
 import cpmkit as ck
 from cpmkit.scenefile.look import Look
-from cpmkit.view.drawing import draw
-from cpmkit.view.shapes import DOT_CORNERS
+from cpmkit.view.drawing import DOT_CORNERS, draw
 
 SPACINGS = (0.05, 0.035, 0.025)
 

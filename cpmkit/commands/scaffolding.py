@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from cpmkit.command_group import traceback_option
+from cpmkit.commands.group import traceback_option
 
 
 @click.command()
@@ -55,7 +55,7 @@ def schema(sort: str) -> None:
     if sort == "scene":
         from cpmkit.scenefile.scene_schema import scene_schema as make
     elif sort == "study":
-        from cpmkit.studies.schema import study_schema as make
+        from cpmkit.studies.studyfile import study_schema as make
     else:
         from cpmkit.scenefile.scene_schema import application_schema
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from cpmkit.command_group import progress_callback, traceback_option
+from cpmkit.commands.group import progress_callback, traceback_option
 
 
 @click.group()
@@ -41,8 +41,8 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 
     One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
     """
-    from cpmkit.studies.running import ignore_record
-    from cpmkit.studies.running import run_study as run
+    from cpmkit.studies.run_one import ignore_record
+    from cpmkit.studies.run_one import run_study as run
     from cpmkit.studies.studyfile import load_study
     from cpmkit.studies.tables import run_sentence
 

@@ -1,4 +1,4 @@
-"""Arguments and options that commands share, and what those on accuracy make of a scene file."""
+"""Arguments and options that commands share, and the accuracy target of a command line and a scene file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cpmkit.scenefile.scene_files import SceneFile
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-#: Unless it is said whether, the error of a solution is estimated that took so many seconds: it takes a third of them.
+#: By default the error is estimated if the solve took at least so many seconds; the estimate takes a third of them.
 ESTIMATED_SECONDS = 1.0
 
 
@@ -42,36 +42,36 @@ json_option = click.option(
 
 
 def accuracy_options(command: Command) -> Command:
-    """Give a command the options that stand in place of a spacing, and whether the error is estimated."""
+    """Add the options of an accuracy target, which replace a spacing, and of the error estimate to a command."""
     positive = click.FloatRange(min=0, min_open=True)
     options = [
         click.option(
             "--tolerance",
             type=click.FloatRange(0, 1, min_open=True, max_open=True),
             metavar="SHARE",
-            help="In place of a spacing: the error that is accepted, as a share of the solution's range, such as 1e-3.",
+            help="In place of a spacing: the accepted error, as a share of the solution's range, such as 1e-3.",
         ),
         click.option(
             "--norm",
             type=click.Choice(["rms", "max"]),
-            help="In which the tolerance is meant: rms, the root mean square, or max, the largest error.",
+            help="Norm of the tolerance: rms, the root mean square, or max, the largest error.",
         ),
         click.option(
             "--seconds",
             type=positive,
             callback=_finite,
             metavar="SECONDS",
-            help="In place of a spacing, or as a limit beside a tolerance: the time that it may take.",
+            help="In place of a spacing, or as a limit beside a tolerance: the time of the solve.",
         ),
         click.option(
             "--memory",
             metavar="SIZE",
-            help="In place of a spacing, or as a limit: the memory that it may take, such as '2 GiB'.",
+            help="In place of a spacing, or as a limit: the memory of the solve, such as '2 GiB'.",
         ),
         click.option(
             "--estimate/--no-estimate",
             default=None,
-            help="Estimate the error by solving at twice the spacing, or do not; if not said, where the solve took "
+            help="Estimate the error by solving at twice the spacing, or do not; by default if the solve took "
             f"more than {ESTIMATED_SECONDS:g} second.",
         ),
     ]
@@ -81,23 +81,23 @@ def accuracy_options(command: Command) -> Command:
 
 
 def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
-    """Return the spacing and the options of ``solve``: what the command line says goes before what the file says."""
+    """Return the spacing and the options of ``solve``; the command line takes precedence over the file."""
     from cpmkit.forms.accuracy_target import AccuracyTarget
     from cpmkit.runtime.options import declared_options
 
-    given = {name: value for name, value in target.items() if value is not None}
-    deciding = [name for name in ("tolerance", "seconds", "memory") if name in given]
+    command_line = {name: value for name, value in target.items() if value is not None}
+    deciding = [name for name in ("tolerance", "seconds", "memory") if name in command_line]
     options = dict(loaded.options)
     if spacing is not None:
         options = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
     decided = spacing if deciding else spacing or loaded.spacing
-    return decided, {**options, **given}
+    return decided, {**options, **command_line}
 
 
 def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
-    """Return a solution with its error estimated, if that is ``wanted``, or not said and it is drawn or took long.
+    """Return a solution with an error estimate if it is ``wanted``, or by default if it is drawn or the solve was long.
 
-    Unless it is wanted, an error that cannot be estimated is left out: what was solved is not lost.
+    By default an error that cannot be estimated is left out, so that the solution is not lost.
     """
     from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""The command ``cpmkit distance``. What it needs is imported when it runs."""
+"""The command ``cpmkit distance``; what it needs is imported when it runs."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cpmkit.command_group import progress_callback, traceback_option
-from cpmkit.command_options import how_fine, scene_argument, spacing_option
+from cpmkit.commands.group import progress_callback, traceback_option
+from cpmkit.commands.options import how_fine, scene_argument, spacing_option
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     multiple=True,
     required=True,
     metavar="X,Y,Z|NAME",
-    help="Where distances are measured from: a point, or the name of a boundary; may be given several times.",
+    help="An origin of the distance: a point, or the name of a boundary; may be given several times.",
 )
-@click.option("--signed", is_flag=True, help="To curves with a sign, positive to the left of the way they run.")
+@click.option("--signed", is_flag=True, help="Signed distance to curves, positive to the left of their direction.")
 @click.option("--method", type=click.Choice(["transport", "heat"]), default="transport", show_default=True)
 @spacing_option
 @click.option(
     "--tolerance",
     type=click.FloatRange(0, 1, min_open=True, max_open=True),
     metavar="SHARE",
-    help="In place of a spacing: the error that is accepted, as a share of the largest distance.",
+    help="In place of a spacing: the accepted error, as a share of the largest distance.",
 )
 @click.option(
     "--path-from",
@@ -57,10 +57,10 @@ def distance(
     starts: tuple[str, ...],
     output: Path | None,
 ) -> None:
-    """Measure geodesic distances on a scene's surface, and write what its [output] asks for.
+    """Compute geodesic distances on a scene's surface, and write the files of [output].
 
-    Boundaries that are not named with --from are barriers, and have the condition neumann = 0. The scene's equation
-    plays no part.
+    Boundaries that are not named with --from are barriers, and have the condition neumann = 0. The scene's equation is
+    not used.
     """
     from dataclasses import replace
 
@@ -75,28 +75,28 @@ def distance(
 
     if signed and starts:
         raise InputError("paths lead to the origins of a distance without a sign; leave out --signed or --path-from.")
-    with collected_warnings() as heard, progress_callback(scene) as progress:
+    with collected_warnings() as issued, progress_callback(scene) as progress:
         loaded = load_scene(scene)
         folder = output or loaded.output.folder
         check_request(loaded.output, loaded.scene.surface, folder, channels=1)
         decided, options = how_fine(loaded, spacing, tolerance=tolerance)
         options.pop("estimate", None)
-        barriers, given = _split(loaded.scene, origins)
+        barriers, sources = _split_origins(loaded.scene, origins)
         progress("distance", 0.0)
         if signed:
-            found: Any = signed_distance(barriers, given, spacing=decided, method=method, **options)
+            measured: Any = signed_distance(barriers, sources, spacing=decided, method=method, **options)
         else:
-            found = geodesic_distance(barriers, given, spacing=decided, method=method, **options)
-            if not found.reached.all():  # files hold no infinite distances
+            measured = geodesic_distance(barriers, sources, spacing=decided, method=method, **options)
+            if not measured.reached.all():  # files hold no infinite distances
                 raise InputError(
-                    f"{np.count_nonzero(~found.reached)} of {len(found.reached)} pieces of the surface have no origin; "
-                    "give each an origin, or leave the piece out."
+                    f"{np.count_nonzero(~measured.reached)} of {len(measured.reached)} pieces of the surface have no "
+                    "origin; give each an origin, or leave the piece out."
                 )
-        solution = found.solution
+        solution = measured.solution
         if loaded.output.wants_error:
-            solution = replace(solution, estimated=found.error)
-        paths = found.path(np.array([_point(one, barriers.surface.dim) for one in starts])) if starts else []
-        warnings = list(dict.fromkeys([*heard, *solution.warnings]))
+            solution = replace(solution, estimated=measured.error)
+        paths = measured.path(np.array([_point(text, barriers.surface.dim) for text in starts])) if starts else []
+        warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, loaded.output, folder, progress, warnings)
     for number, path in enumerate(paths, start=1):
         with written_whole(Path(folder, f"path-{number}.csv")) as unfinished:
@@ -113,29 +113,29 @@ def distance(
     written.check()
 
 
-def _split(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
-    """Return the scene of the barriers, and the origins: points together, then the sources of named boundaries."""
+def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
+    """Return the scene with the barriers alone, and the origins: an array of points and the sources of boundaries."""
     import numpy as np
 
     from cpmkit.scene.equations import Poisson
     from cpmkit.scene.scene import Scene
 
-    boundaries = {one.name: one for one in scene.boundaries}
-    points = [_point(one, scene.surface.dim) for one in origins if one not in boundaries]
-    curves = [boundaries[one].source for one in origins if one in boundaries]
-    barriers = [one for name, one in boundaries.items() if name not in origins]
-    given: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
-    return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), given
+    boundaries = {boundary.name: boundary for boundary in scene.boundaries}
+    points = [_point(text, scene.surface.dim) for text in origins if text not in boundaries]
+    curves = [boundaries[name].source for name in origins if name in boundaries]
+    barriers = [boundary for name, boundary in boundaries.items() if name not in origins]
+    sources: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
+    return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), sources
 
 
 def _point(text: str, dim: int) -> list[float]:
-    """Return the coordinates that a point is given by."""
+    """Return the coordinates in a text such as ``0,0,1``."""
     from cpmkit.errors import InputError
 
     try:
-        found = [float(one) for one in text.split(",")]
+        coordinates = [float(number) for number in text.split(",")]
     except ValueError:
-        found = []
-    if len(found) != dim:
+        coordinates = []
+    if len(coordinates) != dim:
         raise InputError(f"a point is given by {dim} numbers such as {','.join('0' * dim)}, or a name, got {text!r}.")
-    return found
+    return coordinates

@@ -1,4 +1,4 @@
-"""How commands are found, how each tells what it is at, and how each ends that does not end well."""
+"""The group of commands: built-in ones and those of plugins, their progress, and the messages of their errors."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cpmkit.errors import CpmkitError, PluginError, shown
 from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.memory import is_out_of_memory, memory_limit
 
-#: Keys of what a command leaves in its context: the file it works on, the stage it is at, whether to show tracebacks.
+#: Keys in the context of a command: its file, its stage, and whether tracebacks are shown.
 FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
-#: Exit code where the user interrupted the run: 128 and the number of the signal, as shells have it.
+#: Exit code of an interrupted run: 128 and the number of the signal, by the convention of shells.
 INTERRUPTED_EXIT_CODE = 130
 
 
 class UnexpectedError(click.ClickException):
-    """An error that nobody raised on purpose."""
+    """An error that cpmkit did not raise on purpose: a defect."""
 
     exit_code = 3
 
@@ -38,19 +38,21 @@ class CommandGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
         """Return all names, importing nothing."""
-        return [*self.commands, *(name for name in _offered() if name not in self.commands)]
+        return [*self.commands, *(name for name in _plugin_commands() if name not in self.commands)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return a command; a plugin's is imported here."""
         built_in = super().get_command(ctx, cmd_name)
-        point = _offered().get(cmd_name)
+        point = _plugin_commands().get(cmd_name)
         return built_in if built_in or point is None else _load(point)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands; of a plugin's, which is not imported for this, only where it comes from."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
-        plugged = [(name, _origin(_offered()[name])) for name in self.list_commands(ctx) if name not in self.commands]
+        plugged = [
+            (name, _origin(_plugin_commands()[name])) for name in self.list_commands(ctx) if name not in self.commands
+        ]
         if plugged:
             with formatter.section("Commands of plugins"):
                 formatter.write_dl(plugged)
@@ -65,7 +67,9 @@ class CommandGroup(click.Group):
             click.echo(f"\nInterrupted{_at_stage(ctx)}.", err=True)
             raise click.exceptions.Exit(INTERRUPTED_EXIT_CODE) from error
         except Exception as error:
-            if isinstance(error, OSError) and error.errno == errno.EPIPE:  # nobody reads on; click ends quietly
+            if (
+                isinstance(error, OSError) and error.errno == errno.EPIPE
+            ):  # the reader closed the pipe; click ends quietly
                 raise
             if ctx.meta.get(TRACEBACK_KEY):
                 click.echo(traceback.format_exc(), err=True)
@@ -81,10 +85,10 @@ def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickExceptio
     if isinstance(error, OSError) and error.strerror:
         name = f": {shown(error.filename)}" if error.filename else ""
         return click.ClickException(f"The system refused{_at_stage(ctx)}: {error.strerror}{name}.")
-    what = f"{type(error).__name__}: {shown(str(error))}" if str(error) else type(error).__name__
+    error_text = f"{type(error).__name__}: {shown(str(error))}" if str(error) else type(error).__name__
     return UnexpectedError(
-        f"{what}{_at_stage(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it arose, "
-        "for a report."
+        f"{error_text}{_at_stage(ctx)}. This is a bug in cpmkit or in a plugin; the option --traceback shows where it "
+        "arose, for a report."
     )
 
 
@@ -130,10 +134,10 @@ def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str
 
         progress("read", 0.0)
         yield progress
-        del meta[STAGE_KEY]  # what fails from here on belongs to none
+        del meta[STAGE_KEY]  # a later failure belongs to no stage
 
 
-def _offered() -> Mapping[str, EntryPoint]:
+def _plugin_commands() -> Mapping[str, EntryPoint]:
     return {point.name: point for point in sorted(entry_points(group=COMMANDS_GROUP), key=lambda point: point.name)}
 
 

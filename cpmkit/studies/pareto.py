@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cpmkit.studies.series import Series
+from cpmkit.studies.record_series import Series
 from cpmkit.studies.tables import table_row, table_rule
 
 #: What attempts cost, by the name that they have for it, in words.

@@ -1,0 +1,68 @@
+"""The code stays small and keeps to the field's words: bounds on lines, private words and repeated file names."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+#: Lines that the core may have: what it had when its rooms were put in order, and a tenth. Raise it with a reason here.
+LINES = 55_000
+#: Occurrences of private words in identifiers of the core and the plugins. Each is a name that has a field's term.
+PRIVATE_NAMES = 747
+
+
+@pytest.fixture(scope="module")
+def measure():
+    """Return the script that prints the table."""
+    path = Path(__file__).parent / "measure_house.py"
+    spec = importlib.util.spec_from_file_location("measure_house", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def faults(measure, root, lines, private_names):
+    """Return the sentences on what exceeds its bound in a checkout."""
+    core, code = measure.python_files("cpmkit", root=root), measure.python_files("cpmkit", "plugins", root=root)
+    found, private, repeated = [], measure.private_names(code), measure.repeated_file_names(core)
+    if measure.count_lines(core) > lines:
+        found.append(f"cpmkit/ has {measure.count_lines(core):,} lines, more than {lines:,}")
+    if private.total() > private_names:
+        found.append(f"private words in {private.total()} identifiers: {', '.join(sorted(private))}")
+    if repeated:
+        found.append(f"file names of several folders: {', '.join(sorted(repeated))}")
+    return found
+
+
+def test_the_core_keeps_its_bounds(measure):
+    assert faults(measure, measure.ROOT, LINES, PRIVATE_NAMES) == []
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "fault"),
+    [
+        ("cpmkit/grid/band.py", "x = 1\n" * 11, "more than 10"),
+        ("cpmkit/grid/band.py", "def was_told(): pass\n", "was_told"),
+        ("plugins/one/one/band.py", "asked = 1\n", "asked"),
+        ("cpmkit/mesh/lattice.py", "", "lattice"),
+    ],
+)
+def test_a_planted_fault_is_found(measure, tmp_path, file, text, fault):
+    for path in (
+        "cpmkit/__init__.py",
+        "cpmkit/grid/__init__.py",
+        "cpmkit/grid/lattice.py",
+        "cpmkit/grid/tests/held.py",
+    ):
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text("held = 1\n" if "tests" in path else "")
+    assert faults(measure, tmp_path, 10, 0) == []
+    (tmp_path / file).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / file).write_text(text)
+    (sentence,) = faults(measure, tmp_path, 10, 0)
+    assert fault in sentence
+
+
+def test_words_of_identifiers(measure):
+    assert measure.words_of("wasTold_AskedFor2") == ["was", "told", "asked", "for", "2"]
+    assert "withheld" in measure.words_of("withheld")  # a word, not a part of one
