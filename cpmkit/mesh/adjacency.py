@@ -1,60 +1,79 @@
-"""Cutting a mesh along its boundaries: new vertices, and the facets seen from the cells beside them."""
+"""Cells on both sides of boundaries, the rim of a mesh with its outward directions, and seams that are not welded."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.mesh.mesh import Edges, HalfFacets, Mesh, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Floats, Ints
 
+#: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
+SEAM_EDGE_SHARE = 0.05
+#: So many of the nearest edges of the rim are compared.
+SEAM_NEIGHBOURS = 5
 
-def cut_corners(mesh: Mesh, edges: Edges | None = None) -> Ints:
-    """Return (m, k) the vertex that each corner of each cell has once the mesh is cut along its boundaries.
 
-    Corners of triangles are one vertex if one comes from one to the other over edges that no boundary lies on; an
-    edge of three triangles or more joins them all. Of segments all corners at a place are one vertex, and each is its
-    own where a boundary lies. Tips, junctions, rims and one-sided surfaces need no case of their own. The ``edges`` of
-    triangles are found if they are not given.
+@dataclass(frozen=True, eq=False)
+class HalfFacets:
+    """Facets seen from one cell: facets on boundaries, one for each cell beside them, and facets on the rim.
+
+    Attributes
+    ----------
+    cell, facet : (n,) int64
+        The cell, and which of its facets.
+    cut : (n,) int64
+        The number of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
+    along : (n,) int64
+        +1 where the cell traverses the facet in the direction of ``mesh.cut``, -1 where in the reverse direction; on
+        a curve +1 for a cell that ends there, -1 for a cell that starts there.
+    """
+
+    cell: Ints
+    facet: Ints
+    cut: Ints
+    along: Ints
+
+
+def cut_corners(mesh: Mesh) -> Ints:
+    """Return the vertex (m, k) of each corner of each cell once the mesh is cut along its boundaries.
+
+    Corners of triangles are one vertex if a path over edges without a boundary joins them; an edge of three triangles
+    or more joins all of them. Corners of segments at one place are one vertex, except where a boundary lies: there each
+    corner has its own. Tips, junctions, rims and one-sided surfaces need no special case.
     """
     if mesh.manifold_dim == 1:
-        apart = np.zeros(len(mesh.vertices), dtype=bool)
-        apart[mesh.cut] = True
-        own = len(mesh.vertices) + np.arange(mesh.cells.size).reshape(mesh.cells.shape)
-        numbers = np.unique(np.where(apart[mesh.cells], own, mesh.cells), return_inverse=True)[1]
+        on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
+        on_boundary[mesh.cut] = True
+        separate = len(mesh.vertices) + np.arange(mesh.cells.size).reshape(mesh.cells.shape)
+        numbers = np.unique(np.where(on_boundary[mesh.cells], separate, mesh.cells), return_inverse=True)[1]
         return np.asarray(numbers.reshape(mesh.cells.shape), dtype=np.int64)
     from cpmkit.mesh import mesh_kernels
 
-    edges = edges_of(mesh) if edges is None else edges
-    barred = np.zeros(len(edges.ends), dtype=bool)
-    barred[edges_on_cut(mesh, edges)] = True
-    corners: Ints = mesh_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred)
+    edges = mesh.edges
+    barred = np.zeros(len(edges.ends) + 1, dtype=bool)
+    barred[mesh.cut_edges] = True
+    corners: Ints = mesh_kernels.join_corners(np.ascontiguousarray(mesh.cells), edges.of_cells, barred[:-1])
     return corners
 
 
 def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:
-    """Tell whether a vertex of the mesh is several of its ``corners``, not one by another number."""
+    """Tell whether the cut gives some vertex of the mesh several ``corners``, more than a renumbering."""
     return bool(corners.max(initial=-1) + 1 > np.count_nonzero(np.bincount(mesh.cells.ravel())))
 
 
-def half_facets(mesh: Mesh, edges: Edges | None = None) -> HalfFacets:
-    """Return the facets on boundaries, once for each cell beside them, and those of one cell alone: the rim.
+def half_facets(mesh: Mesh) -> HalfFacets:
+    """Return the facets on boundaries, once for each cell beside them, and the facets on the rim.
 
-    Of several boundaries on one facet the first in ``mesh.cut`` is named. The ``edges`` of triangles are found if they
-    are not given.
+    Where several boundaries lie on one facet, the first in ``mesh.cut`` is named.
     """
-    if mesh.manifold_dim == 1:
-        facets, count, on_cut = mesh.cells[:, ::-1], len(mesh.vertices), mesh.cut[:, 0]
-    else:
-        edges = edges_of(mesh) if edges is None else edges
-        facets, count, on_cut = edges.of_cells, len(edges.ends), edges_on_cut(mesh, edges)
+    facets, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
+    on_cut = mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges
     cut = np.full(count, -1)
     cut[on_cut[::-1]] = np.arange(len(on_cut))[::-1]
-    single = np.bincount(facets.ravel(), minlength=count) == 1
-    cell, facet = np.nonzero(((cut >= 0) | single)[facets])
+    cell, facet = np.nonzero(((cut >= 0) | mesh.connectivity.on_rim)[facets])
     of = cut[facets[cell, facet]]
     if mesh.manifold_dim == 1:
         along = np.where(facet == 0, 1, -1)
@@ -66,51 +85,49 @@ def half_facets(mesh: Mesh, edges: Edges | None = None) -> HalfFacets:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """Which rows of points lie on the rim of a mesh, and which way it ends there.
+    """The edges or vertices on the rim of a mesh, and the directions out of the mesh there.
 
     Attributes
     ----------
     rows : (r,) int64
-        Ascending.
+        Their numbers, ascending.
     outward : (r, d) float64
-        Along the cell, out of it, as long as the edge there.
+        Vectors tangent to the cell, pointing out of it, as long as the edge there.
     """
 
     rows: Ints
     outward: Floats
 
     def among(self, chosen: Ints) -> Rim:
-        """Return the same of the points ``chosen`` (n,), each once."""
+        """Return the rim restricted to the points ``chosen`` (n,), all different, with rows numbered among these."""
         at = np.searchsorted(self.rows, chosen)
-        known = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)
-        return Rim(known, self.outward[at[known]])
+        rows = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)
+        return Rim(rows, self.outward[at[rows]])
 
 
-def rim_of_edges(mesh: Mesh, edges: Edges) -> Rim:
-    """Return which edges of triangles lie on the rim; no segment does."""
+def rim_of_edges(mesh: Mesh) -> Rim:
+    """Return the edges of triangles on the rim, perpendicular to each the direction out; segments have none."""
     if mesh.manifold_dim == 1:
         return Rim(np.zeros(0, dtype=np.int64), np.zeros((0, mesh.dim)))
-    single = np.bincount(edges.of_cells.ravel(), minlength=len(edges.ends)) == 1
-    cell, facet = np.nonzero(single[edges.of_cells])
+    edges = mesh.edges
+    cell, facet = np.nonzero(mesh.connectivity.on_rim[edges.of_cells])
     a, b, c = (mesh.vertices[mesh.cells[cell, (facet + k) % 3]] for k in range(3))
-    way = c - b
-    across = b - a
-    across = across - (dots(across, way) / np.maximum(dots(way, way), np.finfo(float).tiny))[:, None] * way
+    along, across = c - b, b - a
+    across = across - (dots(across, along) / np.maximum(dots(along, along), np.finfo(float).tiny))[:, None] * along
     rows = edges.of_cells[cell, facet]
     order = np.argsort(rows)
-    return Rim(rows[order], (norms(way)[:, None] * unit(across))[order])
+    return Rim(rows[order], (norms(along)[:, None] * unit(across))[order])
 
 
-def rim_of_vertices(mesh: Mesh, edges: Edges) -> Rim:
-    """Return which vertices lie on the rim, with the mean of their edges' outward vectors."""
+def rim_of_vertices(mesh: Mesh) -> Rim:
+    """Return the vertices on the rim, each with the mean of the outward vectors of its edges on the rim."""
     if mesh.manifold_dim == 1:
-        single = np.bincount(mesh.cells.ravel(), minlength=len(mesh.vertices)) == 1
-        cell, end = np.nonzero(single[mesh.cells])
+        cell, end = np.nonzero(mesh.connectivity.on_rim[mesh.cells])
         ends, other = mesh.cells[cell, end], mesh.cells[cell, 1 - end]
         outward = mesh.vertices[ends] - mesh.vertices[other]
     else:
-        of_edges = rim_of_edges(mesh, edges)
-        ends = edges.ends[of_edges.rows].ravel()
+        of_edges = rim_of_edges(mesh)
+        ends = mesh.edges.ends[of_edges.rows].ravel()
         outward = np.repeat(of_edges.outward, 2, axis=0)
     rows, place = np.unique(ends, return_inverse=True)
     times = np.bincount(place, minlength=len(rows))
@@ -118,20 +135,16 @@ def rim_of_vertices(mesh: Mesh, edges: Edges) -> Rim:
     return Rim(rows, np.stack(sums, axis=1) / np.maximum(times, 1)[:, None])
 
 
-#: A rim's edge whose middle is nearer than this share of its length to an edge of another rim lies on it.
-SEAM_EDGE_SHARE = 0.05
-#: So many of the nearest edges of rims are looked at.
-NEIGHBOURS = 5
-
-
 def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
-    """Return the middles (k, d) of edges of rims of triangles that lie on edges they share no vertex with.
+    """Return the middles (k, d) of rim edges of triangles that lie on other rim edges and share no vertex with them.
+
+    Such seams are not welded, so nothing flows across them.
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
     half : HalfFacets
-        Of this mesh.
+        The half facets of this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -141,24 +154,9 @@ def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
     ends = mesh.cells[half.cell[rim, None], (half.facet[rim, None] + [1, 2]) % 3]
     a, b = mesh.vertices[ends].transpose(1, 0, 2)
     middle, length = 0.5 * (a + b), norms(b - a)
-    near = cKDTree(middle).query(middle, min(NEIGHBOURS, len(rim)))[1]
-    start, along, x = a[near], (b - a)[near], middle[:, None]
+    others = cKDTree(middle).query(middle, min(SEAM_NEIGHBOURS, len(rim)))[1]
+    start, along, x = a[others], (b - a)[others], middle[:, None]
     t = np.clip(dots(x - start, along) / np.maximum(dots(along, along), np.finfo(float).tiny), 0.0, 1.0)
     gap = norms(x - start - t[..., None] * along)
-    apart = (ends[:, None, :, None] != ends[near][:, :, None, :]).all(axis=(2, 3))
-    return np.asarray(middle[(apart & (gap < SEAM_EDGE_SHARE * length[:, None])).any(axis=1)])
-
-
-def winding_of(mesh: Mesh, edges: Edges | None = None) -> Any:
-    """Return (m,) int8: 1 or -1 for each cell, by which neighbours are wound alike, and 0 beside where they are not.
-
-    The ``edges`` of triangles are found if they are not given.
-    """
-    from cpmkit.mesh.mesh_kernels import wound_alike
-
-    if mesh.manifold_dim == 1:
-        facets, count = mesh.cells[:, ::-1], len(mesh.vertices)
-    else:
-        edges = edges_of(mesh) if edges is None else edges
-        facets, count = edges.of_cells, len(edges.ends)
-    return wound_alike(np.ascontiguousarray(mesh.cells), np.ascontiguousarray(facets, dtype=np.int64), count)
+    disjoint = (ends[:, None, :, None] != ends[others][:, :, None, :]).all(axis=(2, 3))
+    return np.asarray(middle[(disjoint & (gap < SEAM_EDGE_SHARE * length[:, None])).any(axis=1)])

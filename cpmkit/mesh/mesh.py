@@ -1,30 +1,110 @@
-"""Segments or triangles on the manifold, from which samples are drawn, and their facets that lie on boundaries."""
+"""The mesh of a manifold: segments or triangles, flat or quadratic, with the boundaries among their facets.
+
+Edges, winding and other derived quantities are computed on first use and stay with the mesh. Those that depend on the
+connectivity of the cells alone are shared by all meshes that :meth:`Mesh.with_same_cells` makes from one another.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from cpmkit.grid.lattice import find
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: "flat": the cells are the manifold; "feet": it goes through the feet of points near them; "normals": its feet lie on
-#: flat triangles, and its normals tell how it bends over them.
-CellGeometry: TypeAlias = Literal["flat", "feet", "normals"]
+#: How the manifold runs between the vertices of a mesh. "flat": along the cells. "closest_point": through the closest
+#: points of positions on the cells. "normals": closest points lie on the flat cells, and the normals at the vertices
+#: define a smooth surface above them.
+CellGeometry: TypeAlias = Literal["flat", "closest_point", "normals"]
+
+
+@dataclass(frozen=True, eq=False)
+class Edges:
+    """The edges of a mesh, each listed once; the edges of segments are the segments.
+
+    Attributes
+    ----------
+    ends : (e, 2) int64
+        The vertices of each edge.
+    of_cells : (m, 3) or (m, 1) int64
+        The edges of each cell; edge j of a triangle is opposite to corner j.
+    """
+
+    ends: Ints
+    of_cells: Ints
+
+    def lengths(self, vertices: Floats) -> Floats:
+        """Return the distances (e,) between the ends of the edges."""
+        from cpmkit.mesh import mesh_kernels
+
+        lengths: Floats = mesh_kernels.lengths(np.ascontiguousarray(self.ends), np.ascontiguousarray(vertices))
+        return lengths
+
+
+@dataclass(frozen=True, eq=False)
+class Connectivity:
+    """Quantities of a mesh that depend on its cells alone, computed on first use.
+
+    The facet opposite to corner j of a triangle is the edge from corner j + 1 to corner j + 2; the facets of a segment
+    are its ends.
+
+    Attributes
+    ----------
+    cells : (m, k) int64
+        The corners of each cell: k = 2 for segments, 3 for triangles.
+    vertex_count : int
+    """
+
+    cells: Ints
+    vertex_count: int
+
+    @cached_property
+    def edges(self) -> Edges:
+        """The edges of the cells."""
+        if self.cells.shape[1] == 2:
+            return Edges(self.cells, np.arange(len(self.cells))[:, None])
+        from cpmkit.mesh import mesh_kernels
+
+        return Edges(*mesh_kernels.number_edges(np.ascontiguousarray(self.cells), self.vertex_count))
+
+    @property
+    def facet_numbers(self) -> Ints:
+        """(m, k) the number of the facet opposite to each corner: a vertex for segments, an edge for triangles."""
+        return self.cells[:, ::-1] if self.cells.shape[1] == 2 else self.edges.of_cells
+
+    @property
+    def facet_count(self) -> int:
+        """Number of facets."""
+        return self.vertex_count if self.cells.shape[1] == 2 else len(self.edges.ends)
+
+    @property
+    def on_rim(self) -> Bools:
+        """(f,) whether exactly one cell has the facet: then it lies on the rim."""
+        return np.asarray(np.bincount(self.facet_numbers.ravel(), minlength=self.facet_count) == 1)
+
+    @cached_property
+    def winding(self) -> Any:
+        """(m,) int8: 1 or -1, by which neighbouring cells are oriented alike, and 0 beside facets where they cannot be.
+
+        The orientation is propagated over facets that two cells share.
+        """
+        from cpmkit.mesh.mesh_kernels import wound_alike
+
+        facets = np.ascontiguousarray(self.facet_numbers, dtype=np.int64)
+        return wound_alike(np.ascontiguousarray(self.cells), facets, self.facet_count)
 
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
     """Segments (k = 2) or triangles (k = 3) on the manifold; a facet of a cell is opposite to one of its corners.
 
-    So facet j of a triangle is the edge from corner j + 1 to corner j + 2, that of a segment its other end.
-
     Attributes
     ----------
     vertices : (v, d) float64
-        Relative to the lattice's origin, in the scene's unit.
+        Relative to the lattice's origin, in the scene's unit of length.
     cells : (m, k) int64
         The corners of each cell.
     midpoints : (m, e, d) float64, optional
@@ -33,9 +113,9 @@ class Mesh:
     cut : (c, k - 1) int64
         The facets on boundaries: edges from tail to head along the boundary, or vertices of a curve.
     owner : (c,) int64
-        The number of the boundary that each of these lies on.
-    extends : (c,) bool
-        Whether the facet goes on past a tip of its boundary, where u is continuous.
+        The number of the boundary on which each of these facets lies.
+    beyond_tip : (c,) bool
+        Whether the facet continues a boundary past its tip, where u is continuous.
     """
 
     vertices: Floats
@@ -47,9 +127,35 @@ class Mesh:
 
     @classmethod
     def of(cls, vertices: Floats, cells: Ints, midpoints: Floats | None = None) -> Mesh:
-        """Return a mesh that no boundary cuts."""
+        """Return a mesh with no boundary among its facets."""
         none = np.zeros(0, dtype=np.int64)
         return cls(vertices, cells, midpoints, none.reshape(0, cells.shape[1] - 1), none, none.astype(bool))
+
+    def with_same_cells(self, **changes: Any) -> Mesh:
+        """Return the mesh with other ``vertices``, ``midpoints`` or facets on boundaries; connectivity is shared."""
+        mesh = replace(self, **changes)
+        mesh.__dict__["connectivity"] = self.connectivity  # in the place where cached_property stores it
+        return mesh
+
+    @cached_property
+    def connectivity(self) -> Connectivity:
+        """Quantities that depend on the cells alone."""
+        return Connectivity(self.cells, len(self.vertices))
+
+    @property
+    def edges(self) -> Edges:
+        """The edges of the cells."""
+        return self.connectivity.edges
+
+    @property
+    def winding(self) -> Any:
+        """(m,) int8: the orientation of each cell, see :attr:`Connectivity.winding`."""
+        return self.connectivity.winding
+
+    @cached_property
+    def edge_lengths(self) -> Floats:
+        """(e,) the length of the chord of each edge."""
+        return self.edges.lengths(self.vertices)
 
     @property
     def dim(self) -> int:
@@ -63,77 +169,24 @@ class Mesh:
 
     @property
     def facets(self) -> Ints:
-        """(m, k, k - 1) the vertices of each cell's facets, in the cell's sense."""
+        """(m, k, k - 1) the vertices of each cell's facets, in the orientation of the cell."""
         k = self.cells.shape[1]
         places = (np.arange(k)[:, None] + np.arange(1, k)) % k
         return self.cells[:, places]
 
-
-@dataclass(frozen=True, eq=False)
-class HalfFacets:
-    """Facets seen from one cell: those on boundaries, one for each cell beside them, and those on the rim.
-
-    Attributes
-    ----------
-    cell, facet : (n,) int64
-        The cell, and which of its facets.
-    cut : (n,) int64
-        The number of the facet in ``mesh.cut``; -1 on a rim that no boundary lies on.
-    along : (n,) int64
-        +1 where the cell's own sense of the facet is the direction of ``mesh.cut``, -1 where it is the reverse; of a
-        curve +1 for a cell that ends there, -1 for one that starts there.
-    """
-
-    cell: Ints
-    facet: Ints
-    cut: Ints
-    along: Ints
-
-
-@dataclass(frozen=True, eq=False)
-class Edges:
-    """The edges of a mesh, each once; those of segments are the segments.
-
-    Attributes
-    ----------
-    ends : (e, 2) int64
-        Their vertices.
-    of_cells : (m, 3) or (m, 1) int64
-        The edges of each cell; of a triangle edge j is opposite to corner j.
-    """
-
-    ends: Ints
-    of_cells: Ints
-
-    def lengths(self, vertices: Floats) -> Floats:
-        """Return (e,) the distances of their ends."""
-        from cpmkit.mesh import mesh_kernels
-
-        found: Floats = mesh_kernels.lengths(np.ascontiguousarray(self.ends), np.ascontiguousarray(vertices))
-        return found
-
-
-def edges_of(mesh: Mesh) -> Edges:
-    """Return the edges of a mesh's cells."""
-    if mesh.manifold_dim == 1:
-        return Edges(mesh.cells, np.arange(len(mesh.cells))[:, None])
-    from cpmkit.mesh import mesh_kernels
-
-    return Edges(*mesh_kernels.number_edges(np.ascontiguousarray(mesh.cells), len(mesh.vertices)))
-
-
-def edges_on_cut(mesh: Mesh, edges: Edges) -> Ints:
-    """Return (c,) the numbers that the edges of triangles in ``mesh.cut`` have among ``edges``, -1 if none."""
-    if not len(mesh.cut):
-        return np.zeros(0, dtype=np.int64)
-    count = len(mesh.vertices)
-    ends = np.sort(mesh.cut, axis=1)
-    wanted, place = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
-    on_cut = np.zeros(count, dtype=bool)
-    on_cut[ends] = True
-    near = np.flatnonzero(on_cut[edges.ends].all(axis=1))
-    low, high = np.sort(edges.ends[near], axis=1).T
-    at = find(wanted, low * count + high)
-    number = np.full(len(wanted), -1)
-    number[at[at >= 0]] = near[at >= 0]
-    return np.asarray(number[place.ravel()], dtype=np.int64)
+    @property
+    def cut_edges(self) -> Ints:
+        """(c,) the numbers among ``edges`` of the edges of triangles in ``cut``, -1 for edges that no cell has."""
+        if not len(self.cut):
+            return np.zeros(0, dtype=np.int64)
+        count, edges = len(self.vertices), self.edges
+        ends = np.sort(self.cut, axis=1)
+        codes, place = np.unique(ends[:, 0] * count + ends[:, 1], return_inverse=True)
+        on_cut = np.zeros(count, dtype=bool)
+        on_cut[ends] = True
+        candidates = np.flatnonzero(on_cut[edges.ends].all(axis=1))
+        low, high = np.sort(edges.ends[candidates], axis=1).T
+        at = find(codes, low * count + high)
+        number = np.full(len(codes), -1)
+        number[at[at >= 0]] = candidates[at >= 0]
+        return np.asarray(number[place.ravel()], dtype=np.int64)

@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
-from cpmkit.mesh.mesh import Edges, Mesh, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.protocols import Floats, Ints
 
 #: A crossing nearer to an end of its segment than this share of it, or to another crossing, is none of its own.
@@ -39,7 +39,7 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Flat segments.
     spacing : float
         h, in the unit of the vertices.
@@ -154,8 +154,8 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, Halves]:
     needle = np.flatnonzero(most > NEEDLE_EDGES * width)
     if not len(needle):
         return mesh, Halves(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    edges = edges_of(mesh)
-    lengths = edges.lengths(mesh.vertices)
+    edges = mesh.edges
+    lengths = mesh.edge_lengths
     lead = lengths[edges.of_cells[needle]].argmin(axis=1)
     chains = edges.of_cells[needle[:, None], (lead[:, None] + [2, 1]) % 3]
     chosen = np.zeros(len(lengths), dtype=bool)
@@ -169,7 +169,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, Halves]:
     pieces = subdivision_kernels.cut_across(corners, chains, 2**wanted, edges.ends, 2**levels, parted.first, vertices)
     cells = np.concatenate([np.delete(mesh.cells, needle, axis=0), pieces])
     cut = replace(mesh, vertices=vertices, cells=cells)
-    return _with_parted_cut(cut, parted, edges_on_cut(mesh, edges)), _halves(parted)
+    return _with_parted_cut(cut, parted, mesh.cut_edges), _halves(parted)
 
 
 def _levels(shares: Floats) -> Ints:
@@ -227,7 +227,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Of flat cells.
     length : float
         In the unit of the vertices.
@@ -248,16 +248,16 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
         if not long.any():
             return replace(mesh, cells=np.concatenate(short))
         mesh = replace(mesh, cells=mesh.cells[long])
-        edges = edges_of(mesh)
+        edges = mesh.edges
         middle = np.full(len(edges.ends), -1)
         long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, longest)
         middle[long] = halves.of(edges.ends[long])
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
-        mesh = halve_edges(mesh, edges, middle, mesh.vertices[edges.ends[new]].mean(axis=1))
+        mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[new]].mean(axis=1))
 
 
-def halve_edges(mesh: Mesh, edges: Edges, middle: Ints, points: Floats) -> Mesh:
+def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
     """Return triangles with their edges halved at the vertices ``middle`` (e,), -1 where one stays whole.
 
     ``points`` (k, d) are those vertices that the mesh does not have yet.
@@ -265,8 +265,8 @@ def halve_edges(mesh: Mesh, edges: Edges, middle: Ints, points: Floats) -> Mesh:
     from cpmkit.mesh import subdivision_kernels
 
     vertices = np.concatenate([mesh.vertices, points])
-    cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), edges.of_cells, middle, vertices)
-    on_cut = edges_on_cut(mesh, edges)
+    cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
+    on_cut = mesh.cut_edges
     return _with_halved_cut(replace(mesh, vertices=vertices, cells=cells), np.append(middle, -1)[on_cut])
 
 

@@ -44,7 +44,7 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Not cut by boundaries; unused vertices are left out.
     """
     at, corners, kept, mended = repaired_cells(mesh)

@@ -1,8 +1,9 @@
-"""Triangles between a boundary and a chord of it: the chord is flipped, so that no triangle has two edges there.
+"""Triangles with two edges on one boundary: the boundary takes the third edge, or the third edge is flipped.
 
-Such a triangle is thinner than the boundary bends. With its edges there on the boundary and the chord on the manifold
-it turns over, and with its edges straight there is area on the wrong side, as much as two thirds of the chord's height
-times its length.
+A boundary that was inserted along chords may pass a triangle on one side while the boundary itself passes it on the
+other: then it is led along the third edge. Elsewhere the triangle is thinner than the boundary bends. With its edges on
+the boundary and the third edge on the manifold it would turn over, and with straight edges there would be area on the
+wrong side of the boundary, up to two thirds of the chord's height times its length: then the third edge is flipped.
 """
 
 from __future__ import annotations
@@ -12,158 +13,164 @@ from dataclasses import replace
 import numpy as np
 
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import Edges, Mesh, edges_on_cut
-from cpmkit.meshing.untangle_vertices import KEPT_SHARE, area_ratios
+from cpmkit.mesh.mesh import Edges, Mesh
+from cpmkit.meshing.untangling import LEAST_AREA_RATIO, area_ratios
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: A boundary runs on through a vertex where the cosine of the angle between its edges there is below this.
-RUNS_ON_COSINE = -0.8
+#: A boundary continues through a vertex where the cosine of the angle between its edges there is below this.
+STRAIGHT_COSINE = -0.8
+#: A triangle that is passed on its other side may leave a next triangle to be passed: so often it is repeated.
+REMOVAL_ROUNDS = 4
 
 
-def flip_chords(mesh: Mesh, edges: Edges) -> Mesh:
-    """Return a mesh of triangles with the chords of its boundaries flipped; ``edges`` are its own.
+def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:
+    """Lead boundaries along the third edge of triangles that would turn over.
 
-    A chord stays where it is on a boundary or a rim, where the two triangles at it are not wound alike, where they make
-    no convex quadrilateral, or where the vertices that it would join have an edge already.
+    Parameters
+    ----------
+    mesh : Mesh
+        Triangles.
+    before, moved : (v, d) float64
+        Its vertices, and the same with the boundary vertices moved onto the boundaries.
+
+    Returns
+    -------
+    mesh : Mesh
+        With the same cells and fewer facets on boundaries.
+    released : (k,) int64
+        Vertices that no longer lie on a boundary.
     """
-    number = edges_on_cut(mesh, edges)
+    released = [np.zeros(0, dtype=np.int64)]
+    for _ in range(REMOVAL_ROUNDS):
+        pairs, corners = _double_edges(mesh, before, moved)
+        if not len(pairs):
+            break
+        mesh = _replace_pairs(mesh, pairs, corners)
+        released.append(corners[:, 0])
+    return mesh, np.concatenate(released)
+
+
+def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints]:
+    """Return pairs of rows (k, 2) of ``mesh.cut``, and the corners (k, 3) of their triangle, the common corner first.
+
+    Of triangles that share a row only the first is returned.
+    """
+    edges = mesh.edges
+    row = np.full(len(edges.ends) + 1, -1)
+    row[mesh.cut_edges] = np.arange(len(mesh.cut))
+    row[-1] = -1
+    rows = row[edges.of_cells]
+    triangles = np.flatnonzero((rows >= 0).sum(axis=1) == 2)
+    corners = mesh.cells[triangles]
+    triangles = triangles[area_ratios(before[corners], moved[corners]) < LEAST_AREA_RATIO]
+    around = (rows[triangles].argmin(axis=1)[:, None] + np.arange(3)) % 3
+    corners, pairs = (np.take_along_axis(table[triangles], around, 1) for table in (mesh.cells, rows))
+    pairs, ends = pairs[:, 1:], np.bincount(mesh.cut.ravel(), minlength=len(before))
+    fits = (mesh.owner[pairs[:, 0]] == mesh.owner[pairs[:, 1]]) & ~mesh.beyond_tip[pairs].any(axis=1)
+    fits &= (ends[corners[:, 0]] == 2) & (_starts_at_common_corner(mesh, pairs, corners).sum(axis=1) == 1)
+    pairs, corners = pairs[fits], corners[fits]
+    first = np.full(len(mesh.cut), len(pairs))
+    np.minimum.at(first, pairs, np.arange(len(pairs))[:, None])
+    unique = (first[pairs] == np.arange(len(pairs))[:, None]).all(axis=1)
+    return pairs[unique], corners[unique]
+
+
+def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
+    """Return (k, 2) whether rows of ``mesh.cut`` start at the common corner: one of two consecutive rows does."""
+    return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
+
+
+def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
+    """Return the mesh with the third edge of these triangles on the boundary, in place of the two edges ``pairs``."""
+    later = _starts_at_common_corner(mesh, pairs, corners).argmax(axis=1)
+    first = np.take_along_axis(pairs, 1 - later[:, None], 1)[:, 0]
+    second = np.take_along_axis(pairs, later[:, None], 1)[:, 0]
+    cut = mesh.cut.copy()
+    cut[first, 1] = mesh.cut[second, 1]
+    remaining = np.ones(len(cut), dtype=bool)
+    remaining[second] = False
+    parts = {"owner": mesh.owner[remaining], "beyond_tip": mesh.beyond_tip[remaining]}
+    return mesh.with_same_cells(cut=cut[remaining], **parts)
+
+
+def flip_chords(mesh: Mesh) -> Mesh:
+    """Return a mesh of triangles in which chords of boundaries are flipped, so that no triangle has two edges on one.
+
+    A chord stays where it lies on a boundary or the rim, where its two triangles are not wound alike or form no convex
+    quadrilateral, or where the vertices that the flipped edge would join have an edge already.
+    """
+    edges = mesh.edges
     on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
-    on_cut[number] = True
+    on_cut[mesh.cut_edges] = True
     on_cut[-1] = False
-    own = on_cut[edges.of_cells]
-    thin = np.flatnonzero(own.sum(axis=1) == 2)
+    of_cells = on_cut[edges.of_cells]
+    thin = np.flatnonzero(of_cells.sum(axis=1) == 2)
     if not len(thin):
         return mesh
-    cells, chords = _turned(mesh.cells, edges, thin, own[thin].argmin(axis=1))
-    ways = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
-    straight = dots(ways[:, 0], ways[:, 1]) < RUNS_ON_COSINE * norms(ways[:, 0]) * norms(ways[:, 1])
+    cells, chords = _rotate(mesh.cells, edges, thin, of_cells[thin].argmin(axis=1))
+    sides = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
+    straight = dots(sides[:, 0], sides[:, 1]) < STRAIGHT_COSINE * norms(sides[:, 0]) * norms(sides[:, 1])
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
-    beside, corner = _beside(edges, thin, chords)
-    thin, cells, beside, corner = (one[beside >= 0] for one in (thin, cells, beside, corner))
-    across, _ = _turned(mesh.cells, edges, beside, corner)
+    neighbour, corner = _neighbours(edges, thin, chords)
+    thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
+    across, _ = _rotate(mesh.cells, edges, neighbour, corner)
     first = np.stack([cells[:, 0], cells[:, 1], across[:, 0]], axis=1)
     second = np.stack([cells[:, 0], across[:, 0], cells[:, 2]], axis=1)
     fits = (across[:, 1] == cells[:, 2]) & (across[:, 2] == cells[:, 1])
-    fits &= _convex(mesh.vertices, cells, across, first, second) & _apart(mesh, edges, cells[:, 0], across[:, 0])
-    fits &= _alone(np.concatenate([thin, beside]), np.tile(fits, 2)).reshape(2, -1).all(axis=0)
+    fits &= _are_convex(mesh.vertices, cells, across, first, second) & _have_no_edge(mesh, cells[:, 0], across[:, 0])
+    fits &= _are_unique(np.concatenate([thin, neighbour]), np.tile(fits, 2)).reshape(2, -1).all(axis=0)
     flipped = mesh.cells.copy()
-    flipped[thin[fits]], flipped[beside[fits]] = first[fits], second[fits]
+    flipped[thin[fits]], flipped[neighbour[fits]] = first[fits], second[fits]
     return replace(mesh, cells=flipped)
 
 
-def _turned(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, Ints]:
-    """Return the corners (k, 3) of the triangles ``rows``, the ``lead`` first, and the edges (k,) opposite to these."""
+def _rotate(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, Ints]:
+    """Return the corners (k, 3) of triangles ``rows`` with corner ``lead`` first, and the opposite edges (k,)."""
     around = (lead[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells[rows], around, 1), edges.of_cells[rows, lead]
 
 
-def _beside(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
-    """Return the one other triangle (k,) at edges of triangles, -1 if it is not one, and its corner off the edge."""
-    near = np.zeros(len(edges.ends), dtype=bool)
-    near[shared] = True
-    cell, corner = np.nonzero(near[edges.of_cells])
+def _neighbours(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
+    """Return the other triangle (k,) at the edges ``shared``, -1 unless it is the only one, and its opposite corner."""
+    chosen = np.zeros(len(edges.ends), dtype=bool)
+    chosen[shared] = True
+    cell, corner = np.nonzero(chosen[edges.of_cells])
     edge = edges.of_cells[cell, corner]
     count = np.bincount(edge, minlength=len(edges.ends))
     cells, corners = np.zeros((2, len(edges.ends)), dtype=np.int64)
     np.add.at(cells, edge, cell)
     np.add.at(corners, edge, corner)
-    own = edges.of_cells[rows] == shared[:, None]
-    other, at = cells[shared] - rows, corners[shared] - own.argmax(axis=1)
+    is_shared = edges.of_cells[rows] == shared[:, None]
+    other, at = cells[shared] - rows, corners[shared] - is_shared.argmax(axis=1)
     return np.where(count[shared] == 2, other, -1), at
 
 
-def _convex(vertices: Floats, cells: Ints, across: Ints, first: Ints, second: Ints) -> Bools:
-    """Whether both new triangles are wound as the quadrilateral of the old ones."""
-    around = _area(vertices, cells) + _area(vertices, across)
-    fine: Bools = (dots(_area(vertices, first), around) > 0) & (dots(_area(vertices, second), around) > 0)
-    return fine
+def _are_convex(vertices: Floats, cells: Ints, across: Ints, first: Ints, second: Ints) -> Bools:
+    """Return whether both new triangles are oriented like the quadrilateral of the old ones."""
+    around = _area_vectors(vertices, cells) + _area_vectors(vertices, across)
+    alike = [dots(_area_vectors(vertices, triangles), around) > 0 for triangles in (first, second)]
+    return np.asarray(alike[0] & alike[1])
 
 
-def _area(vertices: Floats, cells: Ints) -> Floats:
+def _area_vectors(vertices: Floats, cells: Ints) -> Floats:
+    """Return normals (m, 3) of triangles, as long as twice their area."""
     x = vertices[cells]
     if x.shape[2] == 2:
         x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
     return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
 
 
-def _apart(mesh: Mesh, edges: Edges, one: Ints, other: Ints) -> Bools:
-    """Whether pairs of vertices (k,) have no edge."""
+def _have_no_edge(mesh: Mesh, first: Ints, second: Ints) -> Bools:
+    """Return which pairs of vertices (k,) no edge joins."""
     count = len(mesh.vertices)
-    low, high = np.minimum(one, other), np.maximum(one, other)
-    ends = np.sort(edges.ends, axis=1)
+    low, high = np.minimum(first, second), np.maximum(first, second)
+    ends = np.sort(mesh.edges.ends, axis=1)
     return ~np.isin(low * count + high, ends[:, 0] * count + ends[:, 1])
 
 
-def _alone(cells: Ints, target: Bools) -> Bools:
-    """Whether each of ``cells`` that is asked for is so once."""
-    found, where, count = np.unique(cells[target], return_inverse=True, return_counts=True)
-    del found
-    alone = np.zeros(len(cells), dtype=bool)
-    alone[np.flatnonzero(target)] = count[where] == 1
-    return alone
-
-
-#: A triangle that is passed on its other side may leave the next one to be passed so; so often it is looked again.
-ROUNDS = 4
-
-
-def remove_double_boundary_edges(mesh: Mesh, edges: Edges, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:
-    """Return the mesh with its boundaries led past such triangles, and the vertices (k,) that are on them no more.
-
-    Parameters
-    ----------
-    mesh : SampleMesh
-        Of triangles.
-    edges : Edges
-        Its edges.
-    before, moved : (v, d) float64
-        Its vertices, and the same with those on boundaries moved onto these.
-    """
-    left = []
-    for _ in range(ROUNDS):
-        rows, corners = _passed(mesh, edges, before, moved)
-        if not len(rows):
-            break
-        mesh = _led_past(mesh, rows, corners)
-        left.append(corners[:, 0])
-    return mesh, np.concatenate([np.zeros(0, dtype=np.int64), *left])
-
-
-def _passed(mesh: Mesh, edges: Edges, before: Floats, moved: Floats) -> tuple[Ints, Ints]:
-    """Return two rows (k, 2) of ``mesh.cut``, and the corners (k, 3) of the triangle they are of, their common first.
-
-    Of triangles that share a row one is returned.
-    """
-    row = np.full(len(edges.ends) + 1, -1)
-    row[edges_on_cut(mesh, edges)] = np.arange(len(mesh.cut))
-    row[-1] = -1
-    rows = row[edges.of_cells]
-    two = np.flatnonzero((rows >= 0).sum(axis=1) == 2)
-    two = two[area_ratios(before[mesh.cells[two]], moved[mesh.cells[two]]) < KEPT_SHARE]
-    lead = rows[two].argmin(axis=1)
-    around = (lead[:, None] + np.arange(3)) % 3
-    corners, pairs = (np.take_along_axis(one[two], around, 1) for one in (mesh.cells, rows))
-    pairs, ends = pairs[:, 1:], np.bincount(mesh.cut.ravel(), minlength=len(before))
-    fits = (mesh.owner[pairs[:, 0]] == mesh.owner[pairs[:, 1]]) & ~mesh.beyond_tip[pairs].any(axis=1)
-    fits &= (ends[corners[:, 0]] == 2) & (_starts(mesh, pairs, corners).sum(axis=1) == 1)
-    pairs, corners = pairs[fits], corners[fits]
-    once = np.full(len(mesh.cut), len(pairs))
-    np.minimum.at(once, pairs, np.arange(len(pairs))[:, None])
-    alone = (once[pairs] == np.arange(len(pairs))[:, None]).all(axis=1)
-    return pairs[alone], corners[alone]
-
-
-def _starts(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
-    """Return (k, 2) whether rows of ``mesh.cut`` start at the common corner: one of two that run one way does."""
-    return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
-
-
-def _led_past(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
-    """Return the mesh with the third edge of these triangles on the boundary, in place of its two ``pairs``."""
-    second = _starts(mesh, pairs, corners).argmax(axis=1)
-    first = np.take_along_axis(pairs, 1 - second[:, None], 1)[:, 0]
-    cut = mesh.cut.copy()
-    cut[first, 1] = mesh.cut[np.take_along_axis(pairs, second[:, None], 1)[:, 0], 1]
-    kept = np.ones(len(cut), dtype=bool)
-    kept[np.take_along_axis(pairs, second[:, None], 1)[:, 0]] = False
-    return replace(mesh, cut=cut[kept], owner=mesh.owner[kept], beyond_tip=mesh.beyond_tip[kept])
+def _are_unique(cells: Ints, chosen: Bools) -> Bools:
+    """Return which of the ``chosen`` cells (k,) occur once among the chosen."""
+    _, place, count = np.unique(cells[chosen], return_inverse=True, return_counts=True)
+    unique = np.zeros(len(cells), dtype=bool)
+    unique[np.flatnonzero(chosen)] = count[place] == 1
+    return unique

@@ -1,72 +1,36 @@
-"""Moving a mesh onto the manifold: vertices to their feet, and a midpoint for each edge."""
+"""Quadratic cells from closest points: vertices are moved onto the manifold, and each edge gets a midpoint there.
+
+A boundary is inserted along chords, and its vertices are moved onto it afterwards. Vertices that lie nearer to these
+chords than the boundary does move along, so that no thin triangle between turns over.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vectors import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
-from cpmkit.mesh.mesh import Edges, Mesh, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.boundary_edges import flip_chords, remove_double_boundary_edges
-from cpmkit.meshing.untangle_midpoints import untangle_midpoints
-from cpmkit.meshing.untangle_vertices import untangle_vertices
+from cpmkit.meshing.untangling import untangle_midpoints, untangle_vertices
 from cpmkit.protocols import Bools, Floats, Ints
 
-#: Vertices go along as far as this share of the longest edge of a boundary from it, less and less.
-REACH_EDGE_SHARE = 0.5
-#: Points of an edge between which the way of its ends is interpolated.
-SHARES = np.array([0.0, 0.25, 0.5, 0.75])
-
-
-def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
-    """Return the ``free`` vertices (v,) of triangles beside edges on boundaries, (k,), and where these carry them.
-
-    Parameters
-    ----------
-    mesh : SampleMesh
-        With edges on boundaries.
-    before, moved : (v, d) float64
-        Its vertices, and the same with those on boundaries moved onto these.
-    free : (v,) bool
-        Those that may go along.
-    """
-    from scipy.spatial import cKDTree
-
-    none = np.zeros(0, dtype=np.int64)
-    edges = mesh.cut[~mesh.beyond_tip]
-    if mesh.manifold_dim == 1 or not len(edges) or np.array_equal(before, moved):
-        return none, before[none]
-    shares = SHARES[:, None, None]
-    places, ways = (
-        ((1 - shares) * one[edges[:, 0]] + shares * one[edges[:, 1]]).reshape(-1, mesh.dim)
-        for one in (before, moved - before)
-    )
-    reach = REACH_EDGE_SHARE * float(norms(before[edges[:, 1]] - before[edges[:, 0]]).max())
-    used = np.zeros(len(before), dtype=bool)
-    used[mesh.cells] = True
-    rows = np.flatnonzero(free & used)
-    distance, nearest = cKDTree(places).query(before[rows], distance_upper_bound=reach)
-    near = np.isfinite(distance)
-    share = 1 - distance[near] / reach
-    way = share[:, None] * ways[nearest[near]]
-    going = np.flatnonzero(way.any(axis=1))
-    rows = rows[near][going]
-    return rows, before[rows] + way[going]
-
-
-#: A midpoint whose foot is farther from it than this share of its edge stays on the chord: there is a crease.
+#: A midpoint whose closest point is farther away than this share of its edge stays on the chord: there is a crease.
 CREASED_EDGE_SHARE = 0.15
-#: The rim is looked for beyond that of the mesh: by as much as rounding, then by so much of the edge there.
+#: The rim is searched for beyond the rim of the mesh: by a rounding, then by these shares of the edge length.
 ON_RIM_EDGE_SHARE, RIM_EDGE_SHARES = 1e-6, (0.5, 1.0, 2.0, 4.0)
 #: A vertex moves onto its boundary if that is nearer than this share of the longest edge there.
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
-#: How often a vertex that has to lie on several things is moved from one to the next.
+#: Alternating projections of a vertex that lies on several boundaries or on a boundary and the rim.
 PROJECTION_ROUNDS = 4
+#: Vertices move along with a boundary up to a distance of this share of its longest edge, linearly less with distance.
+REACH_EDGE_SHARE = 0.5
+#: Points of an edge on a boundary at which the displacement of its ends is interpolated.
+DISPLACEMENT_SHARES = np.array([0.0, 0.25, 0.5, 0.75])
 
 
 def curve_from_points(
@@ -76,14 +40,14 @@ def curve_from_points(
 
     Parameters
     ----------
-    mesh : SampleMesh
-        Flat cells near the manifold, split and cut.
+    mesh : Mesh
+        Flat cells near the manifold, subdivided, with the boundaries inserted.
     source : LocalSource
         The manifold.
     boundaries : sequence of LocalSource
         By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
     spacing : float, optional
-        Of the lattice: segments are split where the curve crosses its knot planes.
+        Spacing of the lattice: segments are split where the curve crosses its knot planes.
     """
     mesh = move_vertices_to_manifold(mesh, source, boundaries)
     if mesh.manifold_dim == 1 and spacing is not None:
@@ -92,105 +56,136 @@ def curve_from_points(
 
 
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with its vertices on the manifold: those of the rim on its rim, those of boundaries on these.
+    """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    What extends a boundary past its tip lies on the manifold alone.
+    Facets that continue a boundary past its tip lie on the manifold alone.
     """
-    edges = edges_of(mesh)
-    rim = rim_of_vertices(mesh, edges)
+    rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)
-    for_rim = np.zeros(len(points), dtype=bool)
-    for_rim[rim.rows] = True
-    on = [boundary_vertices(mesh, owner) for owner in range(len(boundaries))]
-    times = np.bincount(np.concatenate([for_rim.nonzero()[0], *on]), minlength=len(points))
+    on_rim = np.zeros(len(points), dtype=bool)
+    on_rim[rim.rows] = True
+    on_boundaries = [boundary_vertices(mesh, owner) for owner in range(len(boundaries))]
+    times = np.bincount(np.concatenate([on_rim.nonzero()[0], *on_boundaries]), minlength=len(points))
     if not times.any():
-        return replace(mesh, vertices=points)
-    reach = ONTO_BOUNDARY_EDGE_SHARE * longest_edges(mesh, edges, np.flatnonzero(times))
+        return mesh.with_same_cells(vertices=points)
+    reach = ONTO_BOUNDARY_EDGE_SHARE * longest_edges(mesh, np.flatnonzero(times))
     before = points.copy()
     for turn in range(PROJECTION_ROUNDS):
-        for rows, boundary in zip(on, boundaries, strict=True):
-            target = rows if turn == 0 else rows[times[rows] > 1]
-            if boundary is None or not len(target):
+        for vertices, boundary in zip(on_boundaries, boundaries, strict=True):
+            rows = vertices if turn == 0 else vertices[times[vertices] > 1]
+            if boundary is None or not len(rows):
                 continue
-            onto = boundary.closest_point(points[target]).points
-            points[target] = _to_manifold(source, onto, rim.among(target))
-    astray = norms(points - before) > reach
-    points[astray] = before[astray]
+            points[rows] = _to_manifold(source, boundary.closest_point(points[rows]).points, rim.among(rows))
+    too_far = norms(points - before) > reach
+    points[too_far] = before[too_far]
     if mesh.manifold_dim == 2:
-        mesh, left = remove_double_boundary_edges(mesh, edges, before, points)
-        points[left], times[left] = before[left], 0
-    rows, beside = move_neighbours(mesh, before, points, times == 0)
-    points[rows] = source.closest_point(beside).points
-    mesh = replace(mesh, vertices=untangle_vertices(mesh, before, points))
-    return flip_chords(mesh, edges) if mesh.manifold_dim == 2 and len(mesh.cut) else mesh
+        mesh, released = remove_double_boundary_edges(mesh, before, points)
+        points[released], times[released] = before[released], 0
+    rows, neighbours = move_neighbours(mesh, before, points, times == 0)
+    points[rows] = source.closest_point(neighbours).points
+    mesh = mesh.with_same_cells(vertices=untangle_vertices(mesh, before, points))
+    return flip_chords(mesh) if mesh.manifold_dim == 2 and len(mesh.cut) else mesh
 
 
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with a point of the manifold for each edge, the same for all cells that have the edge."""
-    edges = edges_of(mesh)
+    """Return the mesh with a point of the manifold for each edge, the same for all cells that share the edge."""
+    edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
-    length, target = edges.lengths(mesh.vertices), straight.copy()
-    rim = rim_of_edges(mesh, edges)
+    positions = straight.copy()
     if mesh.manifold_dim == 2:
-        number = edges_on_cut(mesh, edges)
+        on_cut = mesh.cut_edges
         for owner, boundary in enumerate(boundaries):
-            rows = np.unique(number[(mesh.owner == owner) & ~mesh.beyond_tip])
+            rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
             if boundary is not None and len(rows):
-                target[rows] = boundary.closest_point(straight[rows]).points
-    found = _uncreased(_to_manifold(source, target, rim), straight, length)
+                positions[rows] = boundary.closest_point(straight[rows]).points
+    midpoints = _limit_height(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
-        own = number[~mesh.beyond_tip]
-        found = untangle_midpoints(mesh, edges, own, found, straight, source, lambda x: source.closest_point(x).points)
-        found = _uncreased(found, straight, length)
-    return replace(mesh, midpoints=found[edges.of_cells])
+        on_boundary = on_cut[~mesh.beyond_tip]
+        arguments = midpoints, straight, source, lambda x: source.closest_point(x).points
+        midpoints = _limit_height(untangle_midpoints(mesh, on_boundary, *arguments), straight, length)
+    return mesh.with_same_cells(midpoints=midpoints[edges.of_cells])
 
 
-def _uncreased(found: Floats, straight: Floats, length: Floats) -> Floats:
-    """Return the midpoints ``found`` (n, d), or those of the chords where these are too far off."""
-    return np.where((norms(found - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, found)
+def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
+    """Return the vertices (k,) near boundaries that move along with these, and their new positions (k, d).
 
+    Parameters
+    ----------
+    mesh : Mesh
+        Triangles with edges on boundaries.
+    before, moved : (v, d) float64
+        Its vertices, and the same with the boundary vertices moved onto the boundaries.
+    free : (v,) bool
+        Which vertices may move.
+    """
+    from scipy.spatial import cKDTree
 
-def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
-    """Return the feet (n, d) of ``points``; those of the rim from farther and farther out, until they are on a rim."""
-    target = np.array(points)
-    target[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
-    feet = source.closest_point(target)
-    moved = np.array(feet.points)
-    left = np.flatnonzero(feet.edge[rim.rows] < 0)
-    for share in RIM_EDGE_SHARES:
-        if not len(left):
-            break
-        rows = rim.rows[left]
-        beyond = source.closest_point(np.ascontiguousarray(points[rows] + share * rim.outward[left]))
-        found = beyond.edge >= 0
-        moved[rows[found]] = beyond.points[found]
-        left = left[~found]
-    return moved
+    none = np.zeros(0, dtype=np.int64)
+    edges = mesh.cut[~mesh.beyond_tip]
+    if mesh.manifold_dim == 1 or not len(edges) or np.array_equal(before, moved):
+        return none, before[none]
+    shares = DISPLACEMENT_SHARES[:, None, None]
+    positions, displacements = (
+        ((1 - shares) * values[edges[:, 0]] + shares * values[edges[:, 1]]).reshape(-1, mesh.dim)
+        for values in (before, moved - before)
+    )
+    reach = REACH_EDGE_SHARE * float(norms(before[edges[:, 1]] - before[edges[:, 0]]).max())
+    used = np.zeros(len(before), dtype=bool)
+    used[mesh.cells] = True
+    rows = np.flatnonzero(free & used)
+    distance, nearest = cKDTree(positions).query(before[rows], distance_upper_bound=reach)
+    within = np.isfinite(distance)
+    displacement = (1 - distance[within] / reach)[:, None] * displacements[nearest[within]]
+    moving = np.flatnonzero(displacement.any(axis=1))
+    rows = rows[within][moving]
+    return rows, before[rows] + displacement[moving]
 
 
 def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
-    """Return the vertices on a boundary, but for those that are on its extensions alone."""
+    """Return the vertices on a boundary, without those that lie only on its continuations past tips."""
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.beyond_tip])
 
 
-def longest_edges(mesh: Mesh, edges: Edges, rows: Ints) -> Floats:
-    """Return (v,) the length of the longest edge at each of the vertices ``rows``, zero at others."""
-    return _extreme_edges(mesh, edges, rows, np.maximum, 0.0)
+def longest_edges(mesh: Mesh, rows: Ints) -> Floats:
+    """Return the length (v,) of the longest edge at each of the vertices ``rows``, zero at others."""
+    return _extreme_edges(mesh, rows, np.maximum, 0.0)
 
 
-def shortest_edges(mesh: Mesh, edges: Edges, rows: Ints) -> Floats:
-    """Return (v,) the length of the shortest edge at each of the vertices ``rows``, infinity at others."""
-    return _extreme_edges(mesh, edges, rows, np.minimum, np.inf)
+def shortest_edges(mesh: Mesh, rows: Ints) -> Floats:
+    """Return the length (v,) of the shortest edge at each of the vertices ``rows``, infinity at others."""
+    return _extreme_edges(mesh, rows, np.minimum, np.inf)
 
 
-def _extreme_edges(mesh: Mesh, edges: Edges, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
-    """Return (v,) the ``extreme`` of the lengths of the edges at each of the vertices ``rows``, ``none`` at others."""
-    target = np.zeros(len(mesh.vertices), dtype=bool)
-    target[rows] = True
-    found = np.full(len(mesh.vertices), none)
-    near = np.flatnonzero(target[edges.ends].any(axis=1))
-    length = edges.lengths(mesh.vertices)[near]
-    for end in edges.ends[near].T:
-        extreme.at(found, end, length)
-    found[~target] = none
-    return found
+def _extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
+    """Return the ``extreme`` (v,) of the lengths of the edges at each of the vertices ``rows``, ``none`` at others."""
+    chosen = np.zeros(len(mesh.vertices), dtype=bool)
+    chosen[rows] = True
+    lengths = np.full(len(mesh.vertices), none)
+    edges = np.flatnonzero(chosen[mesh.edges.ends].any(axis=1))
+    for end in mesh.edges.ends[edges].T:
+        extreme.at(lengths, end, mesh.edge_lengths[edges])
+    lengths[~chosen] = none
+    return lengths
+
+
+def _limit_height(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
+    """Return the ``midpoints`` (n, d), replaced by those of the chords where they are too far from these."""
+    return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
+
+
+def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
+    """Return the closest points (n, d); points of the rim are queried farther and farther out until on a rim."""
+    positions = np.array(points)
+    positions[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
+    closest = source.closest_point(positions)
+    moved = np.array(closest.points)
+    remaining = np.flatnonzero(closest.edge[rim.rows] < 0)
+    for share in RIM_EDGE_SHARES:
+        if not len(remaining):
+            break
+        rows = rim.rows[remaining]
+        beyond = source.closest_point(np.ascontiguousarray(points[rows] + share * rim.outward[remaining]))
+        on_rim = beyond.edge >= 0
+        moved[rows[on_rim]] = beyond.points[on_rim]
+        remaining = remaining[~on_rim]
+    return moved

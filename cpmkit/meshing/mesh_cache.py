@@ -1,149 +1,147 @@
-"""What of a source's own cells no lattice changes: made once for each source, and let go with it.
+"""The mesh that a source gives at any spacing, with everything that no lattice changes: computed once for each source.
 
-A mesh has its own cells at any spacing. That they are welded, where they are flat, the normals at their vertices and
-how far the smooth surface stands above the middles of their edges are the same on every lattice, and on coarse ones
-take longer than all else. All is made where the source stands in the scene, so that it does not depend on which lattice
-came first.
+Repaired cells, edges, normals at the vertices and heights of the smooth surface above the edges are the same on every
+lattice, and on coarse lattices take longer than all the rest. They are computed in coordinates of the scene, so that
+they do not depend on the first lattice that was used, and are released with the source.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from functools import cached_property
+from typing import Any, TypeVar
 from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.adjacency import winding_of
-from cpmkit.mesh.mesh import Edges, Mesh, edges_of
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.welding import RepairReport, has_distinct_vertices, repair, repaired_cells
-from cpmkit.protocols import Floats, HasGivenMesh, HasMesh, Ints
+from cpmkit.protocols import HasGivenMesh, HasMesh, Ints
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, eq=False)
 class RepairedMesh:
-    """Sound cells of a mesh: the vertex (v,) of the mesh that each of theirs is, the cells (m, k), what changed."""
+    """A repair that can be applied to any translated copy of a mesh.
 
-    at: Ints
-    cells: Ints
-    mended: RepairReport
+    Attributes
+    ----------
+    vertex_of : (v,) int64
+        The vertex of the original mesh that each vertex of the repaired mesh copies.
+    mesh : Mesh
+        The repaired mesh where the source stands in the scene.
+    report : RepairReport
+    """
 
-    def placed(self, mesh: Mesh) -> Mesh:
-        """Return the sound mesh of a mesh of the same cells, wherever it was moved."""
-        return Mesh.of(mesh.vertices[self.at], self.cells)
+    vertex_of: Ints
+    mesh: Mesh
+    report: RepairReport
+
+    def apply(self, mesh: Mesh) -> Mesh:
+        """Return the repaired mesh of a translated ``mesh`` with the original cells; connectivity is shared."""
+        return self.mesh.with_same_cells(vertices=mesh.vertices[self.vertex_of])
 
 
 @dataclass(frozen=True, eq=False)
 class MeshCache:
-    """A source's own cells, and what was found out about them.
+    """The mesh of a source, its repair and further quantities that depend on the source alone.
 
     Attributes
     ----------
-    vertices : (v, d) float64
-        As the source has them in the scene.
-    cells : (m, k) int64
-        The array that the source gives at any spacing.
-    found : dict
-        By names.
+    original : Mesh
+        The mesh as the source gives it, in the scene's coordinates; its array of cells is the source's own.
+    values : dict
+        Further quantities, by name.
     """
 
-    vertices: Floats
-    cells: Ints
-    found: dict[str, Any] = field(default_factory=dict)
+    original: Mesh
+    values: dict[str, Any] = field(default_factory=dict)
 
-    def sound(self, cells: Ints) -> RepairedMesh | None:
-        """Return the sound cells of the source's own ``cells``, or of what that gave; None for others."""
-        if cells is self.cells:
-            return self._once
-        return self._twice if cells is self._once.cells else None
+    @cached_property
+    def first_repair(self) -> RepairedMesh:
+        """The repair of the original mesh."""
+        return _repaired(self.original)
 
-    @property
-    def final(self) -> Mesh:
-        """The mesh of sound cells, where the source stands."""
-        return self._twice.placed(self._once.placed(self._drawn))
+    @cached_property
+    def second_repair(self) -> RepairedMesh:
+        """The repair of the repaired mesh: welding may leave vertices at one place."""
+        repaired = _repaired(self.first_repair.mesh)
+        if not np.array_equal(repaired.mesh.cells, self.first_repair.mesh.cells):
+            return repaired
+        mesh = self.first_repair.mesh.with_same_cells(vertices=repaired.mesh.vertices)
+        return RepairedMesh(repaired.vertex_of, mesh, repaired.report)
 
-    def is_final(self, mesh: Mesh) -> bool:
-        """Whether a mesh is of the sound cells, no boundary in it, none split."""
-        return not len(mesh.cut) and mesh.cells is self._twice.cells
-
-    @property
-    def _drawn(self) -> Mesh:
-        return Mesh.of(self.vertices, self.cells)
-
-    @property
-    def _once(self) -> RepairedMesh:
-        if "once" not in self.found:
-            at, cells, _, mended = repaired_cells(self._drawn)
-            self.found["once"] = RepairedMesh(at, cells, mended)
-        made: RepairedMesh = self.found["once"]
-        return made
+    def repair_of(self, cells: Ints) -> RepairedMesh | None:
+        """Return the repair of the source's own ``cells``, or of the cells repaired once; None for other cells."""
+        if cells is self.original.cells:
+            return self.first_repair
+        return self.second_repair if cells is self.first_repair.mesh.cells else None
 
     @property
-    def _twice(self) -> RepairedMesh:
-        if "twice" not in self.found:
-            once = self._once
-            at, cells, _, mended = repaired_cells(once.placed(self._drawn))
-            self.found["twice"] = RepairedMesh(at, once.cells if np.array_equal(cells, once.cells) else cells, mended)
-        made: RepairedMesh = self.found["twice"]
-        return made
+    def mesh(self) -> Mesh:
+        """The repaired mesh in the scene's coordinates."""
+        return self.second_repair.mesh
+
+    def has_cells_of(self, mesh: Mesh) -> bool:
+        """Whether ``mesh`` is a translated copy of the repaired mesh, without boundaries in it."""
+        return not len(mesh.cut) and mesh.cells is self.mesh.cells
+
+    def value(self, name: str, compute: Callable[[], Value]) -> Value:
+        """Return the quantity ``name``, computed on first use."""
+        if name not in self.values:
+            self.values[name] = compute()
+        value: Value = self.values[name]
+        return value
 
 
-KEPT: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
+CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 
 
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
-    """Return what is kept of a source's own cells; None where they are drawn anew for each lattice.
+    """Return the cache of a source; None where its cells depend on the spacing.
 
-    ``cells`` are what it gave just now; left out, nothing is begun.
+    Parameters
+    ----------
+    source : LocalSource
+    cells : (m, k) int64, optional
+        The cells that the source has just given: a cache is created for them. Without, an existing one is returned.
     """
     of: Any = source.of
     try:
-        kept = KEPT.get(of)
+        cache = CACHES.get(of)
     except TypeError:  # a source that cannot be a key
         return None
-    if cells is None or (kept is not None and kept.cells is cells):
-        return kept
+    if cells is None or (cache is not None and cache.original.cells is cells):
+        return cache
     if not isinstance(of, HasGivenMesh) or not isinstance(of, HasMesh):
         return None
-    vertices, own = of.mesh(float(np.ptp(source.bounds, axis=0).max()))
-    if own is not cells:
+    vertices, given_cells = of.mesh(float(np.ptp(source.bounds, axis=0).max()))
+    if given_cells is not cells:
         return None
-    KEPT[of] = kept = MeshCache(vertices, own)
-    return kept
+    CACHES[of] = cache = MeshCache(Mesh.of(vertices, given_cells))
+    return cache
 
 
 def in_scene_coordinates(source: LocalSource) -> LocalSource:
-    """Return a source as it stands in the scene, queries counted with those of its copy."""
+    """Return a source in the scene's coordinates; its queries are counted with those of ``source``."""
     assert source.of is not None
     return LocalSource(source.of, np.zeros(source.dim), source.queries)
 
 
 def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> tuple[Mesh, RepairReport]:
-    """Return :func:`repair` of a mesh of a source's cells; ``split``: these are parts of sound ones."""
-    own = mesh_cache_of(source)
-    kept = None if own is None or mesh.midpoints is not None or len(mesh.cut) else own.sound(mesh.cells)
-    if kept is None and split and has_distinct_vertices(mesh):
+    """Return :func:`repair` of a mesh of a source's cells; ``split``: its cells are parts of repaired cells."""
+    cache = mesh_cache_of(source)
+    repaired = None if cache is None or mesh.midpoints is not None or len(mesh.cut) else cache.repair_of(mesh.cells)
+    if repaired is not None:
+        return repaired.apply(mesh), repaired.report
+    if split and has_distinct_vertices(mesh):
         return mesh, RepairReport(0, 0, 0)
-    return repair(mesh) if kept is None else (kept.placed(mesh), kept.mended)
+    return repair(mesh)
 
 
-def edges_with(source: LocalSource, mesh: Mesh) -> Edges | None:
-    """Return the edges of a mesh if they are kept, as those of a source's sound cells are."""
-    own = mesh_cache_of(source)
-    if own is None or mesh.manifold_dim == 1 or not own.is_final(mesh):
-        return None
-    if "edges" not in own.found:
-        own.found["edges"] = edges_of(mesh)
-    found: Edges = own.found["edges"]
-    return found
-
-
-def own_winding(source: LocalSource, mesh: Mesh, edges: Edges | None = None) -> Any:
-    """Return :func:`winding_of` a mesh of a source's cells."""
-    own = mesh_cache_of(source)
-    if own is None or not own.is_final(mesh):
-        return winding_of(mesh, edges)
-    if "winding" not in own.found:
-        own.found["winding"] = winding_of(mesh, edges)
-    return own.found["winding"]
+def _repaired(mesh: Mesh) -> RepairedMesh:
+    vertex_of, cells, _, report = repaired_cells(mesh)
+    return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

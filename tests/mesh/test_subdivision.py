@@ -6,7 +6,7 @@ from sample_shapes import equator, grid, octahedron, pieces, with_cut
 
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
 from cpmkit.mesh.adjacency import cut_corners, half_facets
-from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes, subdivide
 from cpmkit.mesh.welding import repair
 
@@ -24,7 +24,7 @@ def least_angles(mesh):
 def test_no_edge_is_long_and_the_area_stays(unit, length):
     mesh = octahedron(1, unit)
     fine = subdivide(mesh, length * unit)
-    edges = edges_of(fine)
+    edges = fine.edges
     assert edges.lengths(fine.vertices).max() <= length * unit * (1 + 1e-8)
     assert (np.bincount(edges.of_cells.ravel()) == 2).all()
     assert len(fine.vertices) - len(edges.ends) + len(fine.cells) == 2
@@ -48,12 +48,12 @@ def test_needles_beside_other_triangles_share_their_edges(seed):
     flat = np.concatenate([rng.uniform(size=(60, 2)), [[0, 0], [0, 1], [1, 0], [1, 1]]])
     stretched = np.column_stack([flat * [4.0, 0.1 + 0.3 * seed], np.zeros(len(flat))])
     mesh = repair(Mesh.of(stretched, Delaunay(flat).simplices.astype(np.int64)))[0]
-    ends = edges_of(mesh).ends
+    ends = mesh.edges.ends
     cut = ends[rng.permutation(len(ends))[:40]]
     turned = np.where(rng.integers(2, size=(40, 1)) == 1, cut, cut[:, ::-1])
     mesh = Mesh(mesh.vertices, mesh.cells, None, turned, np.arange(40), np.arange(40) % 3 == 0)
     fine = subdivide(mesh, 0.07)
-    edges = edges_of(fine)
+    edges = fine.edges
     assert edges.lengths(fine.vertices).max() <= 0.07
     assert quadrature(fine).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-12)
     uses = np.bincount(edges.of_cells.ravel())
@@ -139,10 +139,10 @@ def test_needles_with_edges_of_just_twice_the_length_leave_no_crack():
     a, b, c, d = number[:, :-1], after[:, :-1], after[:, 1:], number[:, 1:]
     cells = np.concatenate([np.stack(one, axis=-1).reshape(-1, 3) for one in ((a, b, c), (a, c, d))])
     mesh = Mesh.of(vertices, cells)
-    lengths = edges_of(mesh).lengths(vertices)
+    lengths = mesh.edges.lengths(vertices)
     for length in (lengths.max() / 2, np.median(lengths) / 2, lengths.min() / 4):
         for by in (1 - 1e-15, 1.0, 1 + 1e-15):
             fine = subdivide(mesh, by * length)
-            edges = edges_of(fine)
+            edges = fine.edges
             rim = edges.ends[np.bincount(edges.of_cells.ravel()) == 1]
             assert np.abs(np.abs(fine.vertices[rim][..., 2]) - 0.3).max() < 1e-12

@@ -6,7 +6,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import localize
-from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares
 from cpmkit.meshing.curved_from_normals import source_support
 
@@ -77,7 +77,7 @@ def test_random_triangulations_of_spheres_keep_nearly_all(mesh, exact, share):
 def test_what_is_halved_inherits_the_share():
     """Halves have that of their edge, edges between middles that of the edge beside, others the lesser of two."""
     mesh = Mesh.of(np.array([[0.0, 0, 0], [1, 0, 0], [0, 1.1, 0]]), np.array([[0, 1, 2]]))
-    edges = edges_of(mesh)
+    edges = mesh.edges
     of = {tuple(sorted(ends)): k for k, ends in enumerate(edges.ends.tolist())}
     share = np.empty(3)
     share[[of[0, 1], of[1, 2], of[0, 2]]] = 0.1, 0.2, 0.3
@@ -89,7 +89,7 @@ def test_what_is_halved_inherits_the_share():
         middle = np.full(3, -1)
         middle[[of[ends] for ends in parted]] = 3 + np.arange(len(parted))
         points = np.array([mesh.vertices[list(ends)].mean(axis=0) for ends in parted])
-        finer = edges_of(halve_edges(mesh, edges, middle, points))
+        finer = halve_edges(mesh, middle, points).edges
         ends = map(tuple, np.sort(finer.ends, axis=1).tolist())
         found = dict(zip(ends, inherit_shares(edges, middle, share, finer), strict=True))
         assert {ends: value for ends, value in found.items() if ends in expected} == expected

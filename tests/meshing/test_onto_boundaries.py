@@ -7,7 +7,7 @@ import pytest
 from model_problems import order_of
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.boundary_edges import flip_chords
 
 SPHERE = ck.source("analytic.sphere")
@@ -89,13 +89,13 @@ def test_chords_of_boundaries_are_flipped():
     cells = np.array([[2, 0, 3], [0, 2, 1], [1, 2, 4], [0, 1, 4]])
     mesh = replace(Mesh.of(vertices, cells), cut=np.array([[0, 1], [1, 2]]), owner=np.array([0, 0]))
     mesh = replace(mesh, beyond_tip=np.zeros(2, dtype=bool))
-    flipped = flip_chords(mesh, edges_of(mesh))
+    flipped = flip_chords(mesh)
     assert sorted(sorted(cell) for cell in flipped.cells.tolist()) == [[0, 1, 3], [0, 1, 4], [1, 2, 3], [1, 2, 4]]
     x = vertices[flipped.cells]
     assert (np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])[:, 2] > 0).all()
     bent = replace(mesh, vertices=vertices + [[0, 0, 0], [0, 0.7, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
     for kept in (bent, replace(mesh, cells=cells[1:]), replace(mesh, cut=np.array([[0, 2], [1, 2]]))):
-        np.testing.assert_array_equal(flip_chords(kept, edges_of(kept)).cells, kept.cells)
+        np.testing.assert_array_equal(flip_chords(kept).cells, kept.cells)
 
 
 def test_each_side_of_a_ring_has_its_area():

@@ -11,7 +11,7 @@ from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.adjacency import half_facets
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair
-from cpmkit.meshing.curved_mesh import curve_cells
+from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
 
 CELLED = [
@@ -89,7 +89,7 @@ def test_members_of_a_union_stand_side_by_side_unless_they_meet():
         return centred(ck.source("union", members=members))[0]
 
     drawn = source_cells(balls(2.05), 0.14, 0.1)
-    assert drawn.geometry == "feet"
+    assert drawn.geometry == "closest_point"
     assert len(repair(drawn.mesh)[0].cells) == 2 * len(
         source_cells(centred(ck.source("analytic.sphere"))[0], 0.14, 0.1).mesh.cells
     )

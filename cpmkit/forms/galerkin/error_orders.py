@@ -78,7 +78,7 @@ def _divisor(form: Galerkin, smooth: float, coarser: Discretized | None, apart: 
         return END_DIVISOR
     mine, theirs = form.turned.share, 0.0 if coarser is None else folded_share(coarser)
     stays = mine > TURNED_SHARE if coarser is None else folds_persist(form, coarser)
-    if form.sampled.geometry != "feet":
+    if form.sampled.geometry != "closest_point":
         folded = mine > STAYING_AREA or theirs > TURNED_SHARE
         return STAYING_DIVISOR if stays else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
     if stays and mine > THIN_SHARE:

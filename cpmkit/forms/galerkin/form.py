@@ -89,7 +89,7 @@ class Galerkin(EquationAssembly):
         dispersion = DISPERSION_OF_DEGREE[self.options.own.degree]
         return FormTraits(
             iterative_solver="multigrid" if multigrid_applies(self.scene) else "direct",
-            dispersion=on_curved_cells(dispersion) if self.sampled.geometry == "feet" else dispersion,
+            dispersion=on_curved_cells(dispersion) if self.sampled.geometry == "closest_point" else dispersion,
             work_record=GalerkinWork,
             higher_degree=3 if self._is_smooth_and_closed and self.options.own.refine == "off" else None,
         )
@@ -98,7 +98,7 @@ class Galerkin(EquationAssembly):
     def _is_smooth_and_closed(self) -> bool:
         """Whether the manifold is a closed surface with cells from closest points, without boundaries."""
         sampled = self.sampled
-        on_surface = sampled.mesh.manifold_dim == 2 and sampled.geometry == "feet"
+        on_surface = sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
         return on_surface and not self.scene.boundaries and not len(sampled.boundary)
 
     def with_scene(self, scene: Scene) -> Galerkin:

@@ -35,7 +35,7 @@ COPIES_SHARE = 0.5
 
 def _cells_and_cure(bend: CellGeometry, cure: str) -> tuple[str, str]:
     """Return what the cells are called, and what helps: ``cure`` where they are the user's own mesh."""
-    return ("triangulation of the surface", "use a smaller spacing") if bend == "feet" else ("mesh", cure)
+    return ("triangulation of the surface", "use a smaller spacing") if bend == "closest_point" else ("mesh", cure)
 
 
 def repair_warnings(mended: RepairReport, bend: CellGeometry) -> Iterator[str]:

@@ -11,7 +11,6 @@ from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.adjacency import winding_of
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Floats
 
@@ -43,10 +42,10 @@ def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Flo
 
     Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
     break somewhere: on splines near that nothing is said of the direction, which is NaN there. ``winding`` (m,): what
-    :func:`winding_of` says of the mesh, found if it is not given.
+    :attr:`Connectivity.winding` of the mesh, computed if it is not given.
     """
     samples, dof_map = space.samples, space.dof_map
-    winding, cells = winding_of(mesh) if winding is None else winding, samples.cell
+    winding, cells = mesh.winding if winding is None else winding, samples.cell
     signs = np.where(winding == 0, np.nan, winding)
     found = np.zeros((dof_map.size, 1 + mesh.dim))
     if mesh.manifold_dim == 2:

@@ -14,7 +14,7 @@ from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Lattice
-from cpmkit.mesh.mesh import HalfFacets
+from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.oriented import OrientedBoundary
 

@@ -43,14 +43,14 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.noise import with_noise
-from cpmkit.mesh.adjacency import cut_corners, half_facets, has_cut_corners, seam_midpoints
-from cpmkit.mesh.mesh import CellGeometry, Edges, HalfFacets, Mesh, edges_of
+from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
+from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.meshing.curved_mesh import curve_cells
+from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
-from cpmkit.meshing.mesh_cache import edges_with, own_winding, repair_source_mesh
+from cpmkit.meshing.mesh_cache import repair_source_mesh
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
@@ -71,7 +71,7 @@ class SampledScene:
         Where the boundaries lie.
     oriented : sequence of OrientedBoundary
         The boundaries with what tells their left.
-    mesh : SampleMesh
+    mesh : Mesh
         Split, curved, cut; its cells in 32 bits.
     corners : (m, k) int32
         The vertices of its cells after cutting.
@@ -88,8 +88,8 @@ class SampledScene:
     told : tuple of str
         What a reader of a solution should know of the way here.
     winding : (m,) int8
-        Which way its cells are wound, see :func:`winding_of`.
-    bend : "flat", "feet" or "normals"
+        Which way its cells are wound, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
+    bend : "flat", "closest_point" or "normals"
         How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
         What u behaves like at the ends of boundaries, where that is asked for.
@@ -131,7 +131,7 @@ class InsertedScene:
     ----------
     lattice, surface, sources, oriented
         As of :class:`SampledScene`.
-    mesh : SampleMesh
+    mesh : Mesh
         Of flat cells, not yet split.
     points : mapping
         The vertices that are points of a surface with a condition, by the number of the boundary.
@@ -182,7 +182,7 @@ def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     surface, mesh, bend, told = _repaired_cells(surface, spacing, options.own.sampling)
     points: Mapping[int, Ints] = {}
     if sources:
-        insertion = insert_boundaries(mesh, sources, spacing, movable=bend == "feet")
+        insertion = insert_boundaries(mesh, sources, spacing, movable=bend == "closest_point")
         mesh, points = insertion.mesh, insertion.point_vertices
         check_insertion(insertion, scene.boundaries, spacing)
         told += tuple(insertion_warnings(insertion, scene.boundaries, spacing))
@@ -207,13 +207,10 @@ def sample_inserted(
     mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
     with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
     mesh = grade_towards_tips(mesh, spacing) if with_tips else mesh
-    edges = None if bend == "feet" else _edges(surface, mesh)
-    mesh = curve_cells(mesh, bend, surface, sources, spacing, edges)
-    edges = edges or _edges(surface, mesh)  # of what moves to its feet the edges may be others then
-    is_whole = bend != "feet" and not len(mesh.cut)  # sound cells, of which each vertex is one
-    corners = mesh.cells if is_whole else cut_corners(mesh, edges)
-    half, winding = half_facets(mesh, edges), own_winding(surface, mesh, edges)
-    del edges  # no sample needs them
+    mesh = curve_cells(mesh, bend, surface, sources, spacing)
+    is_whole = bend != "closest_point" and not len(mesh.cut)  # repaired cells: each vertex has one fan of cells
+    corners = mesh.cells if is_whole else cut_corners(mesh)
+    half, winding = half_facets(mesh), mesh.winding
     told += tuple(seam_warnings(seam_midpoints(mesh, half), surface, bend))
     boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
@@ -254,11 +251,6 @@ def sample_inserted(
     return SampledScene(*parts)
 
 
-def _edges(surface: LocalSource, mesh: Mesh) -> Edges | None:
-    """Return the edges of triangles, kept ones where they are; of segments none."""
-    return None if mesh.manifold_dim == 1 else edges_with(surface, mesh) or edges_of(mesh)
-
-
 def _repaired_cells(
     surface: LocalSource, spacing: float, sampling: str
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
@@ -266,7 +258,7 @@ def _repaired_cells(
 
     The noise of what has closest points alone is known then.
     """
-    lengths = longest_edge(sampling, "feet", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
+    lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
     own = source_cells(surface, *(spacing * length for length in lengths))
     if own is not None:
         mesh, mended = repair_source_mesh(surface, own.mesh, own.split)
@@ -275,11 +267,16 @@ def _repaired_cells(
     noisy = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:
         traces, of_curve = contour_curve(surface, spacing, curved=False)
-        return surface, traces, "feet", noisy + with_noise_advice(tracing_warnings(of_curve, surface), surface, spacing)
+        return (
+            surface,
+            traces,
+            "closest_point",
+            noisy + with_noise_advice(tracing_warnings(of_curve, surface), surface, spacing),
+        )
     triangles, of_surface = contour_surface(surface, spacing, curved=False)
     return (
         surface,
         triangles,
-        "feet",
+        "closest_point",
         noisy + with_noise_advice(contouring_warnings(of_surface, surface), surface, spacing),
     )

@@ -35,8 +35,8 @@ class SheetSeparation:
 
     Attributes
     ----------
-    mesh : SampleMesh
-    bend : "flat", "feet" or "normals"
+    mesh : Mesh
+    bend : "flat", "closest_point" or "normals"
         How its cells follow the manifold.
     source : LocalSource
         The manifold.

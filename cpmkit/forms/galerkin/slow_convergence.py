@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.mesh_warnings import TURNED_SHARE
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
 from cpmkit.meshing.curved_from_normals import source_support
-from cpmkit.meshing.mesh_cache import edges_with, mesh_cache_of
+from cpmkit.meshing.mesh_cache import mesh_cache_of
 from cpmkit.protocols import Floats
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 
@@ -146,10 +146,9 @@ def support_floor(surface: LocalSource, area: float, apart: float | None) -> flo
 def _areas_by_support(surface: LocalSource) -> Floats | None:
     """Return the area of a source's own triangles, of those with an unsupported edge, and with one in doubt."""
     own, support = mesh_cache_of(surface), source_support(surface)
-    edges = None if own is None else edges_with(surface, own.final)
-    if own is None or support is None or edges is None:
+    if own is None or support is None:
         return None
-    corners = own.final.vertices[own.final.cells]
+    corners = own.mesh.vertices[own.mesh.cells]
     areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    beside = [support.unsupported(limit)[edges.of_cells].any(axis=1) for limit in (UNSUPPORTED, SUPPORTED)]
+    beside = [support.unsupported(limit)[own.mesh.edges.of_cells].any(axis=1) for limit in (UNSUPPORTED, SUPPORTED)]
     return np.array([areas.sum(), *(areas[rows].sum() for rows in beside)])

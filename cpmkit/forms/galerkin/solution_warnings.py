@@ -184,7 +184,11 @@ def resolution_warnings(
     copies[number[dof_map.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):
         of_feet = "sheets of it are near each other, or its triangulation is torn;"
-        cause = of_feet if bend == "feet" else "seams of the mesh that are not welded act as cuts; check the mesh, or"
+        cause = (
+            of_feet
+            if bend == "closest_point"
+            else "seams of the mesh that are not welded act as cuts; check the mesh, or"
+        )
         yield (
             f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "
             f"manifold share: {cause} use a smaller spacing."

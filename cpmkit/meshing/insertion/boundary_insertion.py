@@ -41,7 +41,7 @@ class Insertion:
 
     Attributes
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Flat, with ``cut``, ``owner`` and ``extends``.
     point_vertices : dict
         The vertices (k,) of each boundary of points on a surface, which cuts nothing.
@@ -73,7 +73,7 @@ def insert_boundaries(
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Valid, flat, not cut. Its facets may have any number of cells.
     boundaries : sequence of LocalSource
         Relative to the same origin: curves and points on a surface, points on a curve.

@@ -19,7 +19,7 @@ def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
         assert "clean the mesh" in cells
         assert touch.startswith("Parts of the mesh touch")
         assert "join them by an edge" in touch
-    for text in repair_warnings(mended, "feet"):
+    for text in repair_warnings(mended, "closest_point"):
         assert "of the triangulation of the surface" in text
         assert "use a smaller spacing" in text
         assert "mesh" not in text
@@ -28,7 +28,7 @@ def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
 def test_rims_that_lie_on_others_are_welded_in_a_mesh_alone():
     surface = localize(ck.source("analytic.sphere"), np.zeros(3))
     (of_mesh,) = seam_warnings(np.zeros((1, 3)), surface, "normals")
-    (of_triangulation,) = seam_warnings(np.zeros((1, 3)), surface, "feet")
+    (of_triangulation,) = seam_warnings(np.zeros((1, 3)), surface, "closest_point")
     assert "weld the vertices of the mesh there if it should" in of_mesh
     assert "use a smaller spacing if it should" in of_triangulation
     assert "mesh" not in of_triangulation

@@ -6,7 +6,7 @@ from cut_meshes import check_sound, cut, plate, polyline, zones_and_tips
 
 import cpmkit as ck
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.mesh.mesh import Mesh, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 
 PLATE = plate(30)
@@ -89,8 +89,8 @@ def test_what_ends_beside_a_vertex_of_the_rim_does_not_go_along_the_rim(share, e
     for inside, outer in [((along, 0.5), (along, 1.0)), ((along, 0.5), (along, 0.0)), ((0.5, along), (1.0, along))]:
         source = line(outer, inside) if end == "first" else line(inside, outer)
         after = insert_boundaries(PLATE, [localize(source, np.zeros(3))], 0.05, movable=True).mesh
-        times = np.bincount(edges_of(after).of_cells.ravel())
-        assert (times[edges_on_cut(after, edges_of(after))] == 2).all()
+        times = np.bincount(after.edges.of_cells.ravel())
+        assert (times[after.cut_edges] == 2).all()
         assert zones_and_tips(after) == (1, 1)
 
 

@@ -9,7 +9,8 @@ import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import HalfFacets, Mesh
+from cpmkit.mesh.adjacency import HalfFacets
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: A triangle less high over its edge than this share of the edge is thin.
@@ -231,7 +232,7 @@ def boundary_samples(
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Flat or quadratic cells.
     half : HalfFacets
         Its facets on boundaries and rims, from each cell.

@@ -18,7 +18,8 @@ from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.space.dof_map import components
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.vectors import dots, norms
-from cpmkit.mesh.mesh import HalfFacets, Mesh
+from cpmkit.mesh.adjacency import HalfFacets
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
 
@@ -42,7 +43,7 @@ def left_of_boundaries(
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Cut along the boundaries.
     half : HalfFacets
         Its facets on boundaries and rims.

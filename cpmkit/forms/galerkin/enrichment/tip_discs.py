@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.vectors import norms, unit
-from cpmkit.mesh.mesh import Edges, Mesh, edges_of, edges_on_cut
+from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.protocols import Bools, Floats, Ints
 
 #: The disc ends where the surface has turned by more than the angle of this cosine, 37 degrees,
@@ -81,7 +81,7 @@ class TipDiscFinder:
 
     Attributes
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Of triangles.
     spacing : float
         h of the lattice.
@@ -92,12 +92,12 @@ class TipDiscFinder:
 
     @cached_property
     def _edges(self) -> Edges:
-        return edges_of(self.mesh)
+        return self.mesh.edges
 
     @cached_property
     def _owner(self) -> Ints:
         """(e,) the boundary that lies on each edge, -1 where none does, and past tips."""
-        owner, on_cut = np.full(len(self._edges.ends), -1), edges_on_cut(self.mesh, self._edges)
+        owner, on_cut = np.full(len(self._edges.ends), -1), self.mesh.cut_edges
         own = ~self.mesh.beyond_tip & (on_cut >= 0)
         owner[on_cut[own]] = self.mesh.owner[own]
         return owner

@@ -42,9 +42,8 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
 
 def _of_flat(mesh: Mesh) -> Floats:
     from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turn
-    from cpmkit.mesh.mesh import edges_of
 
-    sine = least_turn(mesh.vertices, np.ascontiguousarray(mesh.cells), edges_of(mesh).of_cells)
+    sine = least_turn(mesh.vertices, np.ascontiguousarray(mesh.cells), mesh.edges.of_cells)
     found: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
     return found
 
@@ -81,7 +80,7 @@ def needs_degree_four(degree: int, bend: CellGeometry) -> bool:
 
     On meshes, flat or bent by their normals, the mesh is the error, and it is the same without (measured).
     """
-    return degree == 3 and bend == "feet"
+    return degree == 3 and bend == "closest_point"
 
 
 def longest_edge(sampling: str, bend: CellGeometry, manifold_dim: int) -> float:
@@ -122,7 +121,7 @@ def quadrature(
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Flat or quadratic cells.
     clipped_at : float, optional
         The spacing h of the lattice, if triangles are to be clipped at its knot planes, x = (k + 1/2) h.

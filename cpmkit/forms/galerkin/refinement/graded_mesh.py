@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature, triangl
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
-from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh, edges_of
+from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
 from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.protocols import Bools, Floats, Ints
 
@@ -26,14 +26,14 @@ def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
     """
     near = regions.codes_near()
     while True:
-        edges = edges_of(mesh)
-        lengths = edges.lengths(mesh.vertices)
+        edges = mesh.edges
+        lengths = mesh.edge_lengths
         long = _with_longest(_is_long(mesh.vertices, edges.ends, lengths, regions, near, spacings), edges, lengths)
         if not long.any():
             return mesh
         middle = np.full(len(edges.ends), -1)
         middle[long] = len(mesh.vertices) + np.arange(long.sum())
-        mesh = halve_edges(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
+        mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
 def _is_long(vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near: Ints, spacings: float) -> Bools:
@@ -106,7 +106,7 @@ def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
 
     Parameters
     ----------
-    mesh : SampleMesh
+    mesh : Mesh
         Of flat triangles.
     spacing : float
         h of the lattice.
@@ -116,18 +116,18 @@ def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
         return mesh
     centres, done = mesh.vertices[tips], []
     while True:
-        edges = edges_of(mesh)
-        long = _is_long_near_tips(mesh.vertices, edges.ends, edges.lengths(mesh.vertices), centres, spacing)
+        edges = mesh.edges
+        long = _is_long_near_tips(mesh.vertices, edges.ends, mesh.edge_lengths, centres, spacing)
         open_cells = long[edges.of_cells].any(axis=1)
         done.append(mesh.cells[~open_cells])
         if not open_cells.any():
             return replace(mesh, cells=np.concatenate(done))
         mesh = replace(mesh, cells=mesh.cells[open_cells])
-        edges = edges_of(mesh)
-        long = _is_long_near_tips(mesh.vertices, edges.ends, edges.lengths(mesh.vertices), centres, spacing)
+        edges = mesh.edges
+        long = _is_long_near_tips(mesh.vertices, edges.ends, mesh.edge_lengths, centres, spacing)
         middle = np.full(len(edges.ends), -1)
         middle[long] = len(mesh.vertices) + np.arange(long.sum())
-        mesh = halve_edges(mesh, edges, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
+        mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
 def _is_long_near_tips(vertices: Floats, ends: Ints, lengths: Floats, centres: Floats, spacing: float) -> Bools:

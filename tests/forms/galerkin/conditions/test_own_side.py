@@ -6,7 +6,6 @@ from sphere_zones import SPHERE, coupled, errors, sphere_points
 from trimesh.creation import icosphere
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import edges_of, edges_on_cut
 from cpmkit.meshing import curved_from_points
 
 SCENE = coupled(1000.0, 0.3)
@@ -35,10 +34,11 @@ def test_a_boundary_beside_a_vertex_keeps_its_bend(spacing, seed, monkeypatch):
 
     monkeypatch.setattr(curved_from_points, "add_midpoints", kept)
     solution = ck.solve(SCENE, **near(spacing, seed))
-    mesh, edges = found["mesh"], edges_of(found["mesh"])
+    mesh = found["mesh"]
+    edges = mesh.edges
     middles = np.zeros((len(edges.ends), 3))
     middles[edges.of_cells] = mesh.midpoints
-    on = middles[edges_on_cut(mesh, edges)]
+    on = middles[mesh.cut_edges]
     assert found["boundary"].closest_point(on).distance.max() < 1e-12
     assert errors(solution, POINTS)[1] < 2.5e-5
 

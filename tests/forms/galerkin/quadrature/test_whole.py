@@ -5,7 +5,7 @@ import pytest
 from sample_shapes import octahedron
 
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import _single_and_others, _whole
-from cpmkit.mesh.mesh import Mesh, edges_of
+from cpmkit.mesh.mesh import Mesh
 
 SPHERE = octahedron(4)
 
@@ -15,7 +15,7 @@ SPHERE = octahedron(4)
 @pytest.mark.parametrize("single", [1e-7, 5e-3])
 def test_samples_are_those_of_the_cut_triangles(curved, clipped, single):
     vertices, cells = SPHERE.vertices + [0.013, 0.021, 0.007], np.ascontiguousarray(SPHERE.cells)
-    edges = edges_of(Mesh.of(vertices, cells))
+    edges = Mesh.of(vertices, cells).edges
     midpoints = 1.01 * vertices[edges.ends].mean(axis=1)[edges.of_cells] if curved else np.empty((len(cells), 0, 3))
     spacing, count = 0.3, len(cells)
     limits = np.full(count, single)
