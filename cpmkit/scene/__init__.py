@@ -1,1 +1,1 @@
-"""What a user states: a manifold, boundaries with their conditions, an equation. No lattice."""
+"""The problem: a manifold, boundaries inside it, conditions and their laws, an equation. No lattice."""

@@ -1,4 +1,4 @@
-"""A point or curve inside a manifold, with what holds on its sides."""
+"""Boundaries: points and curves inside a manifold, with conditions on their sides."""
 
 from __future__ import annotations
 
@@ -17,36 +17,33 @@ from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.conditions import Condition, as_condition, same_condition
 from cpmkit.scene.data import Data
 
-#: The kind that is made of them.
-POINTS_KIND = "points"
-
 
 @dataclass(frozen=True, eq=False)
 class VertexNumbers:
-    """Numbers (k,) of vertices of a surface that is not known yet."""
+    """Numbers (k,) of vertices of a surface that the boundary does not know yet."""
 
     numbers: Ints
 
 
-def as_boundary_source(given: Any) -> Any:
+def as_boundary_source(value: Any) -> Any:
     """Return the source of points (k, d) or of one point, or the numbers of vertices; anything else as it is.
 
-    One whole number, and whole numbers in one row, are numbers of vertices.
+    A whole number, and whole numbers in an array of shape (k,), are numbers of vertices.
     """
-    if isinstance(given, (ClosestPointSource, str, bytes, bool)) or callable(given):
-        return given
-    numbers = vertex_numbers(given)
+    if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
+        return value
+    numbers = vertex_numbers(value)
     if numbers is not None:
         return VertexNumbers(numbers)
     try:
-        array = np.asarray(given, dtype=np.float64)
+        array = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
-        return given
+        return value
     is_point = array.ndim == 1 and len(array) in (2, 3)
-    return source(POINTS_KIND, at=np.atleast_2d(array)) if is_point or array.ndim == 2 else given
+    return source("points", at=np.atleast_2d(array)) if is_point or array.ndim == 2 else value
 
 
-#: What may be given for a side, and across.
+#: Conditions that are accepted on a side, and across; for messages.
 ONE_SIDED_WORDS = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
 COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
@@ -61,22 +58,21 @@ class Boundary:
     Parameters
     ----------
     name : str
-        For reports, and to ask for a side when a solution is read.
+        Its name in reports, and to choose a side where a solution is evaluated.
     source : ClosestPointSource, (k, d) array, or whole numbers
-        Where the boundary lies; points, or numbers of vertices of the scene's surface, of which each is a boundary by
-        itself, no curve.
+        The curve; or points, or numbers of vertices of the scene's surface, each of which is a boundary by itself.
     both, left, right : Condition, or number, text, sequence or function
-        Either ``both``, or ``left`` and ``right``; ``1.0`` or ``"sin(x)"`` is short for Dirichlet of it.
+        Either ``both``, or ``left`` and ``right``; ``1.0`` or ``"sin(x)"`` is short for Dirichlet of that value.
     across : Condition
-        Instead of these: one that couples both sides, such as Transmission.
+        Instead of these, a condition that couples both sides, such as Transmission.
     left_of : (d,) array, optional
         A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
-        boundary no direction. Unless given, that of the source where it names one.
+        boundary no direction. By default the point that the source names, if it does.
 
     Raises
     ------
     SceneError
-        If a condition is given on one side only, or on none.
+        If a condition is given on one side only, or on neither.
 
     Examples
     --------
@@ -97,7 +93,7 @@ class Boundary:
     left_of: Any = None
     across: Condition | None = None
 
-    if TYPE_CHECKING:  # more may be given than is kept
+    if TYPE_CHECKING:  # the constructor accepts more types than the fields have
 
         def __init__(
             self,
@@ -111,23 +107,23 @@ class Boundary:
         ) -> None: ...
 
     def __post_init__(self) -> None:
-        given = [side for side in ("both", "left", "right", "across") if getattr(self, side) is not None]
-        if given not in (["both"], ["left", "right"], ["across"]):
+        sides = [*self.given_conditions]
+        if sides not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
-                f"boundary {self.name!r} has conditions on {' and '.join(given) or 'no side'}; "
+                f"boundary {self.name!r} has conditions on {' and '.join(sides) or 'no side'}; "
                 "give `both`, or `left` and `right`, or `across`."
             )
-        for side in given:
+        for side, value in self.given_conditions.items():
             across = side == "across"
-            one = getattr(self, side) if across else as_condition(getattr(self, side))
-            object.__setattr__(self, side, one)
-            if not isinstance(one, Condition) or one.couples != across:
+            condition = value if across else as_condition(value)
+            object.__setattr__(self, side, condition)
+            if not isinstance(condition, Condition) or condition.couples != across:
                 accepted = COUPLING_WORDS if across else ONE_SIDED_WORDS
-                raise SceneError(f"boundary {self.name!r}: `{side}` must be {accepted}, got {shown(one)}.")
-        if same_condition(self.left, self.right):  # equal data on both sides need no left
+                raise SceneError(f"boundary {self.name!r}: `{side}` must be {accepted}, got {shown(condition)}.")
+        if same_condition(self.left, self.right):  # sides with equal data need no left
             object.__setattr__(self, "right", self.left)
         object.__setattr__(self, "source", as_boundary_source(self.source))
-        if isinstance(self.source, VertexNumbers):  # a scene knows their places
+        if isinstance(self.source, VertexNumbers):  # the scene replaces them by points
             return
         check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")
         if self.left_of is None:
@@ -138,12 +134,17 @@ class Boundary:
             )
 
     def __repr__(self) -> str:
-        held = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
-        told = ", ".join(f"{side}={one.kind}" for side, one in held.items() if one is not None)
-        return f"Boundary({self.name!r}, {self.source!r}, {told})"
+        conditions = ", ".join(f"{side}={condition.kind}" for side, condition in self.given_conditions.items())
+        return f"Boundary({self.name!r}, {self.source!r}, {conditions})"
+
+    @property
+    def given_conditions(self) -> dict[str, Any]:
+        """The conditions by the names of their arguments, without those that are None."""
+        sides = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
+        return {side: condition for side, condition in sides.items() if condition is not None}
 
     def on(self, surface: ClosestPointSource) -> Boundary:
-        """Return the boundary with points in the place of numbers of vertices of ``surface``.
+        """Return the boundary with the points of ``surface`` in place of numbers of its vertices.
 
         Raises
         ------
@@ -152,11 +153,11 @@ class Boundary:
         """
         if not isinstance(self.source, VertexNumbers):
             return self
-        places: Any = vertices_of(surface, self.source.numbers, f"boundary {self.name!r}")
-        return replace(self, source=places)
+        points: Any = vertices_of(surface, self.source.numbers, f"boundary {self.name!r}")
+        return replace(self, source=points)
 
     def condition(self, side: Side, /) -> Condition:
-        """Return what holds on ``side``."""
+        """Return the condition on ``side``."""
         condition = self.both or self.across or (self.left if side == "left" else self.right)
         assert condition is not None
         return condition

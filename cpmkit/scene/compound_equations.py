@@ -1,4 +1,4 @@
-"""Equations that take more than one linear system: eigenvalues, and two fields in place of one of fourth order."""
+"""Equations of eigenvalues, of coupled channels, and of fourth order."""
 
 from __future__ import annotations
 
@@ -15,37 +15,33 @@ from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import as_diffusivity
 from cpmkit.scene.equations import EigenFamily, Equation, Terms, check_factor
 
-#: So many times more unknowns than of one definite system factors of ``A - sigma M`` are worth, sigma inside the
-#: spectrum: each of some sixty solves takes 20 iterations else.
-FACTORS_INSIDE_SPECTRUM = 60.0
-
 
 @dataclass(frozen=True, eq=False)
 class Coupled(Equation):
-    """-div(a grad u_i) + c u_i + sum_j C_ij u_j = f_i: channels that are tied to each other point by point.
+    """-div(a grad u_i) + c u_i + sum_j C_ij u_j = f_i: channels that are coupled at each point, in the Galerkin form.
 
-    In the Galerkin form. With C = s n n', n the normal and s large, u is a field of tangential vectors, as
-    :func:`cpmkit.applications.vector_field` makes them.
+    With C = s n n', n the normal and s large, u is a field of tangential vectors, as
+    :func:`cpmkit.applications.vector_field` uses it.
 
     Parameters
     ----------
     coupling : callable
         C, a function of points (n, d) that returns matrices (n, k, k), k the number of channels.
     f : number, sequence or callable
-        Right-hand side, of k channels or one value for all.
+        Right-hand side, of k channels, or one value for all of them.
     diffusivity, c : number or callable
         As for :class:`cpmkit.Elliptic`.
     lumped : bool
-        Whether c u is integrated by a diagonal matrix, as for :class:`cpmkit.ScreenedPoisson`; C u is not.
+        Whether the mass matrix of c u is lumped, as for :class:`cpmkit.ScreenedPoisson`; that of C u is not.
 
     Raises
     ------
     InputError
-        If C is no function, a constant diffusivity is not above zero, or c neither a number nor a function.
+        If C is not a function, a constant diffusivity not above zero, or c neither a number nor a function.
 
     Examples
     --------
-    Two channels that relax to each other.
+    Two channels that relax towards each other.
 
     >>> import cpmkit as ck
     >>> import numpy as np
@@ -61,7 +57,7 @@ class Coupled(Equation):
     lumped: bool = False
     kind: ClassVar[str] = "coupled"
     family: ClassVar[str] = "coupled"
-    #: Blocks of channels make one system.
+    #: The channels make one system.
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
@@ -75,7 +71,7 @@ class Coupled(Equation):
         check_factor(self.c, "c of a coupled problem")
 
     def terms(self) -> Terms:
-        """Return the terms of the left side, without the coupling."""
+        """Return the terms without the coupling."""
         return Terms(self.f, self.c, self.diffusivity, lumped=self.lumped)
 
 
@@ -84,26 +80,25 @@ class Eigen(Equation[EigenFamily]):
     """-div(a grad u) + c u = lambda u, with homogeneous conditions: the eigenvalues nearest to ``near``.
 
     Where a side or an edge has the condition :class:`cpmkit.Steklov`, the equation is ``-div(a grad u) + c u = 0`` and
-    lambda stands in that condition instead. The solution is a :class:`cpmkit.EigenSolution`.
+    lambda is in that condition instead. The solution is a :class:`cpmkit.EigenSolution`.
 
     Parameters
     ----------
     count : int
-        How many eigenvalues.
+        Number of eigenvalues.
     near : float, optional
-        Those nearest to this number; without it the smallest.
+        Number to which the eigenvalues are nearest; by default the smallest are computed.
     diffusivity, c : number or callable
         As for :class:`cpmkit.Elliptic`.
 
     Raises
     ------
     InputError
-        If the count is not a whole number above zero, ``near`` is no number, or a constant diffusivity is not above
-        zero.
+        If the count is not a whole number above zero, ``near`` not a number, or a constant diffusivity not above zero.
 
     Examples
     --------
-    Those of the circle are the squares 0, 1, 1, 4, 4.
+    The eigenvalues of the circle are 0, 1, 1, 4, 4, ...
 
     >>> import cpmkit as ck
     >>> scene = ck.Scene(ck.source("analytic.circle"), ck.Eigen(count=5))
@@ -117,8 +112,7 @@ class Eigen(Equation[EigenFamily]):
     c: Data = 0.0
     kind: ClassVar[str] = "eigen"
     family: ClassVar[str] = "eigen"
-    #: A factorisation serves some sixty solves, of which an iteration takes long for each (sphere, 8,000 unknowns:
-    #: 10 seconds in all, and 80).
+    #: Factors serve about sixty solves; iterations take long for each (sphere, 8,000 unknowns: 80 seconds, and 10).
     factorise_up_to: ClassVar[float] = 80.0
     factorise_beside_multigrid: ClassVar[float | None] = 8.0
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
@@ -133,21 +127,21 @@ class Eigen(Equation[EigenFamily]):
         check_factor(self.c, "c of an eigenvalue problem")
 
     def factors_up_to(self, multigrid: bool) -> float:
-        """Return more beside a multigrid where a number is given: steps inside the spectrum are solves one by one."""
-        return FACTORS_INSIDE_SPECTRUM if multigrid and self.near is not None else super().factors_up_to(multigrid)
+        """Return a larger factor where ``near`` is set: inside the spectrum each solve takes 20 cycles."""
+        return 60.0 if multigrid and self.near is not None else super().factors_up_to(multigrid)
 
     def terms(self) -> Terms:
-        """Return the terms of the left side."""
+        """Return the terms of the operator."""
         return Terms(0.0, self.c, self.diffusivity)
 
     def __str__(self) -> str:
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Refuse other conditions too, and data that are not zero."""
+        """Check the conditions as for any equation, and that all data are zero."""
         super().check_conditions(conditions)
         for label, condition in conditions:
-            if any(callable(one) or np.any(np.asarray(one, dtype=object) != 0) for _, one in condition.data()):
+            if any(callable(datum) or np.any(np.asarray(datum, dtype=object) != 0) for _, datum in condition.data()):
                 raise SceneError(f"{label} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
 
 
@@ -155,18 +149,18 @@ class Eigen(Equation[EigenFamily]):
 class Biharmonic(Equation):
     """c u + Lap^2 u = f: the bending of a thin plate, on an elastic bed where c is above zero.
 
-    Where a :class:`cpmkit.SimplySupported` condition holds, u and Lap u are given; ``Dirichlet(g)`` is the same with
-    Lap u = 0. ``Neumann(g)`` fixes the slope du/db = g and lets no d(Lap u)/db pass: a plate guided at its edge. A
-    clamped edge, where u and du/db are given, is not offered: it gives Lap u no condition of its own. The solution is a
-    :class:`cpmkit.facade.BiharmonicSolution`, which tells Lap u too.
+    :class:`cpmkit.SimplySupported` prescribes u and Lap u; ``Dirichlet(g)`` is the same with Lap u = 0. ``Neumann(g)``
+    prescribes du/db = g and d(Lap u)/db = 0: a plate guided at its edge. A clamped edge, with u and du/db, is not
+    available, as it has no condition for Lap u. The solution is a
+    :class:`cpmkit.facade.BiharmonicSolution`, which has Lap u too.
 
     Parameters
     ----------
     f : number, sequence, or callable
         Right-hand side, as for :class:`cpmkit.Poisson`.
     c : float
-        Not below zero. Where it is zero and no support holds on a piece of the manifold, f has to balance there, and
-        the solution is that of mean zero, as of :class:`cpmkit.Poisson`.
+        Not below zero. Where it is zero and a piece of the manifold has no support, the mean of f must be zero there,
+        and the solution has mean zero, as for :class:`cpmkit.Poisson`.
 
     Raises
     ------
@@ -185,7 +179,7 @@ class Biharmonic(Equation):
     c: float = 1.0
     kind: ClassVar[str] = "biharmonic"
     family: ClassVar[str] = "biharmonic"
-    #: Its system is complex, and four times as dear to factorise; iterations are as for a screened problem.
+    #: Its system is complex, and takes four times as long to factorise; iterations are as for a screened problem.
     factorise_up_to: ClassVar[float] = 0.2
     accepted: ClassVar[str] = (
         "a biharmonic problem takes SimplySupported, Dirichlet (with Lap u = 0) and Neumann, and no clamped edge"
@@ -197,7 +191,7 @@ class Biharmonic(Equation):
             positive(self.c, "c of a biharmonic problem, where it is not zero,")
 
     def terms(self) -> Terms:
-        """Return f and c; the terms of higher order are no part of them."""
+        """Return f and c, without the terms of fourth order."""
         return Terms(self.f, float(self.c))
 
     def __str__(self) -> str:

@@ -1,7 +1,7 @@
-"""What may hold on a side of a boundary: ``alpha du/db + beta u = gamma``.
+"""Conditions on a side of a boundary or on an edge: ``alpha du/db + beta u = gamma``; comparison of conditions.
 
-b is the conormal out of the side that the condition is given on (CONVENTIONS: left -v, right +v,
-outward at an edge). Data may be a number, one number a channel, or a function of position.
+b is the conormal out of the side on which the condition is given (CONVENTIONS: left -v, right +v, outward at an edge).
+Data are a number, one number for each channel, or a function of position.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ def check_order(order: Any, label: str) -> int:
 
 
 class Condition(ABC):
-    """What holds on a side of a boundary, on an edge, or across a boundary.
+    """Base class of conditions on a side of a boundary, on an edge, or across a boundary.
 
-    A kind is a frozen dataclass of what it is given; its parameters are told in summaries, and two conditions are the
-    same where they are.
+    A kind of condition is a frozen dataclass of its parameters, which summaries show; two conditions are the same if
+    their parameters are. A new kind is one class, wherever it is defined.
 
     Attributes
     ----------
@@ -59,22 +59,22 @@ class Condition(ABC):
             check_order(self.order, f"order of {type(self).__name__}")
 
     def __init_subclass__(cls, **keywords: Any) -> None:
-        """Keep the law that a kind answers: by that one object the data that it gives are known again."""
+        """Cache the law of each condition: forms recognise the data of a condition by the identity of its law."""
         super().__init_subclass__(**keywords)
-        own = cls.__dict__.get("law")
-        if isinstance(own, property) and own.fget is not None:
-            kept: cached_property[Law] = cached_property(own.fget)
-            kept.__set_name__(cls, "law")
-            cls.law = kept  # type: ignore[assignment]
+        law = cls.__dict__.get("law")
+        if isinstance(law, property) and law.fget is not None:
+            cached: cached_property[Law] = cached_property(law.fget)
+            cached.__set_name__(cls, "law")
+            cls.law = cached  # type: ignore[assignment]
 
     @property
     @abstractmethod
     def law(self) -> Law:
-        """Which of the standard laws it is; asked once."""
+        """The standard law that the condition is."""
 
     @property
     def couples(self) -> bool:
-        """True where it holds across a boundary, and not on one side."""
+        """True if it couples both sides of a boundary."""
         return isinstance(self.law, Interface)
 
     @property
@@ -85,11 +85,11 @@ class Condition(ABC):
         return law
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data that have channels, and what each is."""
+        """Return the names and values of the data that have channels."""
         return data_of(self.law)
 
     def refusal(self, problem: Equation) -> str:
-        """Return why an equation does not take it, the predicate of a sentence; empty where it does."""
+        """Return the reason why an equation does not accept it, a predicate for a sentence; "" if it does."""
         return "" if problem.family in self.law.families else self.law.needs
 
 
@@ -107,7 +107,7 @@ class Dirichlet(Condition):
 
     Examples
     --------
-    On a circle that nothing else touches, the value at one point is the value everywhere.
+    On a circle without other conditions, the value at one point is the value everywhere.
 
     >>> import cpmkit as ck
     >>> square = ck.Dirichlet(lambda points: points[:, 0] ** 2)
@@ -127,31 +127,31 @@ class Dirichlet(Condition):
         return Value(self.value)
 
 
-def as_condition(given: Any) -> Any:
-    """Return data, numbers, formulas and functions, as the Dirichlet condition of them; anything else as it is."""
-    if isinstance(given, (Condition, bool, type)) or given is None:
-        return given
-    if isinstance(given, (list, tuple)) and any(isinstance(one, Condition) for one in given):
-        return given  # no data of channels
-    accepted = isinstance(given, (int, float, str, list, tuple, np.ndarray, np.number))
-    if accepted or callable(given) or hasattr(given, "to_numpy"):
-        return Dirichlet(given)
-    return given
+def as_condition(value: Any) -> Any:
+    """Return the Dirichlet condition of data, numbers, formulas or functions; anything else as it is."""
+    if isinstance(value, (list, tuple)):
+        return value if any(isinstance(entry, Condition) for entry in value) else Dirichlet(value)
+    if isinstance(value, (Condition, bool, type)) or value is None:
+        return value
+    is_data = isinstance(value, (int, float, str, np.ndarray, np.number))
+    return Dirichlet(value) if is_data or callable(value) or hasattr(value, "to_numpy") else value
 
 
-def as_conditions(given: Any) -> Any:
-    """Return what is given for sides or loops, by their names, or for all of them, as :func:`as_condition` does."""
-    return {key: as_condition(one) for key, one in given.items()} if isinstance(given, Mapping) else as_condition(given)
+def as_conditions(values: Any) -> Any:
+    """Apply :func:`as_condition` to each entry of a mapping by side or loop, or to a single value."""
+    if isinstance(values, Mapping):
+        return {key: as_condition(value) for key, value in values.items()}
+    return as_condition(values)
 
 
 @dataclass(frozen=True, eq=False)
 class Neumann(Condition):
-    """du/db = flux, b pointing out of the side on which the condition is given.
+    """du/db = flux, with b out of the side on which the condition is given.
 
     Parameters
     ----------
     flux : number, sequence, or callable
-        As for :class:`Dirichlet`. Zero makes the boundary a wall that nothing crosses.
+        As for :class:`Dirichlet`. Zero makes the boundary an insulating wall.
     order : 1 or 2, optional
         Overrides the discretisation's order for this condition.
     """
@@ -168,9 +168,9 @@ class Neumann(Condition):
 
 @dataclass(frozen=True, eq=False)
 class Robin(Condition):
-    """alpha du/db + beta u = gamma, b pointing out of the side on which the condition is given.
+    """alpha du/db + beta u = gamma, with b out of the side on which the condition is given.
 
-    With alpha and beta of one sign the condition damps, and is well posed. With opposite signs it feeds; a spacing
+    With alpha and beta of one sign the condition damps, and is well posed. With opposite signs it amplifies; a spacing
     too coarse for such a beta is refused.
 
     Parameters
@@ -187,7 +187,7 @@ class Robin(Condition):
     Raises
     ------
     InputError
-        If alpha or beta is zero, for then the condition is of another kind, or not a finite number.
+        If alpha or beta is not a finite number, or is zero: then the condition is of another kind.
 
     Examples
     --------
@@ -207,28 +207,28 @@ class Robin(Condition):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
-            given = getattr(self, name)
-            if name == "beta" and callable(given) and not takes_time(given):
+            value = getattr(self, name)
+            if name == "beta" and callable(value) and not takes_time(value):
                 continue
             try:
-                number = as_number(given, f"{name} of Robin")
+                number = as_number(value, f"{name} of Robin")
             except InputError:
                 number = 0.0
             if number == 0:
                 raise InputError(
-                    f"{name} of Robin must be a finite number other than zero, got {shown(given)}; use {other}."
+                    f"{name} of Robin must be a finite number other than zero, got {shown(value)}; use {other}."
                 )
             object.__setattr__(self, name, number)
 
     @property
     def law(self) -> Mixed:
-        """The value and the flux in one relation."""
-        beta: Any = self.beta  # a number or a function, formulas made so
+        """The linear relation of value and flux."""
+        beta: Any = self.beta  # a number or a function; formulas were replaced
         return Mixed(self.alpha, beta, self.gamma)
 
 
 def same_condition(first: Any, second: Any) -> bool:
-    """Tell whether two conditions are of one kind with equal numbers, equal formulas or the same callables."""
+    """Return True if two conditions are of one kind with equal numbers, equal formulas or the same callables."""
     if first is second:
         return True
     if type(first) is not type(second) or not is_dataclass(first):
@@ -237,9 +237,9 @@ def same_condition(first: Any, second: Any) -> bool:
 
 
 def sides_differ(left: Condition, right: Condition) -> bool:
-    """Tell whether it matters which side of a boundary is called left.
+    """Return True if it matters which side of a boundary is left.
 
-    Where both hold one condition it does not, nor across a contact that is the same from both sides.
+    It does not with one condition on both sides, nor with a coupling that is symmetric in the sides.
     """
     law = left.law
     if isinstance(law, Interface):
@@ -260,8 +260,8 @@ def _equal(first: Any, second: Any) -> bool:
 
 
 def _same_function(first: Any, second: Any) -> bool:
-    """Tell whether two callables are equal: formulas are by their text, a bound method by its object."""
+    """Return True if two callables are equal: formulas of equal text, bound methods of one object."""
     try:
         return bool(first == second)
-    except ValueError:  # some class compares arrays entry by entry
+    except ValueError:  # a class that compares arrays entry by entry
         return False

@@ -1,4 +1,4 @@
-"""Data of a scene: numbers, one a channel, or functions of position and, in problems with a time, of time."""
+"""Data of a scene: numbers, one for each channel, or functions of position and time, also written as formulas."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cpmkit.runtime.arrays import number
 
 
 class Functional:
-    """A right-hand side that is no function of points; see :mod:`cpmkit.scene.functionals`."""
+    """A right-hand side that is not a function of points; see :mod:`cpmkit.scene.functionals`."""
 
     @property
     def channels(self) -> int:
@@ -25,18 +25,17 @@ class Functional:
         raise NotImplementedError
 
 
-#: A number, one entry a channel, or a callable of points (n, d) and, where it has a parameter ``t`` without a default,
-#: of the time; text that spells such a function, which is read where the data are given; as a right-hand side also what
-#: is known by its integrals alone.
+#: A number; one entry for each channel; a callable of points (n, d) and, if it has a parameter ``t`` without a default,
+#: of the time; a formula as text; or, as a right-hand side, a functional.
 Data = float | str | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] | Functional
-#: What data may be in size: sums of their squares are numbers.
+#: Largest absolute value of data, in any unit: sums of their squares do not overflow.
 LARGEST_DATUM = 1e100
 
 
 def takes_time(data: Data) -> bool:
-    """Tell whether data, or one entry of them, is a callable with a parameter ``t`` that has no default.
+    """Return True if data, or one entry of them, is a callable with a parameter ``t`` without a default.
 
-    A default is a value that the caller bound (``lambda x, t=thickness: ...``), not a place for the time.
+    With a default, ``t`` is a value that the caller bound (``lambda x, t=thickness: ...``), not the time.
     """
     if isinstance(data, (list, tuple)):
         return any(takes_time(entry) for entry in data)
@@ -46,35 +45,35 @@ def takes_time(data: Data) -> bool:
     if not callable(data):
         return False
     if isinstance(data, FunctionType) and "t" not in data.__code__.co_varnames and not data.__dict__:
-        return False  # told in a hundredth of the time that its signature takes, for each step of a run asks
+        return False  # each time step asks, and inspecting the signature takes a hundred times longer
     try:
-        target = inspect.signature(data).parameters.get("t")
-    except (TypeError, ValueError):  # some built-in functions tell no signature
+        t = inspect.signature(data).parameters.get("t")
+    except (TypeError, ValueError):  # some built-in functions have no signature
         return False
-    return target is not None and target.default is target.empty and target.kind is not target.VAR_POSITIONAL
+    return t is not None and t.default is t.empty and t.kind is not t.VAR_POSITIONAL
 
 
 def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, time: float | None = None) -> Floats:
-    """Return data at points as (n, channels).
+    """Return the values (n, channels) of data at points.
 
     Parameters
     ----------
     data : Data
-        A number, one entry a channel (numbers or callables), or a callable of the points.
+        A number, one entry for each channel (numbers or callables), or a callable of the points.
     points : (n, d) float64
-        Where the data are read, in the scene's coordinates.
+        The points, in the scene's coordinates.
     channels : int or None
-        How many channels are wanted; a single number serves all of them. None: as many as the data have.
+        Number of channels; data of one channel are repeated for all. None: as many as the data have.
     label : str
-        Named in the error.
+        Name of the data in errors.
     time : float, optional
-        Given to callables with a parameter ``t`` that has no default.
+        Argument of callables with a parameter ``t`` without a default.
 
     Raises
     ------
     InputError
-        If the number of channels differs, a callable returns another shape, a value is not finite, or a callable
-        asks for the time of a problem that has none.
+        If the number of channels differs, a callable returns another shape, a value is not finite or too large, or a
+        callable depends on the time of a problem without time.
     """
     n = len(points)
     if isinstance(data, Functional):
@@ -120,26 +119,26 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
 
 
 def _as_floats(values: Any) -> Floats:
-    """Return what a callable gave as float64; truth values count as 1 and 0.
+    """Return the result of a callable as float64; truth values count as 1 and 0.
 
     Raises
     ------
     TypeError
-        If they are text, or complex.
+        If the values are text, or complex.
     """
-    made = np.asarray(values)
-    if made.dtype.kind not in "biufO":
-        raise TypeError(f"got an array of {made.dtype}")
-    return np.asarray(made, dtype=np.float64)
+    array = np.asarray(values)
+    if array.dtype.kind not in "biufO":
+        raise TypeError(f"got an array of {array.dtype}")
+    return np.asarray(array, dtype=np.float64)
 
 
 def as_number(data: Any, label: str) -> float:
-    """Return ``data`` as a float if it is a finite number; true, false and text are none.
+    """Return ``data`` as a float if it is a finite number; truth values and text are refused.
 
     Raises
     ------
     InputError
-        If it is not; ``label`` names it.
+        If it is not such a number; ``label`` is its name in the message.
     """
     try:
         return number(data, label)
@@ -150,13 +149,13 @@ def as_number(data: Any, label: str) -> float:
         ) from error
 
 
-#: The type that fields are declared with which hold data, and that of vector fields.
+#: Names of the declared types of dataclass fields that contain data, and vector fields.
 DATA_TYPE, VECTOR_TYPE = "Data", "VectorField"
 
 
 @dataclass(frozen=True)
 class FieldOfEntries:
-    """A vector field written as one number, formula or function a coordinate."""
+    """A vector field with one number, formula or function for each coordinate."""
 
     entries: tuple[Data, ...]
     label: str = "a vector field"
@@ -167,58 +166,57 @@ class FieldOfEntries:
         return evaluate_data(self.entries, points, points.shape[1], self.label)
 
 
-def read_formulas(stated: Any, label: str) -> None:
-    """Put functions in the place of formulas in all fields of a frozen dataclass that hold data or vector fields.
+def read_formulas(instance: Any, label: str) -> None:
+    """Replace formulas by functions in all fields of a frozen dataclass that contain data or vector fields.
 
     Raises
     ------
     SceneError
-        If a formula does not parse, or uses what is not offered; ``label`` names whose it is.
+        If a formula does not parse, or uses a name that is not available; ``label`` names the instance.
     """
-    for one in fields(stated):
-        given, kind = getattr(stated, one.name), str(one.type)
-        name = f"{one.name} of {label}"
-        made = given
-        if VECTOR_TYPE in kind and isinstance(given, (list, tuple)):
-            made = as_vector_field(given, name)
+    for member in fields(instance):
+        value, kind = getattr(instance, member.name), str(member.type)
+        name = f"{member.name} of {label}"
+        if VECTOR_TYPE in kind and isinstance(value, (list, tuple)):
+            object.__setattr__(instance, member.name, as_vector_field(value, name))
         elif DATA_TYPE in kind:
-            made = as_data(given, name)
-        if made is not given:
-            object.__setattr__(stated, one.name, made)
+            object.__setattr__(instance, member.name, as_data(value, name))
 
 
-def as_data(given: Any, label: str) -> Any:
-    """Return text as the function that it spells, lists entry by entry, columns as arrays, anything else as it is."""
-    if hasattr(given, "to_numpy"):  # of pandas and its like
-        return given.to_numpy()
-    if isinstance(given, str):
-        return read_formula(Expression, given, label)
-    if isinstance(given, (list, tuple)) and _holds_text(given):
-        return [as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(given, 1)]
-    return given
+def as_data(value: Any, label: str) -> Any:
+    """Return a formula as a function, a list entry by entry, a column of pandas as an array; others as they are."""
+    if hasattr(value, "to_numpy"):
+        return value.to_numpy()
+    if isinstance(value, str):
+        return read_formula(Expression, value, label)
+    if isinstance(value, (list, tuple)) and _contains_text(value):
+        return [as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(value, 1)]
+    return value
 
 
-def as_vector_field(given: Any, label: str) -> FieldOfEntries:
-    """Return a vector field of one number, formula or function a coordinate.
+def as_vector_field(components: Any, label: str) -> FieldOfEntries:
+    """Return the vector field of one number, formula or function for each coordinate.
 
     Raises
     ------
     SceneError
-        If one of them depends on t.
+        If a component depends on t.
     """
-    entries = tuple(as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(given, 1))
+    entries = tuple(as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(components, 1))
     if takes_time(entries):
-        raise SceneError(f"{label} must not depend on t, got {shown(given)}.")
+        raise SceneError(f"{label} must not depend on t, got {shown(components)}.")
     return FieldOfEntries(entries, label)
 
 
-def read_formula(make: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
-    """Return what a kind of formula makes of text; an error names ``label`` it is for."""
+def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
+    """Return ``kind(text, *more)``, a formula; its errors begin with ``label``, the name of the datum."""
     try:
-        return make(text, *more)
+        return kind(text, *more)
     except SceneError as error:
         raise SceneError(f"{label}: {error}") from error
 
 
-def _holds_text(given: Any) -> bool:
-    return any(isinstance(entry, str) or (isinstance(entry, (list, tuple)) and _holds_text(entry)) for entry in given)
+def _contains_text(entries: Any) -> bool:
+    return any(
+        isinstance(entry, str) or (isinstance(entry, (list, tuple)) and _contains_text(entry)) for entry in entries
+    )

@@ -1,13 +1,13 @@
-"""Diffusivities that are tensors: u flows more easily along some directions than along others.
+"""Diffusivities: numbers, tensors, functions of points, and functions of the solution.
 
-A tensor is given as a symmetric (d, d) array, as d lists of d numbers or functions of points, or as a function of
-points (n, d) that returns (n, d, d). Only its part between tangents of the manifold counts.
+A tensor is a symmetric (d, d) array, d lists of d numbers or functions of points, or a function of points (n, d) that
+returns (n, d, d). Only its restriction to the tangent space of the manifold is used.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,9 +18,9 @@ from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import Data, evaluate_data
 
-#: Shapes of tensors.
+#: Shapes of tensors in the plane and in space.
 TENSOR_SHAPES = ((2, 2), (3, 3))
-#: Entries across the diagonal may differ by this share of the largest: they were computed one by one.
+#: Largest accepted asymmetry of a tensor, as a share of its largest entry: rounding of entries computed separately.
 UNSYMMETRIC_SHARE = 1e-9
 
 
@@ -36,24 +36,24 @@ class TensorOfEntries:
         return np.stack(entries, axis=1)
 
 
-def as_diffusivity(given: Any, label: str) -> Any:
-    """Return a diffusivity as equations keep it: a number, a (d, d) array, or a function of points.
+def as_diffusivity(value: Any, label: str) -> Any:
+    """Return a diffusivity as a number, a (d, d) array, or a function of points.
 
     Raises
     ------
     InputError
-        If a number is not above zero, or a tensor not square, symmetric and finite.
+        If a number is not above zero, or a tensor is not square, symmetric and finite.
     """
-    if callable(given):
-        return given
-    if not isinstance(given, (list, tuple, np.ndarray)) or np.ndim(np.asarray(given, dtype=object)) == 0:
-        positive(given, label)
-        return given
-    rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in given]
+    if callable(value):
+        return value
+    if not isinstance(value, (list, tuple, np.ndarray)) or np.ndim(np.asarray(value, dtype=object)) == 0:
+        positive(value, label)
+        return value
+    rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in value]
     if (len(rows), *{len(row) for row in rows}) not in TENSOR_SHAPES:
         raise InputError(
             f"{label} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "
-            f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(given)}."
+            f"symmetric tensor of 2 by 2 or 3 by 3 entries, got {shown(value)}."
         )
     if any(callable(entry) for row in rows for entry in row):
         return TensorOfEntries(tuple(map(tuple, rows)))
@@ -64,7 +64,7 @@ def as_diffusivity(given: Any, label: str) -> Any:
 
 
 def is_tensor(diffusivity: Any, points: Floats) -> bool:
-    """Tell whether a diffusivity is a tensor; a function of points is asked for its value at ``points`` (n, d)."""
+    """Return True if a diffusivity is a tensor; a function of points is evaluated at ``points`` (n, d)."""
     if getattr(diffusivity, "needs_state", False):
         return False
     return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
@@ -80,8 +80,8 @@ def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats
     """
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
-        known: Data = (lambda _: values) if callable(diffusivity) else values
-        return evaluate_data(known, points, 1, label)[:, 0]
+        data: Data = (lambda _: values) if callable(diffusivity) else values
+        return evaluate_data(data, points, 1, label)[:, 0]
     n, d = points.shape
     tensors = np.asarray(values, dtype=np.float64)
     if tensors.shape not in ((d, d), (n, d, d)):
@@ -92,24 +92,25 @@ def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats
 
 
 def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
-    """Return the mean of a diffusivity over ``points`` (n, d), of a tensor that of its eigenvalues."""
+    """Return the mean of a diffusivity over ``points`` (n, d); of a tensor, the mean of its eigenvalues."""
     values = evaluate_diffusivity(diffusivity, points, "the diffusivity")
     return float(np.trace(values, axis1=1, axis2=2).mean() / points.shape[1] if values.ndim == 3 else values.mean())
 
 
 def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
-    """Return the smallest and the largest eigenvalue (n,) of tensors between tangents.
+    """Return the smallest and the largest eigenvalue (n,) of tensors restricted to the tangent space.
 
     Parameters
     ----------
     tensors : (n, d, d) float64
         Symmetric.
     normals : (n, c, d) float64
-        Orthonormal; of a curve or a surface.
+        Orthonormal normals of a curve or a surface.
     """
     tangent = np.eye(tensors.shape[1]) - np.einsum("nci,ncj->nij", normals, normals)
-    seen = tangent @ tensors @ tangent
-    trace, squares = np.trace(seen, axis1=1, axis2=2), np.einsum("nij,nji->n", seen, seen)
+    restricted = tangent @ tensors @ tangent
+    trace = np.trace(restricted, axis1=1, axis2=2)
+    squares = np.einsum("nij,nji->n", restricted, restricted)
     if tensors.shape[1] - normals.shape[1] == 1:
         return trace, trace
     root = np.sqrt(np.maximum(2 * squares - trace**2, 0.0))
@@ -117,47 +118,45 @@ def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
 
 
 def _symmetric(tensors: Floats, label: str) -> Floats:
-    """Return the tensors (..., d, d), made symmetric to the last bit."""
+    """Return the symmetric part of tensors (..., d, d) that are symmetric up to rounding."""
     if not np.isfinite(tensors).all():
         raise InputError(f"{label} must be finite, got NaN or infinity.")
-    across: Sequence[int] = (*range(tensors.ndim - 2), -1, -2)
-    turned = np.transpose(tensors, [axis % tensors.ndim for axis in across])
-    off, size = np.abs(tensors - turned).max(initial=0.0), np.abs(tensors).max(initial=0.0)
+    transposed = np.swapaxes(tensors, -1, -2)
+    off, size = np.abs(tensors - transposed).max(initial=0.0), np.abs(tensors).max(initial=0.0)
     if off > UNSYMMETRIC_SHARE * size:
         raise InputError(
             f"{label} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
             "unsymmetric one give the symmetric part, and what the rest carries as a velocity."
         )
-    return np.asarray(0.5 * (tensors + turned))
+    return np.asarray(0.5 * (tensors + transposed))
 
 
-#: Step of the differences that replace a derivative, as a share of what is varied.
+#: Step of finite differences, as a share of the varied quantity: the square root of rounding errors, with a margin.
 DIFFERENCE_SHARE = 1e-6
-#: The tangent conducts at least this share of what the diffusivity does: where a s falls with s, it would not be
-#: positive.
-LEAST_TANGENT_SHARE = 1e-3
+#: Least derivative of a s by s, as a share of a: it would not be positive where a s decreases with s.
+MIN_TANGENT_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class StateDiffusivity:
-    """a(u, s, points), with its derivatives.
+    """A diffusivity a(u, s, points) that depends on u and on the norm s of its tangential gradient, with derivatives.
 
     Attributes
     ----------
     function : callable
         a of u (k,); or of u and s; or of u, s and points (k, d): returns (k,).
     by_value, by_slope : callable, optional
-        Its derivatives with respect to u and to s, of the same arguments; by differences unless given.
+        Its derivatives with respect to u and to s, of the same arguments; finite differences by default.
     """
 
     function: Callable[..., Any]
     by_value: Callable[..., Any] | None = None
     by_slope: Callable[..., Any] | None = None
-    #: Asked by what may be handed a function of points in its place.
+    #: Distinguishes it from functions of points.
     needs_state: ClassVar[bool] = True
 
     def __call__(self, points: Floats) -> Floats:
-        """Refuse: a is no function of points alone.
+        """Raise an error, as a is not a function of points alone.
 
         Raises
         ------
@@ -169,11 +168,11 @@ class StateDiffusivity:
 
     @property
     def depends_on_value(self) -> bool:
-        """Whether a may change with u."""
+        """Whether a depends on u."""
         return self.by_value is not _zero
 
     def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return a (k,) for u (k,), its tangential gradients (k, d) and points (k, d)."""
+        """Return a (k,) for u (k,), its tangential gradients ``slopes`` (k, d) and points (k, d)."""
         return _called(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
 
     def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
@@ -185,7 +184,7 @@ class StateDiffusivity:
             step = DIFFERENCE_SHARE * (s + DIFFERENCE_SHARE * (s.max(initial=0.0) or 1.0))
             ahead, behind = (_called(self.function, u, s + sign * step, points, "the diffusivity") for sign in (1, -1))
             slope = (ahead - behind) / (2 * step)
-        along = np.maximum(s * slope, (LEAST_TANGENT_SHARE - 1) * a)
+        along = np.maximum(s * slope, (MIN_TANGENT_SHARE - 1) * a)
         e = slopes / np.maximum(s, np.finfo(float).tiny)[:, None]
         squares = e[:, :, None] * e[:, None, :]
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
@@ -203,7 +202,7 @@ class StateDiffusivity:
 
 
 def slope_diffusivity(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
-    """Return a(s), with its derivative."""
+    """Return the diffusivity a(s) with a function and its derivative."""
     return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
 
 
@@ -222,20 +221,20 @@ def _zero(u: Floats) -> Floats:
 
 
 def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
-    """Return what a function of u, s and points, or of the first of them, gives, (k,).
+    """Return the values (k,) of a function of u, of u and s, or of u, s and points.
 
     Raises
     ------
     InputError
-        If it is not (k,) finite numbers.
+        If the values are not (k,) finite numbers.
     """
     parameters = inspect.signature(function).parameters.values()
-    count = sum(one.default is one.empty and one.kind is not one.VAR_KEYWORD for one in parameters)
-    found = np.asarray(function(*(u, s, points)[: min(max(count, 1), 3)]), dtype=np.float64)
-    found = np.broadcast_to(found, u.shape) if found.ndim == 0 else found
-    if found.shape != u.shape or not np.isfinite(found).all():
+    count = sum(each.default is each.empty and each.kind is not each.VAR_KEYWORD for each in parameters)
+    values = np.asarray(function(*(u, s, points)[: min(max(count, 1), 3)]), dtype=np.float64)
+    values = np.broadcast_to(values, u.shape) if values.ndim == 0 else values
+    if values.shape != u.shape or not np.isfinite(values).all():
         raise InputError(
-            f"{label} must return {len(u)} finite numbers for as many values of u, got shape {found.shape}"
-            f"{'' if np.isfinite(found).all() else ' with NaN or infinity'}."
+            f"{label} must return {len(u)} finite numbers for as many values of u, got shape {values.shape}"
+            f"{'' if np.isfinite(values).all() else ' with NaN or infinity'}."
         )
-    return found
+    return values

@@ -1,4 +1,4 @@
-"""What holds on the edge of a manifold: one condition, one for each loop, or conditions by position along it."""
+"""Conditions on the edge of a manifold: one condition, one for each loop, or several by position."""
 
 from __future__ import annotations
 
@@ -16,22 +16,20 @@ from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.conditions import Condition, as_condition
 from cpmkit.scene.data import Data, evaluate_data, read_formula, takes_time
 
-#: Where a part of the edge holds: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
+#: Where a part of the edge is: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
 Where = str | Callable[[Floats], Any]
-#: How parts are written, in refusals.
-PARTS = "a list of pairs (condition, where), the last one a condition alone, which holds on the rest"
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A condition, and where on the edge it holds: everywhere that no earlier part does where that is None."""
+    """A condition and where on the edge it holds; None means wherever no earlier part holds."""
 
     condition: Condition
     where: Callable[[Floats], Any] | None = None
 
     @property
     def summary(self) -> str:
-        """What holds where, in words."""
+        """The condition and where it holds, in words."""
         if self.where is None:
             return f"{self.condition.kind} on the rest"
         text = self.where.text if isinstance(self.where, Expression) else "a function of position holds"
@@ -40,106 +38,109 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ByPosition:
-    """Conditions for parts of the edge: at each point that of the first part whose ``where`` holds.
+    """Conditions for parts of the edge, in order: at a point the condition of the first part that contains it holds.
 
-    Made of the list that a scene is given as its ``edge``; see :class:`cpmkit.Scene`.
+    They are the list that a scene takes as its ``edge``; see :class:`cpmkit.Scene`.
     """
 
     parts: tuple[Part, ...]
 
     def number_at(self, points: Floats) -> Ints:
-        """Return the number (n,) of the part that holds at points (n, d) in the scene's coordinates, -1 for none."""
+        """Return the number (n,) of the part that contains each of ``points`` (n, d), -1 where none does."""
         number = np.full(len(points), -1)
         for k, part in enumerate(self.parts):
-            left = np.flatnonzero(number < 0)
+            rest = np.flatnonzero(number < 0)
             label = f"`where` of part {k} of the edge"
-            holds = True if part.where is None else evaluate_data(part.where, points[left], 1, label)[:, 0] != 0
-            number[left[np.broadcast_to(holds, len(left))]] = k
+            holds = True if part.where is None else evaluate_data(part.where, points[rest], 1, label)[:, 0] != 0
+            number[rest[np.broadcast_to(holds, len(rest))]] = k
         return number
 
     def along(self, points: Floats) -> list[tuple[Condition, Ints]]:
-        """Return each condition with the rows of points (n, d), in the scene's coordinates, at which it holds.
+        """Return each condition with the rows of ``points`` (n, d), in the scene's coordinates, at which it holds.
 
         Raises
         ------
         SceneError
-            If no part holds at a point.
+            If no part contains a point.
         """
         number = self.number_at(points)
-        without = np.flatnonzero(number < 0)
-        if len(without):
+        uncovered = np.flatnonzero(number < 0)
+        if len(uncovered):
             raise SceneError(
-                f"no part of `edge` holds at {len(without)} of {len(points)} points of the edge, such as "
-                f"{place(points[without[0]])}; add a last condition without `where`, which holds on the rest."
+                f"no part of `edge` holds at {len(uncovered)} of {len(points)} points of the edge, such as "
+                f"{place(points[uncovered[0]])}; add a last condition without `where`, which holds on the rest."
             )
         return [(part.condition, np.flatnonzero(number == k)) for k, part in enumerate(self.parts)]
 
 
-def is_by_position(given: Any) -> bool:
-    """Tell parts from data with one entry a channel: of these none is a condition or a pair."""
-    return isinstance(given, (list, tuple)) and any(
-        isinstance(one, (Condition, Part)) or (isinstance(one, tuple) and len(one) == 2) for one in given
+def is_by_position(value: Any) -> bool:
+    """Return True for a list of parts, which are conditions or pairs, False for data of several channels."""
+    return isinstance(value, (list, tuple)) and any(
+        isinstance(entry, (Condition, Part)) or (isinstance(entry, tuple) and len(entry) == 2) for entry in value
     )
 
 
-def as_parts(given: Any) -> ByPosition:
-    """Return the parts that are given: conditions, alone or in pairs with where they hold, or parts themselves.
+def as_parts(entries: Any) -> ByPosition:
+    """Return the conditions by position of a list of conditions, pairs (condition, where), or parts.
 
     Raises
     ------
     SceneError
-        If one is no condition, holds everywhere before the last, or where it holds is no formula or function.
+        If an entry has no condition, if an entry before the last holds everywhere, or if ``where`` is neither a formula
+        nor a function.
     """
     parts = []
-    for number, one in enumerate(given):
-        if not isinstance(one, Part):
-            condition, where = one if isinstance(one, tuple) and len(one) == 2 else (one, None)
-            one = Part(as_condition(condition), _where(where, number))
-        if not isinstance(one.condition, Condition):
-            raise SceneError(f"`edge` by position must be {PARTS}, got {shown(one.condition)} as part {number}.")
-        if one.where is None and number < len(given) - 1:
+    for number, entry in enumerate(entries):
+        part = entry
+        if not isinstance(entry, Part):
+            condition, where = entry if isinstance(entry, tuple) and len(entry) == 2 else (entry, None)
+            part = Part(as_condition(condition), _as_where(where, number))
+        if not isinstance(part.condition, Condition):
             raise SceneError(
-                f"part {number} of `edge`, {one.condition.kind}, has no `where` and holds on the rest, so that the "
+                f"`edge` by position must be a list of pairs (condition, where), the last one "
+                f"a condition alone, which holds on the rest, got {shown(part.condition)} as part {number}."
+            )
+        if part.where is None and number < len(entries) - 1:
+            raise SceneError(
+                f"part {number} of `edge`, {part.condition.kind}, has no `where` and holds on the rest, so that the "
                 "parts after it hold nowhere; give it one, or put it last."
             )
-        parts.append(one)
+        parts.append(part)
     return ByPosition(tuple(parts))
 
 
-def _where(given: Any, number: int) -> Callable[[Floats], Any] | None:
+def _as_where(value: Any, number: int) -> Callable[[Floats], Any] | None:
     label = f"`where` of part {number} of the edge"
-    made: Any = read_formula(Expression, given, label) if isinstance(given, str) else given
-    if made is not None and not callable(made):
-        raise SceneError(f"{label} must be a formula such as 'x < 0', or a function of points, got {shown(given)}.")
-    if made is not None and takes_time(made):
+    function: Any = read_formula(Expression, value, label) if isinstance(value, str) else value
+    if function is not None and not callable(function):
+        raise SceneError(f"{label} must be a formula such as 'x < 0', or a function of points, got {shown(value)}.")
+    if function is not None and takes_time(function):
         raise SceneError(f"{label} depends on t, and parts of the edge stay where they are; leave t out.")
-    found: Callable[[Floats], Any] | None = made
-    return found
+    checked: Callable[[Floats], Any] | None = function
+    return checked
 
 
-#: Where on an edge a datum can be asked is sought from so many points an axis, from before the bounds to past them.
-ASKED_PER_AXIS, PAST_BOUNDS_SHARE = 7, 0.25
-#: What holds on an edge or a loop of it: one condition, or some by position.
+#: Conditions of an edge or a loop of it: one, or several by position.
 LoopConditions = Condition | ByPosition
-#: What holds on the edge of a manifold: the same for all of it, or for each loop, by its number.
+#: Conditions of the edge of a manifold: the same on all of it, or by the number of the loop.
 EdgeConditions = LoopConditions | Mapping[int, LoopConditions]
-#: What may be given for an edge or a loop of it.
+#: Values that are accepted for an edge or a loop of it.
 EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Where]]
 
 
-def as_edge(given: Any) -> Any:
-    """Return what is given for an edge as a scene keeps it; what is no condition comes back as it is.
+def as_edge(value: Any) -> Any:
+    """Return the conditions of an edge from the values that a scene accepts; other values as they are.
 
     Raises
     ------
     SceneError
-        If parts by position are not what they should be.
+        If a list of parts is not accepted by :func:`as_parts`.
     """
-    if isinstance(given, Mapping):
-        return {loop: as_edge(one) for loop, one in given.items()}
-    if isinstance(given, ByPosition):
-        return given
-    return as_parts(given) if is_by_position(given) else as_condition(given)
+    if isinstance(value, Mapping):
+        return {loop: as_edge(entry) for loop, entry in value.items()}
+    if isinstance(value, ByPosition):
+        return value
+    return as_parts(value) if is_by_position(value) else as_condition(value)
 
 
 def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
@@ -148,24 +149,27 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
 
 
 def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
-    """Return all conditions of an edge as parts, each with those beside which it holds where there are any."""
-    found: list[tuple[Part, ByPosition | None]] = []
-    for one in edge.values() if isinstance(edge, Mapping) else [edge]:
-        found += [(part, one) for part in one.parts] if isinstance(one, ByPosition) else [(Part(one), None)]
-    return found
+    """Return all conditions of an edge as parts, each with the conditions by position that it belongs to, or None."""
+    parts: list[tuple[Part, ByPosition | None]] = []
+    for loop in _loops(edge):
+        parts += [(part, loop) for part in loop.parts] if isinstance(loop, ByPosition) else [(Part(loop), None)]
+    return parts
+
+
+def _loops(edge: EdgeConditions) -> list[LoopConditions]:
+    return [*edge.values()] if isinstance(edge, Mapping) else [edge]
 
 
 def shape_of_edge(edge: EdgeConditions) -> Any:
-    """Return which loops an edge has conditions for, and where parts of it hold: what data alone do not change."""
+    """Return the numbers of the loops and where parts are: the structure, which does not change with the data."""
     if isinstance(edge, Mapping):
-        return {loop: shape_of_edge(one) for loop, one in edge.items()}
+        return {loop: shape_of_edge(conditions) for loop, conditions in edge.items()}
     return tuple(part.where for part in edge.parts) if isinstance(edge, ByPosition) else None
 
 
 def position_parts(edge: EdgeConditions) -> list[ByPosition]:
-    """Return what of an edge goes by position."""
-    held = edge.values() if isinstance(edge, Mapping) else [edge]
-    return [one for one in held if isinstance(one, ByPosition)]
+    """Return the conditions by position of an edge, of all its loops."""
+    return [conditions for conditions in _loops(edge) if isinstance(conditions, ByPosition)]
 
 
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
@@ -174,39 +178,39 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     Parameters
     ----------
     edge : EdgeConditions
-        Of a scene.
+        Conditions of the edge.
     loops : (n,) int64
-        The loop of the edge that each point lies on.
+        Number of the loop that each point lies on.
     points : (n, d) float64
         In the scene's coordinates.
 
     Raises
     ------
     SceneError
-        If a loop is not in the table, or no part holds at a point.
+        If there is no condition for a loop, or no part contains a point.
     """
-    found: list[tuple[Condition, Ints]] = []
+    pairs: list[tuple[Condition, Ints]] = []
     for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
-        one: Any = edge if loop is None else _of_loop(edge, loop)
-        if isinstance(one, ByPosition):
-            found += [(condition, rows[own]) for condition, own in one.along(points[rows])]
+        conditions: Any = edge if loop is None else _of_loop(edge, loop)
+        if isinstance(conditions, ByPosition):
+            pairs += [(condition, rows[part]) for condition, part in conditions.along(points[rows])]
         else:
-            found.append((one, rows))
-    return [(condition, rows) for condition, rows in found if len(rows)]
+            pairs.append((conditions, rows))
+    return [(condition, rows) for condition, rows in pairs if len(rows)]
 
 
-def check_parts_used(edge: EdgeConditions, met: list[Condition]) -> None:
-    """Refuse parts by position that hold at no point of the edge.
+def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
+    """Refuse parts by position whose condition is not among the ``used``, as no sample of the edge is in them.
 
     Raises
     ------
     SceneError
-        In one sentence.
+        Naming the first such part.
     """
-    known = {id(one) for one in met}
-    for number, part in ((k, part) for one in position_parts(edge) for k, part in enumerate(one.parts)):
-        if id(part.condition) not in known:
+    ids = {id(condition) for condition in used}
+    for number, part in ((k, part) for parts in position_parts(edge) for k, part in enumerate(parts.parts)):
+        if id(part.condition) not in ids:
             raise SceneError(
                 f"part {number} of `edge`, {part.summary}, holds at no point of the edge that this spacing sees; "
                 "correct `where`, use a smaller spacing, or leave the part out."
@@ -219,13 +223,12 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
     Raises
     ------
     SceneError
-        If the edge is a table and the loop is not in it, or conditions go by position; :func:`conditions_along` tells
-        which hold where.
+        If there is no condition for the loop, or there are several by position: use :func:`conditions_along`.
     """
-    one = _of_loop(edge, loop)
-    if isinstance(one, ByPosition):
+    condition = _of_loop(edge, loop)
+    if isinstance(condition, ByPosition):
         raise SceneError("`edge` gives conditions by position, where one for a whole loop is needed.")
-    return one
+    return condition
 
 
 def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
@@ -238,21 +241,21 @@ def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
     return edge[loop]
 
 
-def sample_edge_point(source: ClosestPointSource, part: Part, beside: ByPosition | None) -> Floats:
-    """Return a point (1, d) of the edge of ``source`` at which the data of a part of it can be asked.
+def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition | None) -> Floats:
+    """Return a point (1, d) of the edge of ``source`` at which to evaluate the data of a ``part`` of it.
 
-    One where the part holds, if such a point is seen from around the bounds; data may be undefined elsewhere.
+    It is in the part, one of ``parts``, if the closest points of a few points around the bounds include such a point:
+    data may be undefined elsewhere.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
     centre, reach = bounds.mean(axis=0), np.ptp(bounds, axis=0)
-    places = [bounds.T]
-    if beside is not None:
-        shares = np.linspace(-PAST_BOUNDS_SHARE, 1 + PAST_BOUNDS_SHARE, ASKED_PER_AXIS)
-        places.append((bounds[0] + shares[:, None] * reach).T)
-    target = np.array([*(point for one in places for point in product(*one)), centre])
-    feet = LocalSource(source, np.zeros(source.dim)).closest_point(target)
+    lattices = [bounds.T]
+    if parts is not None:  # seven points an axis, from before the bounds to past them
+        lattices.append((bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * reach).T)
+    queries = np.array([*(point for lattice in lattices for point in product(*lattice)), centre])
+    feet = LocalSource(source, np.zeros(source.dim)).closest_point(queries)
     on = np.flatnonzero(feet.edge >= 0)
-    if beside is not None and len(on):
-        own = on[beside.number_at(feet.points[on]) == beside.parts.index(part)]
-        on = own if len(own) else on
+    if parts is not None and len(on):
+        inside = on[parts.number_at(feet.points[on]) == parts.parts.index(part)]
+        on = inside if len(inside) else on
     return feet.points[[on[0] if len(on) else 0]]

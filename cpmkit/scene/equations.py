@@ -1,6 +1,6 @@
-"""Equations: what is solved on the manifold, and its right-hand side.
+"""Steady linear equations on the manifold, and the base class of all equations.
 
-All are written with -Lap, so that every operator is positive: ``laplace`` -Lap u = 0, ``poisson``
+All are written with -Lap, so that diffusion is a positive operator: ``laplace`` -Lap u = 0, ``poisson``
 -Lap u = f, ``screened`` -Lap u + c u = f with c > 0, ``elliptic`` -div(a grad u) + v . grad u + c u = f,
 ``helmholtz`` -Lap u - k^2 u = f.
 """
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
 else:
     Family = TypeVar("Family")
 
-#: A vector field: a function of points (n, d) that returns (n, d), or one number or formula a coordinate.
+#: A vector field: a function of points (n, d) that returns (n, d), or one number or formula for each coordinate.
 VectorField = Callable[..., Any] | list[Any] | tuple[Any, ...]
 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """``-div(diffusivity grad u) + velocity . grad u + c u = f``.
+    """Terms of a linear equation ``-div(diffusivity grad u) + velocity . grad u + c u = f``.
 
     Attributes
     ----------
@@ -59,11 +59,11 @@ class Terms:
     diffusivity : number, (d, d) array or callable
         Factor of grad u in the flux.
     velocity : callable or None
-        What carries u along.
+        Velocity that transports u.
     conservative : bool
-        Whether the velocity's term is div(velocity u).
+        Whether the advection term is div(velocity u).
     lumped : bool
-        Whether the integrals of c u v are those of c times the interpolated product: a diagonal matrix.
+        Whether the matrix of c u is lumped, a diagonal matrix.
     """
 
     f: Data = 0.0
@@ -83,21 +83,21 @@ class Terms:
 
     @property
     def fixes_constant(self) -> bool:
-        """True where c alone may fix the solution: a callable c fixes it on the pieces where it is not zero."""
+        """True if c may determine the constant part of u: a callable c does on pieces on which it is not zero."""
         return callable(self.c) or self.c != 0
 
     def fixes_constant_at(self, points: Floats) -> bool:
-        """Tell whether c alone fixes the solution on a piece of the manifold that has ``points`` (n, d) on it."""
+        """Return True if c determines the constant part of u on a piece of the manifold with ``points`` (n, d)."""
         return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
 def check_conservative(conservative: Any, velocity: VectorField | None, label: str) -> None:
-    """Refuse ``conservative`` unless it is a flag, and unless there is a velocity where it is set.
+    """Check that ``conservative`` is a flag, and that there is a velocity if it is set.
 
     Raises
     ------
     InputError
-        Naming ``label``.
+        If not; ``label`` is the name of the equation.
     """
     if not isinstance(conservative, bool):
         raise InputError(f"conservative of {label} must be True or False, got {shown(conservative)}.")
@@ -106,12 +106,12 @@ def check_conservative(conservative: Any, velocity: VectorField | None, label: s
 
 
 def check_factor(c: Data, label: str) -> None:
-    """Refuse a factor of u that is neither a finite number nor a function of points.
+    """Check that a factor of u is a finite number or a function of points.
 
     Raises
     ------
     InputError
-        Naming ``label``.
+        If not; ``label`` is its name.
     """
     if not callable(c):
         try:
@@ -125,16 +125,16 @@ def check_factor(c: Data, label: str) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Equation(ABC, Generic[Family]):
-    """What every equation tells."""
+    """Base class of equations."""
 
     kind: ClassVar[str]
-    #: Which function solves it: "steady", "time", "eigen" or "biharmonic".
+    #: Which function solves it: "steady", "time", "eigen", "coupled" or "biharmonic".
     family: ClassVar[str] = "steady"
-    #: How many times more unknowns than of one definite system a factorisation is worth.
+    #: The direct solver is used up to so many times the unknowns for which it is for a single definite system.
     factorise_up_to: ClassVar[float] = 1.0
-    #: The same where the form has a multigrid; None for the same number.
+    #: The same where the form has multigrid; None for the same number.
     factorise_beside_multigrid: ClassVar[float | None] = None
-    #: What to give in place of a condition that is refused.
+    #: Advice in the message that refuses a condition.
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
 
     def __post_init__(self) -> None:
@@ -142,28 +142,28 @@ class Equation(ABC, Generic[Family]):
 
     @abstractmethod
     def terms(self) -> Terms:
-        """Return the terms of the equation, of its spatial part where it has a time."""
+        """Return the terms of the equation, or of its spatial part if it has a time derivative."""
 
     @property
     def start_time(self) -> float | None:
-        """Time at which data are read first; None where the problem has no time."""
+        """Time of the initial data; None for equations without time."""
         return None
 
     def factors_up_to(self, multigrid: bool) -> float:
-        """Return how many times more unknowns than of one definite system a factorisation is worth."""
-        beside = self.factorise_beside_multigrid if multigrid else None
-        return self.factorise_up_to if beside is None else beside
+        """Return the factor by which the limit of the direct solver is larger than for a single definite system."""
+        factor = self.factorise_beside_multigrid if multigrid else None
+        return self.factorise_up_to if factor is None else factor
 
     def __str__(self) -> str:
         return str(self.terms())
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Refuse conditions, given with their places' names, that the equation does not take.
+        """Check that the equation accepts all of ``conditions``, pairs of a place's name and a condition.
 
         Raises
         ------
         SceneError
-            Naming the first.
+            For the first condition that it does not accept.
         """
         for label, condition in conditions:
             refusal = condition.refusal(self)
@@ -171,7 +171,7 @@ class Equation(ABC, Generic[Family]):
                 raise SceneError(f"{label}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return what has channels, by the names that errors use."""
+        """Return the data that have channels, with their names in errors."""
         return [("the right-hand side f", self.terms().f)]
 
 
@@ -182,8 +182,8 @@ class Poisson(Equation):
     Parameters
     ----------
     f : number, text, sequence, or callable
-        Right-hand side on the manifold: a number, a formula such as ``"x*y"``, one entry a channel, or a function of
-        points (n, d).
+        Right-hand side: a number, a formula such as ``"x*y"``, one entry for each channel, or a function of points
+        (n, d).
     """
 
     f: Data
@@ -215,11 +215,10 @@ class ScreenedPoisson(Equation):
     f : number, sequence, or callable
         Right-hand side, as for :class:`Poisson`.
     c : float
-        Above zero, in one over the square of the unit of length.
+        Above zero, in the unit of length to the power -2.
     lumped : bool
-        Whether c u is integrated by a diagonal matrix, the row sums of the other, so that a solution that decays from
-        spacing to spacing (c of the order of one over the spacing's square) does not swing below zero. Collocation has
-        no other.
+        Whether the mass matrix of c u is replaced by its row sums, so that a solution that decays within a spacing (c
+        of the order of spacing to the power -2) does not become negative. In the collocation form it is diagonal.
 
     Raises
     ------
@@ -244,28 +243,27 @@ class ScreenedPoisson(Equation):
 
 @dataclass(frozen=True, eq=False)
 class Elliptic(Equation):
-    """-div(a grad u) + v . grad u + c u = f: diffusion of variable conductivity, advection, and a reaction.
+    """-div(a grad u) + v . grad u + c u = f: diffusion, advection and a linear reaction.
 
     Parameters
     ----------
     f : number, sequence, or callable
         Right-hand side, as for :class:`Poisson`.
     diffusivity : number, symmetric tensor, or callable
-        a, above zero; a callable of points (n, d) returns (n,). A tensor, whose part between tangents of the manifold
-        counts and is positive definite, is a (d, d) array, d lists of d numbers or callables, or a callable that
-        returns (n, d, d). Beside a boundary du/db then is the derivative along a b / (b . a b): that times b . a b is
-        what flows out.
+        a, above zero; a callable of points (n, d) returns (n,). A tensor, positive definite on the tangent space, is a
+        (d, d) array, d lists of d numbers or callables, or a callable that returns (n, d, d); its normal part is
+        ignored. With a tensor, du/db is the derivative along a b / (b . a b), and b . a b times it the conormal flux.
     velocity : callable, optional
         v, a function of points (n, d) that returns vectors (n, d) tangential to the manifold.
     c : number or callable
-        Factor of u; where it is below zero the problem may have no solution, or several.
+        Factor of u; with negative values the problem may have no solution, or several.
     conservative : bool
-        Whether the velocity's term is div(v u), so that what leaves one place arrives at another; in the Galerkin form.
+        Whether the advection term is div(v u), which conserves the integral of u; in the Galerkin form.
 
     Raises
     ------
     InputError
-        If a constant diffusivity is not above zero or not symmetric, or c neither a finite number nor a function.
+        If a constant diffusivity is not positive or not symmetric, or c is neither a finite number nor a function.
 
     Examples
     --------
@@ -299,9 +297,9 @@ class Elliptic(Equation):
 
 @dataclass(frozen=True, eq=False)
 class Helmholtz(Equation):
-    """-Lap u - k^2 u = f: standing waves, driven.
+    """-Lap u - k^2 u = f: driven standing waves.
 
-    Near an eigenvalue of -Lap the solution is large, and at one there is none.
+    For k^2 near an eigenvalue of -Lap the solution is large, and for an eigenvalue there is none.
 
     Parameters
     ----------

@@ -1,9 +1,8 @@
-"""Equations in time: heat and what is like it, and waves.
+"""Equations in time: diffusion with advection and reaction, and waves.
 
-``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f. Time begins at ``t0``, 0
-unless given. How the
-steps go is in :mod:`cpmkit.families.evolution.schemes`; there is no explicit scheme for heat, whose step would have to
-be about the square of the spacing.
+``heat`` u_t = div(kappa grad u) - v . grad u - c u + f, ``wave`` u_tt = speed^2 Lap u + f, from the time ``t0`` on.
+Time stepping is in :mod:`cpmkit.families.evolution.schemes`; there is no explicit scheme for heat, whose step would be
+of the order of the square of the spacing.
 """
 
 from __future__ import annotations
@@ -25,29 +24,29 @@ HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
 WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
 FIRST_ORDER_SCHEMES = ("backward-euler", "euler")
 HEAT_STARTS = ("smooth", "plain")
-#: More steps than this are a mistake in the unit of time.
-MOST_TIME_STEPS = 10_000_000
-#: More frames than this, each a whole solution, are a mistake.
-MOST_FRAMES = 100_000
+#: More steps are refused as a mistake in the unit of time.
+MAX_TIME_STEPS = 10_000_000
+#: More frames, each a whole solution in memory, are refused.
+MAX_FRAMES = 100_000
 
 
 class Evolution(Equation[TimeFamily]):
-    """What every equation in time tells.
+    """Base class of equations in time.
 
     Attributes
     ----------
     until, step : float
-        Time at which the run ends, and its time step.
+        End time, and time step.
     t0 : float
-        Time at which it begins.
+        Start time.
     scheme : str
-        How the steps go.
+        Name of the time stepping scheme.
     frames : int or sequence of float
-        Times whose solutions are kept.
+        Times at which solutions are stored.
     after_step : callable, optional
-        What is done with the values after each step.
+        Function that changes the values after each step.
     rest : float, optional
-        Rate of change below which the run ends.
+        Rate of change below which the run ends, in the unit of time to the power -1.
     """
 
     until: float
@@ -58,8 +57,8 @@ class Evolution(Equation[TimeFamily]):
     rest: float | None = None
     t0: float = 0.0
     family: ClassVar[str] = "time"
-    #: Beside a multigrid, which steps that are short take no cycle of but the diagonal: of a sphere with 3,400 unknowns
-    #: factors are worth it from 40 steps on, with 6,000 from 60, with 10,000 from 260.
+    #: With multigrid, or the diagonal for short steps, factors are faster on a sphere with 3,400 unknowns from 40 steps
+    #: on, with 6,000 from 60, with 10,000 from 260.
     factorise_beside_multigrid: ClassVar[float | None] = 4.0
 
     @property
@@ -69,17 +68,17 @@ class Evolution(Equation[TimeFamily]):
 
     @property
     def duration(self) -> float:
-        """How long the run lasts."""
+        """Length of the run in time."""
         return self.until - self.t0
 
     def with_scheme(self, explicit_steps: bool) -> Self:
-        """Return the same with a scheme named, in a form that takes ``explicit_steps`` or not."""
+        """Return the equation with ``scheme="auto"`` replaced, for a form that can take ``explicit_steps`` or not."""
         del explicit_steps
         return self
 
     @property
     def frame_times(self) -> tuple[float, ...]:
-        """Times of the frames, rising."""
+        """Times of the frames in ascending order."""
         if isinstance(self.frames, (int, np.integer)):
             return tuple(np.linspace(self.t0, self.until, self.frames + 1).tolist()) if self.frames else ()
         return tuple(sorted({float(time) for time in self.frames}))
@@ -89,15 +88,15 @@ class Evolution(Equation[TimeFamily]):
             object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))
         if self.until <= self.t0:
             raise InputError(f"until of {self.kind} must be later than t0={self.t0:g}, got {self.until:g}.")
-        if self.duration / self.step > MOST_TIME_STEPS:
+        if self.duration / self.step > MAX_TIME_STEPS:
             raise InputError(
                 f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.duration / self.step:.3g} "
-                f"steps; at most {MOST_TIME_STEPS} are accepted, use a longer step."
+                f"steps; at most {MAX_TIME_STEPS} are accepted, use a longer step."
             )
         if self.scheme not in schemes:
             raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {shown(self.scheme)}.")
-        for name, given in coefficients.items():
-            if callable(given) and takes_time(given):
+        for name, coefficient in coefficients.items():
+            if callable(coefficient) and takes_time(coefficient):
                 raise InputError(
                     f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
                     "the data of conditions may."
@@ -109,33 +108,33 @@ class Evolution(Equation[TimeFamily]):
 def _check_frames(frames: int | Sequence[float], start: float, until: float, kind: str) -> None:
     accepted = (
         f"frames of {kind} must be a number of equal parts of the time or a list of times from {start:g} to {until:g}, "
-        f"at most {MOST_FRAMES} of them"
+        f"at most {MAX_FRAMES} of them"
     )
     try:
         if isinstance(frames, (int, np.integer)):
-            whole(frames, "frames", 0, MOST_FRAMES)
+            whole(frames, "frames", 0, MAX_FRAMES)
             return
         times = [number(time, "a frame") for time in frames]
     except (TypeError, InputError) as error:
         raise InputError(f"{accepted}, got {shown(frames)}.") from error
-    if len(times) > MOST_FRAMES or not all(start <= time <= until for time in times):
+    if len(times) > MAX_FRAMES or not all(start <= time <= until for time in times):
         raise InputError(f"{accepted}, got {shown(frames)}.")
 
 
 @dataclass(frozen=True, eq=False)
 class Heat(Evolution):
-    """u_t = div(kappa grad u) - v . grad u - c u + f, from u = initial at time t0.
+    """u_t = div(kappa grad u) - v . grad u - c u + f with u = initial at time t0.
 
     Parameters
     ----------
     initial : number, text, sequence, or callable
-        u at the start, as the right-hand side of :class:`~cpmkit.Poisson`.
+        u at the start; as the right-hand side of :class:`~cpmkit.Poisson`.
     until : float
-        Time at which the run ends.
+        End time.
     step : float
-        Time step; the last one before a frame and before the end is shortened.
+        Time step; the last step before a frame and before the end is shortened.
     f : number, sequence, or callable
-        Source; a callable with a parameter ``t`` that has no default receives the time.
+        Source; a callable with a parameter ``t`` without a default receives the time.
     kappa : number, symmetric tensor, or callable
         Conductivity, as the diffusivity of :class:`~cpmkit.Elliptic`.
     velocity : callable, optional
@@ -143,33 +142,34 @@ class Heat(Evolution):
     c : number or callable
         Rate of decay.
     conservative : bool
-        Whether the velocity's term is div(v u), so that what leaves one place arrives at another; in the Galerkin form.
+        Whether the advection term is div(v u), which conserves the integral of u; in the Galerkin form.
     scheme : str
-        ``bdf2``, of second order, damps what the step does not resolve; ``backward-euler``, of first order, damps
-        most; ``crank-nicolson``, of second order with the smallest error, does not damp.
+        ``bdf2``, of second order, damps modes that the step does not resolve; ``backward-euler``, of first order, damps
+        them most; ``crank-nicolson``, of second order with the smallest error, does not damp them.
     start : str
-        Of Crank-Nicolson: ``smooth`` takes the first step as two half steps of backward Euler, ``plain`` does not.
+        First step of Crank-Nicolson: ``smooth`` takes two half steps of backward Euler instead, ``plain`` does not.
     frames : int or sequence of float
-        Times whose solutions are kept: the ends of so many equal parts, with the start, or a list. A step ends at each.
+        Times at which solutions are stored: a list, or the number of equal intervals whose ends are stored, with the
+        start. A step ends at each.
     after_step : callable, optional
         A function of points (p, d), values (p, channels) and, where it has a parameter ``t`` without a default, the
-        time, that returns the values (p, channels) from which the run goes on. Where it changes u by as much as a step
-        does, as a projection on a target, steps of any scheme are of first order. What adds an amount at each step
-        takes ``backward-euler``: BDF2 takes the step before for a rate, and counts the amount one and a half times.
+        time, that returns the values (p, channels) from which the run continues. Where it changes u by as much as a
+        step does, such as a projection onto a target, any scheme is of first order. Use ``backward-euler`` with a
+        function that adds an amount at each step: BDF2 would count the amount one and a half times.
     rest : float, optional
-        The run ends when u changes more slowly: root mean square of the change over the step and over that of u, at
-        the start or now, whichever is larger; in one over the unit of time. Frames past that time are left out.
+        The run ends when u changes more slowly: the root mean square of the change of a step, over the step and over
+        the root mean square of u at the start or now, whichever is larger. Later frames are left out.
     t0 : float
-        Time at which the run begins.
+        Start time.
 
     Raises
     ------
     InputError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
-    On a circle the first mode decays like exp(-t).
+    On a circle the first mode decays as exp(-t).
 
     >>> import cpmkit as ck
     >>> cooling = ck.Heat(lambda points: points[:, 0], until=1.0, step=0.02)
@@ -209,7 +209,7 @@ class Heat(Evolution):
         return Terms(self.f, self.c, self.kappa, self.velocity, self.conservative)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return what has channels, by the names that errors use."""
+        """Return the data that have channels, with their names in errors."""
         return [("the right-hand side f", self.f), ("the initial data", self.initial)]
 
     def __str__(self) -> str:
@@ -218,41 +218,41 @@ class Heat(Evolution):
 
 @dataclass(frozen=True, eq=False)
 class Wave(Evolution):
-    """u_tt = speed^2 Lap u + f, from u = initial and u_t = initial_rate at time t0.
+    """u_tt = speed^2 Lap u + f with u = initial and u_t = initial_rate at time t0.
 
     Parameters
     ----------
     initial : number, text, sequence, or callable
         u at the start.
     until : float
-        Time at which the run ends.
+        End time.
     step : float
-        Time step; the last one before a frame and before the end is shortened.
+        Time step; the last step before a frame and before the end is shortened.
     initial_rate : number, sequence, or callable
         u_t at the start.
     speed : float
-        Of the waves, above zero.
+        Wave speed, above zero.
     f : number, sequence, or callable
-        Source; a callable with a parameter ``t`` that has no default receives the time.
+        Source; a callable with a parameter ``t`` without a default receives the time.
     scheme : str
         ``auto``: ``newmark`` in the Galerkin form, ``leapfrog`` in the collocation form. ``newmark``, the average
-        acceleration, takes any step and keeps the energy; the collocation form has none. ``leapfrog`` takes steps
-        below a bound and interpolation of degree 3 or 5; the collocation form alone has it. ``implicit``, second-order
-        backward differences, damps waves that the step does not resolve; in the collocation form the step must be
-        above a bound.
+        acceleration method, is stable for any step and conserves the energy. ``leapfrog`` is stable for steps
+        below a bound, with interpolation of degree 3 or 5, and belongs to the collocation form. ``implicit``,
+        second-order backward differences, damps waves that the step does not resolve; in the collocation form the step
+        must be above a bound.
     frames : int or sequence of float
         As for :class:`Heat`.
     t0 : float
-        Time at which the run begins.
+        Start time.
 
     Raises
     ------
     InputError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
-    After one turn of the circle a wave is where it was.
+    After one turn around the circle a wave is at its first place.
 
     >>> import cpmkit as ck
     >>> turn = ck.Wave(lambda x: x[:, 0], until=6.283, step=0.03, initial_rate=lambda x: x[:, 1])
@@ -278,7 +278,7 @@ class Wave(Evolution):
         object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
 
     def with_scheme(self, explicit_steps: bool) -> Wave:
-        """Return the same with a scheme named: ``auto`` is leapfrog where steps may be explicit, else Newmark's."""
+        """Return the equation with ``scheme="auto"`` replaced: leapfrog if steps may be explicit, else Newmark."""
         default = "leapfrog" if explicit_steps else "newmark"
         return replace(self, scheme=default) if self.scheme == "auto" else self
 
@@ -287,7 +287,7 @@ class Wave(Evolution):
         return Terms(self.f, diffusivity=self.speed * self.speed)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return what has channels, by the names that errors use."""
+        """Return the data that have channels, with their names in errors."""
         return [
             ("the right-hand side f", self.f),
             ("the initial data", self.initial),

@@ -1,4 +1,4 @@
-"""Right-hand sides that are no functions of points: known by their integrals times each function that tests them."""
+"""Right-hand sides that are functionals: known by their values for test functions, not at points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cpmkit.scene.data import Data, Functional, takes_time
 
 
 class TestsFunctionals(Protocol):
-    """What a form needs to take such right-hand sides."""
+    """The members of a form that functionals use."""
 
     @property
     def channels(self) -> int:
@@ -24,57 +24,57 @@ class TestsFunctionals(Protocol):
 
     @property
     def points(self) -> Floats:
-        """(p, d) at which it knows values."""
+        """Points (p, d) at which the form has values."""
 
     @property
     def points_in_use(self) -> Floats:
-        """(p, d) the same for reading alone."""
+        """The same points (p, d), not to be written to."""
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals (n, channels) of a function times each test function."""
+        """Return the integrals (n, channels) of a function f times each test function."""
 
     def rows(self, points: Floats) -> Any:
-        """Return the matrix (k, n) of the test functions at the manifold's points nearest to ``points``."""
+        """Return the matrix (k, n) of the values of the test functions at the closest points of ``points`` (k, d)."""
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Return the integrals (n,) of the vectors ``values`` (p, d) times each test function's gradient."""
+        """Return the integrals (n,) of the vectors ``values`` (p, d) times the gradient of each test function."""
 
 
 class TestedRightSide(Functional, ABC):
-    """A right-hand side that is known by its integrals times test functions, and a function ``beside`` it."""
+    """A functional plus a function ``beside`` of points."""
 
     beside: Data
 
     @property
     def takes_time(self) -> bool:
-        """Whether it depends on the time."""
+        """True if it depends on the time."""
         return takes_time(self.beside)
 
     @abstractmethod
-    def tested(self, form: TestsFunctionals) -> Floats:
-        """Return its own integrals (n, channels) times each test function, without the function beside it."""
+    def values(self, form: TestsFunctionals) -> Floats:
+        """Return the values (n, channels) of the functional for each test function, without the function ``beside``."""
 
     def loads(self, form: TestsFunctionals, time: float | None = None) -> Floats:
-        """Return all of its integrals (n, channels) times each test function."""
-        nothing = isinstance(self.beside, (int, float)) and self.beside == 0
-        return self.tested(form) if nothing else form.load(self.beside, time) + self.tested(form)
+        """Return the loads (n, channels) for each test function, those of the function ``beside`` included."""
+        is_zero = isinstance(self.beside, (int, float)) and self.beside == 0
+        return self.values(form) if is_zero else form.load(self.beside, time) + self.values(form)
 
 
 @dataclass(frozen=True, eq=False)
 class PointSource(TestedRightSide):
-    """Sources in points of the manifold: f = sum strength_k delta(x - at_k) + beside.
+    """Point sources: f = sum strength_k delta(x - at_k) + beside.
 
-    Each is tested as it is, by every spline at its point, so that total, first and second moments are those of the
-    point. Away from it the solution converges as without it; at it, on a surface, the exact solution is unbounded.
+    The load of a spline is its value at the point, so that the total and the first and second moments are exact. The
+    solution converges at the usual order away from the points; at a point of a surface the exact solution is unbounded.
 
     Parameters
     ----------
     at : (k, d) or (d,) array
-        Points on the manifold or near it, in the scene's coordinates.
+        Points on or near the manifold, in the scene's coordinates.
     strength : number, (k,) or (k, channels) array
-        What flows in at each point, for one unit of time where the problem has a time.
+        Inflow at each point; in equations with time, for one unit of time.
     beside : number, sequence or callable
-        A function of points that is added.
+        A function of points that is added to f.
 
     Raises
     ------
@@ -97,8 +97,8 @@ class PointSource(TestedRightSide):
     beside: Data = 0.0
 
     def __post_init__(self) -> None:
-        given = np.asarray(self.at, dtype=np.float64)
-        points = as_points(given[None] if given.ndim == 1 else given, given.shape[-1] if given.ndim else 0)
+        at = np.asarray(self.at, dtype=np.float64)
+        points = as_points(at[None] if at.ndim == 1 else at, at.shape[-1] if at.ndim else 0)
         try:
             strength = np.array(self.strength, dtype=np.float64)
         except (TypeError, ValueError) as error:
@@ -117,30 +117,30 @@ class PointSource(TestedRightSide):
         """Number of channels of the strengths."""
         return int(self.strength.shape[1])
 
-    def tested(self, form: TestsFunctionals) -> Floats:
-        """Return each test function at the points times their strengths, (n, channels)."""
-        found = np.asarray(form.rows(self.at).T @ self.strength)
-        return found if found.shape[1] == form.channels else np.repeat(found, form.channels, axis=1)
+    def values(self, form: TestsFunctionals) -> Floats:
+        """Return the sum (n, channels) of strength times value of each test function over the points."""
+        loads = np.asarray(form.rows(self.at).T @ self.strength)
+        return loads if loads.shape[1] == form.channels else np.repeat(loads, form.channels, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
 class Divergence(TestedRightSide):
-    """f = scale div(X) + beside, weakly: -scale sum X . grad phi, so that X is never differentiated.
+    """f = scale div(X) + beside in weak form, -scale sum X . grad phi, so that X is not differentiated.
 
-    Where a condition gives a slope or nothing is given, it is then du/db + scale X . b that it gives (for -Lap u = f).
+    A Neumann condition, also the default zero flux, then prescribes du/db + scale X . b (for -Lap u = f).
 
     Parameters
     ----------
     of : callable
-        X, a function of points (n, d) that returns vectors (n, d); the tangential part counts.
+        X, a function of points (n, d) that returns vectors (n, d); its normal part is ignored.
     scale : float
         Factor of the divergence.
     beside : number, sequence or callable
-        A function of points that is added.
+        A function of points that is added to f.
 
     Examples
     --------
-    On the unit circle the tangential part of (0, y) has the divergence cos 2 s, and u is cos(2 s) / 5.
+    On the unit circle the divergence of the tangential part of (0, y) is cos 2 s, and u is cos(2 s) / 5.
 
     >>> import cpmkit as ck
     >>> field = ck.Divergence(lambda p: p * [0.0, 1.0])
@@ -160,7 +160,7 @@ class Divergence(TestedRightSide):
 
     @property
     def channels(self) -> int:
-        """One."""
+        """Number of channels, one."""
         return 1
 
     def __neg__(self) -> Divergence:
@@ -174,11 +174,11 @@ class Divergence(TestedRightSide):
 
     __rmul__ = __mul__
 
-    def tested(self, form: TestsFunctionals) -> Floats:
+    def values(self, form: TestsFunctionals) -> Floats:
         """Return -scale times the integrals of X . grad phi, (n, channels)."""
         points = form.points_in_use
-        own = getattr(self.of, "points", None) is points  # a field's; any other function may write to what it is given
-        values = np.asarray(self.of(points if own else points.copy()), dtype=np.float64)
+        is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument
+        values = np.asarray(self.of(points if is_field else points.copy()), dtype=np.float64)
         if values.shape != points.shape or not np.isfinite(values).all():
             raise InputError(
                 f"the field of a divergence must return finite vectors {points.shape} at {len(points)} points, got "

@@ -1,8 +1,7 @@
-"""The standard laws: what may hold on a side of a boundary, in the few shapes that forms translate into equations.
+"""The standard laws of conditions, which forms discretise; forms know no class of conditions.
 
-Forms know these and no class of conditions; every condition tells which of them it is. A law on one side reads
-``alpha du/db + beta u = datum`` with b the conormal out of that side, where what depends on the solution itself (lambda
-u, a nonlinear flux) counts as zero until it is known.
+Every condition has one of these laws. A law on one side is ``alpha du/db + beta u = datum`` with b the conormal out of
+that side; terms that depend on the solution (lambda u, a nonlinear flux) are not part of it.
 """
 
 from __future__ import annotations
@@ -18,19 +17,19 @@ from cpmkit.errors import InputError
 from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
 
-#: Step of the differences that replace a slope, as a share of the value.
+#: Step of the finite differences that replace a derivative, as a share of the value.
 SLOPE_DIFFERENCE_SHARE = 1e-6
 
 
-class _Standard:
-    """What every law tells of itself.
+class _Law:
+    """Base class of laws.
 
     Attributes
     ----------
     families : tuple of str
-        The families of equations that take it.
+        The families of equations that accept it.
     needs : str
-        Why others do not: the predicate of a sentence on a condition.
+        Why other families do not accept it, a predicate for a sentence on a condition.
     """
 
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
@@ -38,7 +37,7 @@ class _Standard:
 
 
 @dataclass(frozen=True, eq=False)
-class Value(_Standard):
+class Value(_Law):
     """u = datum; in a biharmonic problem Lap u = 0 too."""
 
     datum: Data
@@ -57,7 +56,7 @@ class Support(Value):
 
 
 @dataclass(frozen=True, eq=False)
-class Flux(_Standard):
+class Flux(_Law):
     """du/db = datum."""
 
     datum: Data
@@ -67,8 +66,8 @@ class Flux(_Standard):
 
 
 @dataclass(frozen=True, eq=False)
-class Mixed(_Standard):
-    """alpha du/db + beta u = datum, alpha a number other than zero, beta a number or a callable of points."""
+class Mixed(_Law):
+    """alpha du/db + beta u = datum, with a number alpha other than zero and a number or function of points beta."""
 
     alpha: float
     beta: float | Callable[..., Any]
@@ -76,8 +75,8 @@ class Mixed(_Standard):
 
 
 @dataclass(frozen=True, eq=False)
-class Spectral(_Standard):
-    """du/db = lambda u, lambda being the eigenvalue that is sought."""
+class Spectral(_Law):
+    """du/db = lambda u with the unknown eigenvalue lambda."""
 
     alpha: ClassVar[float] = 1.0
     beta: ClassVar[float] = 0.0
@@ -87,7 +86,7 @@ class Spectral(_Standard):
 
 
 @dataclass(frozen=True, eq=False)
-class Nonlinear(_Standard):
+class Nonlinear(_Law):
     """du/db = flux(u), or flux(u, points); Newton's method starts where u is ``guess``."""
 
     flux: Callable[..., Any]
@@ -105,25 +104,25 @@ class Nonlinear(_Standard):
         Raises
         ------
         InputError
-            If the function returns anything but (n,) finite numbers.
+            If the function does not return (n,) finite numbers.
         """
-        return _called(self.flux, values, points)
+        return _call(self.flux, values, points)
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the flux's derivative (n,) with respect to u, by differences where no slope is given."""
+        """Return the flux's derivative (n,) with respect to u, by finite differences if no ``slope`` is given."""
         if self.slope is not None:
-            return _called(self.slope, values, points)
+            return _call(self.slope, values, points)
         size = np.abs(values)
         step = SLOPE_DIFFERENCE_SHARE * np.maximum(size, size.max(initial=0.0) or 1.0)
-        ahead, behind = (_called(self.flux, values + sign * step, points) for sign in (1, -1))
+        ahead, behind = (_call(self.flux, values + sign * step, points) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * step))
 
 
 @dataclass(frozen=True, eq=False)
-class Interface(_Standard):
-    """Both sides coupled: ``u_left - u_right = jump + resistance * flow``, ``k_left u_b + k_right u_b = flux``.
+class Interface(_Law):
+    """Coupling of both sides: ``u_left - u_right = jump + resistance * flow``, ``k_left u_b + k_right u_b = flux``.
 
-    ``left`` and ``right`` are the conductivities k, None for the problem's; the flow is that from left to right.
+    ``left`` and ``right`` are the conductivities k, None for the equation's; the flow is from left to right.
     """
 
     jump: Data
@@ -133,14 +132,14 @@ class Interface(_Standard):
     right: Data | None = None
 
 
-#: What holds on one side, whatever holds on the other.
+#: A law on one side.
 OneSided = Value | Flux | Mixed | Spectral | Nonlinear
-#: What a condition may be.
+#: The law of a condition.
 Law = OneSided | Interface
 
 
 def data_of(law: Law) -> list[tuple[str, Data]]:
-    """Return the data of a law and what each is; none where they depend on the solution."""
+    """Return the names and values of the data of a law; none where they depend on the solution."""
     if isinstance(law, Interface):
         return [("jump", law.jump), ("flux", law.flux)]
     if isinstance(law, Support):
@@ -149,12 +148,12 @@ def data_of(law: Law) -> list[tuple[str, Data]]:
 
 
 def law_of_laplacian(law: Law) -> Law:
-    """Return the law that holds for Lap u in a biharmonic problem where ``law`` holds for u: a value, or no flux."""
+    """Return the law of Lap u in a biharmonic problem with the law of u: a value, or zero flux."""
     return Value(law.laplacian if isinstance(law, Support) else 0.0) if isinstance(law, Value) else Flux(0.0)
 
 
 def is_zero_neumann(law: Law) -> bool:
-    """Tell whether nothing flows through: the flux is zero everywhere."""
+    """Return True if the law is a zero flux."""
     return isinstance(law, Flux) and not callable(law.datum) and not np.any(np.asarray(law.datum, dtype=object))
 
 
@@ -164,28 +163,28 @@ def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
 
 
 def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
-    """Tell at which ``points`` (n, d) of the boundary a law does not hold for u + constant if it does for u, (n,)."""
+    """Return True (n,) at the ``points`` (n, d) of the boundary where the law determines the constant part of u."""
     if isinstance(law, (Interface, Nonlinear)):
         return np.full(len(points), isinstance(law, Nonlinear))
     return np.asarray(beta_at(law, points, label) != 0)
 
 
 def is_dissipative(law: Law) -> bool:
-    """Tell whether a law surely takes nothing from the operator's sign: no eigenvalue falls below zero by it."""
+    """Return True if a law is known to be dissipative: it makes no eigenvalue of the operator negative."""
     if isinstance(law, Mixed):
         return not callable(law.beta) and law.alpha * law.beta >= 0
     return isinstance(law, (Value, Flux))
 
 
-def _called(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
-    """Return a flux or its slope (n,), of values alone or of values and points."""
+def _call(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
+    """Return a flux or its derivative (n,), a function of values, or of values and points."""
     parameters = inspect.signature(function).parameters.values()
     several = sum(parameter.default is parameter.empty for parameter in parameters) > 1
-    found = np.asarray(function(values, points) if several else function(values), dtype=np.float64)
-    found = np.broadcast_to(found, values.shape) if found.ndim == 0 else found
-    if found.shape != values.shape or not np.isfinite(found).all():
+    fluxes = np.asarray(function(values, points) if several else function(values), dtype=np.float64)
+    fluxes = np.broadcast_to(fluxes, values.shape) if fluxes.ndim == 0 else fluxes
+    if fluxes.shape != values.shape or not np.isfinite(fluxes).all():
         raise InputError(
-            f"a nonlinear flux must return {len(values)} finite numbers for as many values, got shape {found.shape}"
-            f"{'' if np.isfinite(found).all() else ' with NaN or infinity'}."
+            f"a nonlinear flux must return {len(values)} finite numbers for as many values, got shape {fluxes.shape}"
+            f"{'' if np.isfinite(fluxes).all() else ' with NaN or infinity'}."
         )
-    return found
+    return fluxes

@@ -1,4 +1,4 @@
-"""Which side of a boundary is left: found once a scene, whatever the spacing and the lattice."""
+"""The left side of a boundary: found once for a scene, from samples of the boundary, without a lattice."""
 
 from __future__ import annotations
 
@@ -25,99 +25,129 @@ from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, HasMembe
 
 #: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
 BOUNDARY_SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
-#: Samples nearer than this share of their spacing are one.
-THINNED_SPACING_SHARE = 0.25
-#: The least step of differences on the manifold, and its spacing of samples for a single point, as shares of its size.
-LEAST_DIFFERENCE_SHARE, POINT_SAMPLING_SHARE = 1e-4, 1 / 64
+#: Least step of finite differences on the manifold, as a share of its size: above rounding.
+MIN_STEP_SHARE = 1e-4
 #: A point determines the left of a piece if the cosine between its chord and the left direction exceeds this.
-TELLING_CHORD_COSINE = 1e-3
-#: The two points that name the sides lie so far from the boundary, as a share of its size.
-NAMING_POINT_SHARE = 0.1
+MIN_CHORD_COSINE = 1e-3
 
-#: What says which side is left: the sources themselves, a point, or a rule. Nothing: the sign comes back reversed.
+#: How the left side is determined: by the sources, by a point, by a rule; or it does not exist, as on a Moebius strip.
 NamedBy = Literal["source", "left_of", "rule", "nothing"]
 
 
 @dataclass(frozen=True, eq=False)
 class OrientedPart:
-    """A source that is no union, a boundary or a member of one, with signs along it."""
+    """A boundary, or a member of a union, sampled with directions whose signs agree between neighbours.
+
+    Attributes
+    ----------
+    source, surface : LocalSource
+        The boundary, and the manifold.
+    dimension : int
+        Dimension of the manifold along the boundary.
+    samples, on_surface : ClosestPoints
+        Samples of the boundary, and the manifold's records of them.
+    across, along : Orientation
+        Signs of the manifold's normals (tangents, if it is a curve), and of the boundary's tangents (normals, if it is
+        a surface).
+    given_across : (s,) bool
+        Where the manifold has normals (tangents) of its own.
+    given_along : bool
+        True if the boundary has tangents (normals) of its own.
+    piece : (s,) int64
+        Number of the connected piece of each sample.
+    consistent : bool
+        False if a direction comes back reversed along the boundary.
+    has_direction : bool
+        True if the signs along the boundary are consistent.
+    sure : bool
+        False if denser samples may give other signs.
+    spacing : float
+        Distance of the samples.
+    """
 
     source: LocalSource
     surface: LocalSource
     dimension: int
     samples: ClosestPoints
-    on: ClosestPoints
+    on_surface: ClosestPoints
     across: Orientation
     along: Orientation
     given_across: Bools
     given_along: bool
     piece: Ints
     consistent: bool
-    travels: bool
+    has_direction: bool
     sure: bool
     spacing: float
 
     @classmethod
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> OrientedPart:
-        """Return it sampled densely enough, signs carried."""
-        for found, spacing in samplings(source, surface):
-            part = cls._sampled(source, surface, dimension, _off_corners(source, found, 0.5 * spacing), spacing)
+        """Return a source with samples that are dense enough for signs to be sure, or the densest."""
+        for samples, spacing in samplings(source, surface):
+            smooth = _without_corners(source, samples, 0.5 * spacing)
+            part = cls._with_samples(source, surface, dimension, smooth, spacing)
             if part.sure:
                 break
         return part
 
     @classmethod
-    def _sampled(
+    def _with_samples(
         cls, source: LocalSource, surface: LocalSource, dimension: int, samples: ClosestPoints, spacing: float
     ) -> OrientedPart:
         step, on_surface = 0.5 * spacing, surface.closest_point(samples.points)
-        wide = max(step, LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
-        travel = unit_tangents(source, samples, step) if source.manifold_dim == 1 else None
-        travelled = unit_tangents(surface, on_surface, wide) if dimension == 1 else travel
-        pairs = neighbours(samples.points, spacing, travelled)
-        along, across, found = AS_GIVEN, AS_GIVEN, []
+        surface_step = max(step, MIN_STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
+        tangents = unit_tangents(source, samples, step) if source.manifold_dim == 1 else None
+        curve_tangents = unit_tangents(surface, on_surface, surface_step) if dimension == 1 else tangents
+        pairs = neighbours(samples.points, spacing, curve_tangents)
+        along, across, propagated = AS_GIVEN, AS_GIVEN, []
         given_across = np.ones(len(samples), dtype=bool)
         given_along = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim or 0)
         if source.manifold_dim:
-            directions = unit_normals(source, samples, step) if travel is None else travel
-            is_given = np.full(len(samples), given_along)
-            found.append(_with_agreeing_signs(samples.points, directions, pairs, spacing, travel is not None, is_given))
-            along = Orientation(samples.points, found[0].directions, spacing, travel is not None)
-        travels = all(carried.consistent for carried in found)
+            directions = unit_normals(source, samples, step) if tangents is None else tangents
+            is_given, is_travel = np.full(len(samples), given_along), tangents is not None
+            propagated.append(_with_agreeing_signs(samples.points, directions, pairs, spacing, is_travel, is_given))
+            along = Orientation(samples.points, propagated[0].directions, spacing, is_travel)
+        has_direction = all(signs.consistent for signs in propagated)
         if dimension < source.dim:
-            directions = (
-                travelled if dimension == 1 and travelled is not None else unit_normals(surface, on_surface, wide)
-            )
-            given_across = _own_directions(surface, on_surface, dimension)
-            found.append(
+            if dimension == 1 and curve_tangents is not None:
+                directions = curve_tangents
+            else:
+                directions = unit_normals(surface, on_surface, surface_step)
+            given_across = _has_own_directions(surface, on_surface, dimension)
+            propagated.append(
                 _with_agreeing_signs(on_surface.points, directions, pairs, spacing, dimension == 1, given_across)
             )
-            across = Orientation(on_surface.points, found[-1].directions, spacing, dimension == 1)
-        signs = across, along, given_across, given_along, found[0].piece
-        consistent, sure = (all(getattr(carried, name) for carried in found) for name in ("consistent", "sure"))
-        return cls(source, surface, dimension, samples, on_surface, *signs, consistent, travels, sure, spacing)
+            across = Orientation(on_surface.points, propagated[-1].directions, spacing, dimension == 1)
+        return cls(
+            *(source, surface, dimension, samples, on_surface),
+            *(across, along, given_across, given_along, propagated[0].piece),
+            consistent=all(signs.consistent for signs in propagated),
+            has_direction=has_direction,
+            sure=all(signs.sure for signs in propagated),
+            spacing=spacing,
+        )
 
-    def turned(self, left_of: Floats | None) -> tuple[OrientedPart, set[NamedBy]]:
-        """Return it with each piece's left chosen by a point (d,), where one is given, else by a rule."""
-        flipped = np.ones(len(self.samples))
+    def with_left_chosen(self, left_of: Floats | None) -> tuple[OrientedPart, set[NamedBy]]:
+        """Return the part with the left of each piece chosen by a point (d,) on it, or else by a rule, and by which."""
+        signs = np.ones(len(self.samples))
         named: set[NamedBy] = set()
-        leans = None if left_of is None else self._lean(left_of)
+        cosines = None if left_of is None else self._chord_cosines(left_of)
         for number, mask in enumerate(piece_masks(self.piece)):
             if self.given_along and self.given_across[mask].any():
                 continue
-            if leans is not None and abs(leans[number]) > TELLING_CHORD_COSINE:
+            if cosines is not None and abs(cosines[number]) > MIN_CHORD_COSINE:
                 named.add("left_of")
-                flipped[mask] = np.sign(leans[number])
+                signs[mask] = np.sign(cosines[number])
             else:
                 named.add("rule")
-                flipped[mask] = self._ruled(mask)
-        open_sign = "across" if self.across is not AS_GIVEN else "along"
-        turned = getattr(self, open_sign)
-        turned = replace(turned, directions=turned.directions * flipped[:, None])
-        return replace(self, **{open_sign: turned}), named
+                signs[mask] = self._sign_by_rule(mask)
+        free = "across" if self.across is not AS_GIVEN else "along"
+        orientation = getattr(self, free)
+        orientation = replace(orientation, directions=orientation.directions * signs[:, None])
+        return replace(self, **{free: orientation}), named
 
-    def _ruled(self, mask: Bools) -> float:
-        """Return the sign that makes what a piece does not know by itself follow the rule."""
+    def _sign_by_rule(self, mask: Bools) -> float:
+        """Return the sign by which a piece's directions that are not given follow the rule."""
         sign = 1.0
         if not self.given_across[mask].any():
             sign *= _sign_of_mean(self.across, mask, self.surface.bounds.mean(axis=0))
@@ -125,33 +155,35 @@ class OrientedPart:
             sign *= _sign_of_mean(self.along, mask, self.source.bounds.mean(axis=0))
         return sign
 
-    def _lean(self, point: Floats) -> Floats:
-        """Return, for each piece, the cosine of the angle at its nearest point between left and the way to a point."""
+    def _chord_cosines(self, point: Floats) -> Floats:
+        """Return the cosine between left, at the point of each piece nearest to ``point`` (d,), and the chord to it."""
         goal = self.surface.closest_point(point[None]).points[0]
-        distance = np.linalg.norm(self.on.points - goal, axis=1)
+        distance = np.linalg.norm(self.on_surface.points - goal, axis=1)
         pieces = piece_masks(self.piece)
         nearest = np.array([np.flatnonzero(mask)[distance[mask].argmin()] for mask in pieces])
-        feet = self.source.closest_point(goal[None])
-        at = self.piece[np.linalg.norm(self.samples.points - feet.points[0], axis=1).argmin()]
-        feet = self.samples.take(nearest).replaced(np.array([at]), feet)
-        on = self.surface.closest_point(feet.points)
-        _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
-        return cosines_to_left(goal - on.points, left)
+        foot = self.source.closest_point(goal[None])
+        piece = self.piece[np.linalg.norm(self.samples.points - foot.points[0], axis=1).argmin()]
+        feet = self.samples.take(nearest).replaced(np.array([piece]), foot)
+        on_surface = self.surface.closest_point(feet.points)
+        return cosines_to_left(goal - on_surface.points, self._left(feet, on_surface))
 
-    def beside(self) -> Floats:
-        """Return a point of the manifold on the left and one on the right, (2, d)."""
+    def _left(self, feet: ClosestPoints, on_surface: ClosestPoints) -> Floats:
+        signs = self.across, self.along
+        return axis_and_left(self.source, self.surface, signs, on_surface, feet, 0.5 * self.spacing)[1]
+
+    def side_points(self) -> Floats:
+        """Return a point on the left and one on the right (2, d), a tenth of the boundary's size from it."""
         middle = np.array([len(self.samples) // 2])
-        feet, on = self.samples.take(middle), self.on.take(middle)
-        _, left = axis_and_left(self.source, self.surface, (self.across, self.along), on, feet, 0.5 * self.spacing)
+        feet, on_surface = self.samples.take(middle), self.on_surface.take(middle)
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
-        ways = NAMING_POINT_SHARE * size * np.array([[1.0], [-1.0]]) * left
-        return self.surface.closest_point(on.points + ways).points
+        steps = 0.1 * size * np.array([[1.0], [-1.0]]) * self._left(feet, on_surface)
+        return self.surface.closest_point(on_surface.points + steps).points
 
 
-def cosines_to_left(ways: Floats, left: Floats) -> Floats:
-    """Return the cosines (n,) of ``ways`` (n, d) with unit vectors; zero of no way."""
-    length = np.linalg.norm(ways, axis=1)
-    return np.asarray(np.sum(ways * left, axis=1) / np.where(length > 0, length, 1.0))
+def cosines_to_left(chords: Floats, left: Floats) -> Floats:
+    """Return the cosines (n,) between ``chords`` (n, d) and unit vectors ``left`` (n, d), zero for zero chords."""
+    length = np.linalg.norm(chords, axis=1)
+    return np.asarray(np.sum(chords * left, axis=1) / np.where(length > 0, length, 1.0))
 
 
 def _sign_of_mean(signs: Orientation, mask: Bools, centre: Floats) -> float:
@@ -161,89 +193,89 @@ def _sign_of_mean(signs: Orientation, mask: Bools, centre: Floats) -> float:
 
 
 def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[ClosestPoints, float]]:
-    """Yield samples of a source, denser and denser, and their spacing."""
+    """Yield samples of a source with their spacing, from coarse to dense."""
     size = float(np.ptp(source.bounds, axis=0).max())
-    if not size > 0:
-        middle = source.bounds.mean(axis=0)[None]
-        yield source.closest_point(middle), POINT_SAMPLING_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    if not size > 0:  # a single point
+        yield source.closest_point(source.bounds.mean(axis=0)[None]), float(np.ptp(surface.bounds, axis=0).max()) / 64
         return
     for count in BOUNDARY_SAMPLES[source.manifold_dim or 0]:
         spacing = size / count
         cells = next(blocks for side, blocks in cell_levels(source, spacing, 0.5) if side == 1)
         points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points
-        _, kept = np.unique(np.round(points / (THINNED_SPACING_SHARE * spacing)), axis=0, return_index=True)
-        yield source.closest_point(points[np.sort(kept)]), spacing
+        cells_of_points = np.round(points / (0.25 * spacing))  # one sample in a quarter of the spacing
+        _, rows = np.unique(cells_of_points, axis=0, return_index=True)
+        yield source.closest_point(points[np.sort(rows)]), spacing
 
 
-def _off_corners(source: LocalSource, samples: ClosestPoints, step: float) -> ClosestPoints:
-    """Return the samples at which a curve has a direction; all, where it has none anywhere."""
+def _without_corners(source: LocalSource, samples: ClosestPoints, step: float) -> ClosestPoints:
+    """Return the samples at which a curve has a tangent; all samples if it has none anywhere."""
     if source.manifold_dim != 1 or source.has_tangents:
         return samples
     corner = tangents_and_corners(source, samples, step)[1]
     return samples if corner.all() else samples.take(~corner)
 
 
-def _own_directions(surface: LocalSource, on_surface: ClosestPoints, dimension: int) -> Bools:
-    """Return at which feet (n,) the manifold gives its own normals, or tangents, where it is a curve."""
-    given = np.zeros(len(on_surface), dtype=bool)
+def _has_own_directions(surface: LocalSource, on_surface: ClosestPoints, dimension: int) -> Bools:
+    """Return at which closest points (n,) the manifold has normals of its own, or tangents if it is a curve."""
+    has_own = np.zeros(len(on_surface), dtype=bool)
     for member, rows, _ in surface.by_member(on_surface):
-        given[rows] = member.has_tangents if dimension == 1 else member.has_normals
-    return given
+        has_own[rows] = member.has_tangents if dimension == 1 else member.has_normals
+    return has_own
 
 
 def _with_agreeing_signs(
     points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, is_given: Bools
 ) -> Propagated:
-    """Carry signs, of each piece such that they agree with those that the source itself gives there."""
-    found = propagate_signs(points, directions, pairs, spacing, travel)
-    for mask in piece_masks(found.piece):
+    """Propagate signs over neighbours; the signs of a piece agree with directions that the source itself has there."""
+    propagated = propagate_signs(points, directions, pairs, spacing, travel)
+    for mask in piece_masks(propagated.piece):
         given = mask & is_given
-        if np.sum(found.directions[given] * directions[given]) < 0:
-            found.directions[mask] *= -1
-    return found
+        if np.sum(propagated.directions[given] * directions[given]) < 0:
+            propagated.directions[mask] *= -1
+    return propagated
 
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """What tells the left of a boundary.
+    """Orientation of a boundary, which determines its left side.
 
     Attributes
     ----------
     across : Orientation
         Signs of the surface's normals (of its tangents, where the surface is a curve) along the boundary.
     along : Orientation
-        Signs of the boundary's own tangents; of its normals, where it is a surface.
+        Signs of the boundary's tangents; of its normals, where it is a surface.
     named_by : str
         "source", "left_of", "rule" or "nothing".
-    travels : bool
-        True where the signs along the boundary are consistent, whatever those across are.
+    has_direction : bool
+        True if the signs along the boundary are consistent, whatever the signs across it.
     origin : (d,) float64
-        In the scene's coordinates; the signs are known relative to it.
-    beside : (2, d) float64 or None
-        Where a rule names the left: two points, one on each side, in the scene's coordinates.
+        Origin of the points of the orientations, in the scene's coordinates.
+    side_points : (2, d) float64 or None
+        Where a rule determines the left, a point on the left and one on the right, in the scene's coordinates.
     queries : tuple of int
-        Closest points asked of the surface and of the boundary to find it.
+        Numbers of closest point queries of the surface and of the boundary.
     contradicts_left_of : bool
-        True where the sources' own left is not that of the boundary's ``left_of``.
+        True if the boundary's ``left_of`` is on the right by the sources' own directions.
     """
 
     across: Orientation
     along: Orientation
     named_by: NamedBy
-    travels: bool
+    has_direction: bool
     origin: Floats
-    beside: Floats | None = None
+    side_points: Floats | None = None
     queries: tuple[int, int] = (0, 0)
     contradicts_left_of: bool = False
 
     @property
     def known(self) -> bool:
-        """True where signs agree all along the boundary."""
+        """True if the signs are consistent all along the boundary, so that it has a left side."""
         return self.named_by != "nothing"
 
     @property
     def signs(self) -> tuple[Orientation, Orientation]:
-        """Those across and those along the boundary."""
+        """The signs across and those along the boundary."""
         return self.across, self.along
 
     def relative_to(self, origin: Floats) -> Left:
@@ -255,52 +287,54 @@ class Left:
 def find_left(
     boundary: BoundarySet, source: LocalSource, manifold: LocalSource, dimension: int, origin: Floats
 ) -> Left:
-    """Return what tells the left of ``boundary`` in a ``manifold`` that has ``dimension`` there.
+    """Return the orientation of ``boundary`` in a ``manifold`` that has ``dimension`` there.
 
-    Where sources know their signs, nothing is asked. Otherwise the boundary is sampled at a density of its own, and
-    denser until neighbouring directions agree; signs are carried from sample to sample, and of each connected piece
-    ``left_of`` chooses the one that is left open, or else a rule. ``source`` is the boundary's, and like the manifold
-    seen from ``origin`` (d,).
+    Where the sources have directions of their own, nothing is computed. Otherwise the boundary is sampled more and more
+    densely until the directions of neighbours agree; signs are propagated from sample to sample, and the sign of each
+    connected piece that remains free is chosen by ``left_of`` or by a rule. ``source``, the boundary's, and the
+    manifold are relative to ``origin`` (d,).
     """
     if source.manifold_dim != dimension - 1:
         return Left(AS_GIVEN, AS_GIVEN, "nothing", False, origin)
     travel = source.manifold_dim == 0 or source.knows_directions(source.manifold_dim)
     if source.has_left or (travel and (dimension == source.dim or manifold.knows_directions(dimension))):
-        against = boundary.left_of is not None and _contradicts(source, manifold, boundary.left_of - origin)
+        against = boundary.left_of is not None and _is_on_right(source, manifold, boundary.left_of - origin)
         queries = manifold.queries["points"], source.queries["points"]
         return Left(AS_GIVEN, AS_GIVEN, "source", True, origin, queries=queries, contradicts_left_of=against)
-    lacking = [number for number, member in enumerate(source.members) if not member.has_left]
-    parts = [OrientedPart.of(source.members[number], manifold, dimension) for number in lacking]
+    free = [number for number, member in enumerate(source.members) if not member.has_left]
+    parts = [OrientedPart.of(source.members[number], manifold, dimension) for number in free]
     named: set[NamedBy] = {"source"}
-    points = [_left_points(boundary)[number] for number in lacking]
-    ruled: int | None = None
-    for number, (part, given) in enumerate(zip(parts, points, strict=True)):
+    points = [_left_points(boundary)[number] for number in free]
+    first_ruled: int | None = None
+    for number, (part, point) in enumerate(zip(parts, points, strict=True)):
         if part.consistent:
-            parts[number], by = part.turned(None if given is None else given - origin)
+            parts[number], by = part.with_left_chosen(None if point is None else point - origin)
             named |= by
-            ruled = number if "rule" in by and ruled is None else ruled
+            first_ruled = number if "rule" in by and first_ruled is None else first_ruled
     across = Orientation.joined([part.across for part in parts]) if dimension < source.dim else AS_GIVEN
     along = AS_GIVEN if travel else Orientation.joined([part.along for part in parts])
-    consistent, travels = (all(getattr(part, name) for part in parts) for name in ("consistent", "travels"))
     order: tuple[NamedBy, ...] = ("rule", "left_of", "source")
-    by_what = next(name for name in order if name in named) if consistent else "nothing"
-    beside = parts[ruled].beside() + origin if by_what == "rule" and ruled is not None else None
+    consistent = all(part.consistent for part in parts)
+    named_by = next(name for name in order if name in named) if consistent else "nothing"
+    is_ruled = named_by == "rule" and first_ruled is not None
+    side_points = parts[first_ruled or 0].side_points() + origin if is_ruled else None
+    has_direction = all(part.has_direction for part in parts)
     queries = manifold.queries["points"], source.queries["points"]
-    return Left(across, along, by_what, travels, origin, beside, queries)
+    return Left(across, along, named_by, has_direction, origin, side_points, queries)
 
 
-def _contradicts(source: LocalSource, surface: LocalSource, left_of: Floats) -> bool:
-    """Tell whether a point is on the right, as the sources' own directions have it."""
+def _is_on_right(source: LocalSource, surface: LocalSource, left_of: Floats) -> bool:
+    """Return True if a point is on the right by the sources' own directions."""
     on_surface = surface.closest_point(left_of[None])
     feet = source.closest_point(on_surface.points)
-    step = LEAST_DIFFERENCE_SHARE * float(np.ptp(surface.bounds, axis=0).max())
+    step = MIN_STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     at_boundary = surface.closest_point(feet.points)
     left = axis_and_left(source, surface, (AS_GIVEN, AS_GIVEN), at_boundary, feet, step)[1]
-    return bool(cosines_to_left(on_surface.points - at_boundary.points, left)[0] < -TELLING_CHORD_COSINE)
+    return bool(cosines_to_left(on_surface.points - at_boundary.points, left)[0] < -MIN_CHORD_COSINE)
 
 
 def _left_points(boundary: BoundarySet) -> list[Floats | None]:
-    """Return the point that is left of each member of the boundary's source, where one is named."""
+    """Return, for each member of the boundary's source, the point that names its left, None if there is none."""
     source: Any = boundary.source
     members = source.members if isinstance(source, HasMembers) else [source]
     if boundary.left_of is not None:

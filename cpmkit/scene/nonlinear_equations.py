@@ -1,4 +1,4 @@
-"""Equations whose diffusivity depends on the solution: -div(a(u, |grad u|) grad u) + c u = f, and two known kinds."""
+"""Quasilinear equations -div(a(u, |grad u|) grad u) + c u = f: nonlinear diffusion, p-Laplacian, total variation."""
 
 from __future__ import annotations
 
@@ -17,15 +17,13 @@ from cpmkit.scene.data import Data, evaluate_data, read_formula
 from cpmkit.scene.diffusivities import StateDiffusivity, slope_diffusivity
 from cpmkit.scene.equations import Equation, Terms, check_factor
 
-#: How the equations are solved: by tangents, or with the diffusivity of the step before.
+#: Methods of solution: Newton's, or with the diffusivity of the previous iterate.
 METHODS = ("newton", "lagged")
-#: The p from which on a p-Laplacian is approached by others, and the ratio of the p of one to that of the next.
-FIRST_POWER, POWER_RATIO = 4.0, 1.25
 
 
 @dataclass(frozen=True, eq=False)
 class QuasilinearEquation(Equation):
-    """What equations tell whose diffusivity depends on u."""
+    """Base class of equations whose diffusivity depends on u."""
 
     #: "newton" or "lagged".
     method: str = field(default="newton", kw_only=True)
@@ -34,28 +32,28 @@ class QuasilinearEquation(Equation):
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
 
-    #: Whether terms of a form's own, such as penalties, are in units of one number, and not of a: then the steps of
-    #: a lagged diffusivity lessen one energy, theirs included.
+    #: Whether penalties of a form are in units of a constant instead of a: then each step of the lagged diffusivity
+    #: decreases one energy, which includes the penalties.
     uniform_penalty: ClassVar[bool] = False
 
     @property
     def diffusivity_of_u(self) -> StateDiffusivity:
-        """What a is, with its derivatives."""
-        found: StateDiffusivity = self.terms().diffusivity
-        return found
+        """The diffusivity a, with its derivatives."""
+        diffusivity: StateDiffusivity = self.terms().diffusivity
+        return diffusivity
 
     @property
     def initial_guess(self) -> Data | None:
-        """Data that the iteration starts at; None for the solution with the diffusivity 1."""
+        """Data at which the iteration starts; None for the solution with diffusivity 1."""
         return None
 
     @property
     def continuation(self) -> Sequence[QuasilinearEquation]:
-        """Equations nearer to a linear one, whose solutions are starts: each for the next, the last one for this."""
+        """Equations closer to a linear one, each of whose solutions is the initial guess for the next."""
         return ()
 
     def energy(self, slopes: Floats) -> Floats | None:
-        """Return the density (k,) whose derivative by the slope (k, d) is a grad u; None where none is known."""
+        """Return the density (k,) whose derivative by the gradient (k, d) is a grad u; None if none is known."""
         del slopes
         return None
 
@@ -68,25 +66,25 @@ class NonlinearDiffusion(QuasilinearEquation):
     ----------
     diffusivity : callable or text
         a, above zero: a formula such as ``"1 + u**2"``, or a function of u (n,), of u and s (n,), or of u, s and points
-        (n, d) that returns (n,).
+        (n, d), that returns (n,).
     f : number or callable
         Right-hand side, as for :class:`~cpmkit.Poisson`; of one channel.
     c : number or callable
         Factor of u.
     by_value, by_slope : callable, optional
-        da/du and da/ds, of the same arguments as a; by differences unless given.
+        da/du and da/ds, of the same arguments as a; finite differences by default.
     method : str
-        ``newton``, with shorter steps where a whole one does not bring it nearer; ``lagged``, which takes the
-        diffusivity of the step before.
+        ``newton``, with shorter steps where a full one does not reduce the residual; ``lagged``, with the diffusivity
+        of the previous iterate.
 
     Raises
     ------
     InputError
-        If the diffusivity is no function, or the method or c not what is accepted.
+        If the diffusivity is not a function, or the method or c is not accepted.
 
     Examples
     --------
-    On a circle cut at a point, with a = 1 + u: then u + u^2 / 2 is linear between the values at the cut.
+    On a circle cut at a point, with a = 1 + u, u + u^2 / 2 is linear between the values at the cut.
 
     >>> import cpmkit as ck
     >>> cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
@@ -107,8 +105,8 @@ class NonlinearDiffusion(QuasilinearEquation):
         super().__post_init__()
         for name in ("diffusivity", "by_value", "by_slope"):
             if isinstance(getattr(self, name), str):
-                made = read_formula(StateExpression, getattr(self, name), f"{name} of {self.kind}")
-                object.__setattr__(self, name, made)
+                function = read_formula(StateExpression, getattr(self, name), f"{name} of {self.kind}")
+                object.__setattr__(self, name, function)
         if not callable(self.diffusivity):
             raise InputError(
                 f"the diffusivity of nonlinear diffusion must be a function of u, got {shown(self.diffusivity)}; use "
@@ -118,13 +116,13 @@ class NonlinearDiffusion(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity is known with u only."""
+        """Return the terms; the diffusivity can be evaluated with u only."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
     def _law(self) -> StateDiffusivity:
-        found: Any = (self.diffusivity, self.by_value, self.by_slope)  # functions, formulas made so
-        return StateDiffusivity(*found)
+        functions: Any = (self.diffusivity, self.by_value, self.by_slope)  # formulas were replaced by functions
+        return StateDiffusivity(*functions)
 
     def __str__(self) -> str:
         return str(self.terms()).replace("(a grad u)", "(a(u, |grad u|) grad u)")
@@ -137,18 +135,18 @@ class PLaplacian(QuasilinearEquation):
     Parameters
     ----------
     p : float
-        At least 1; 2 is the Laplacian, 1 total variation.
+        At least 1; 2 gives the Laplacian, 1 total variation.
     f, c : number or callable
         As for :class:`~cpmkit.NonlinearDiffusion`.
     regularization : float
-        r, a slope above zero, far below those that matter: where u is flat, a would be zero or without bound.
+        r, a slope above zero and far below those of interest: where u is flat, a would be zero or unbounded.
     method : str
         As for :class:`~cpmkit.NonlinearDiffusion`.
 
     Raises
     ------
     InputError
-        If p is below 1, or another argument not what is accepted.
+        If p is below 1, or another argument is not accepted.
     """
 
     p: float
@@ -166,7 +164,7 @@ class PLaplacian(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity is known with u only."""
+        """Return the terms; the diffusivity can be evaluated with u only."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
@@ -175,8 +173,8 @@ class PLaplacian(QuasilinearEquation):
 
     @property
     def continuation(self) -> tuple[PLaplacian, ...]:
-        """The same with smaller p, from 4 on: Newton's method from the solution of the Laplacian leads no farther."""
-        powers = FIRST_POWER * POWER_RATIO ** np.arange(1 + np.log(max(self.p / FIRST_POWER, 1)) / np.log(POWER_RATIO))
+        """The same equation with p = 4, 5, 6.25, ...: from the Laplacian, Newton's method converges up to p = 4."""
+        powers = 4.0 * 1.25 ** np.arange(1 + np.log(max(self.p / 4.0, 1)) / np.log(1.25))
         return tuple(replace(self, p=float(p)) for p in powers if p < self.p)
 
     def energy(self, slopes: Floats) -> Floats:
@@ -189,26 +187,26 @@ class PLaplacian(QuasilinearEquation):
 
 @dataclass(frozen=True, eq=False)
 class TotalVariation(QuasilinearEquation):
-    """``c (u - f) = div(grad u / |grad u|)``: f without what swings, and with its jumps.
+    """``c (u - f) = div(grad u / |grad u|)``: f without oscillations, and with its jumps (Rudin, Osher and Fatemi).
 
-    The minimum of the integral of ``|grad u| + c (u - f)^2 / 2``, with ``(|grad u|^2 + r^2)^(1/2)`` for ``|grad u|``.
-    The smaller c, the fewer details stay: a disc of radius R is lowered by about 2 / (c R) of a unit.
+    u minimises the integral of ``|grad u| + c (u - f)^2 / 2``, with ``(|grad u|^2 + r^2)^(1/2)`` for ``|grad u|``.
+    The smaller c, the fewer details remain: a disc of radius R and height 1 is lowered by about 2 / (c R).
 
     Parameters
     ----------
     f : number or callable
-        What is to be cleaned.
+        The function to denoise.
     c : float
-        Above zero, in one over a unit of u and of length.
+        Above zero, in 1 / (unit of u times unit of length).
     regularization : float
-        r, a slope above zero; what is flatter is smoothed as by heat.
+        r, a slope above zero; where u is flatter, it is smoothed as by diffusion.
     method : str
-        ``lagged``, in which the energy falls in every step; ``newton``.
+        ``lagged``, whose every step decreases the energy; or ``newton``.
 
     Raises
     ------
     InputError
-        If c or the regularization are not above zero, or the method not what is accepted.
+        If c or the regularization is not above zero, or the method is not accepted.
     """
 
     f: Data
@@ -225,7 +223,7 @@ class TotalVariation(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity is known with u only."""
+        """Return the terms; the diffusivity can be evaluated with u only."""
         return Terms(_Scaled(self.f, self.c), float(self.c), self._law)
 
     @cached_property
@@ -234,7 +232,7 @@ class TotalVariation(QuasilinearEquation):
 
     @property
     def initial_guess(self) -> Data:
-        """F, which is to be cleaned."""
+        """The function to denoise."""
         return self.f
 
     def energy(self, slopes: Floats) -> Floats:
@@ -249,12 +247,12 @@ class TotalVariation(QuasilinearEquation):
 class _Scaled:
     """Data times a number."""
 
-    given: Data
+    data: Data
     factor: float
     takes_time: ClassVar[bool] = False
 
     def __call__(self, points: Floats) -> Floats:
-        return self.factor * evaluate_data(self.given, points, None, "the right-hand side f")
+        return self.factor * evaluate_data(self.data, points, None, "the right-hand side f")
 
 
 def power_of_slope(p: float, r: float) -> StateDiffusivity:
@@ -271,12 +269,12 @@ def _slope_of_power(p: float, r: float, s: Floats) -> Floats:
 
 
 def check_one_channel(channels: int) -> None:
-    """Refuse several channels.
+    """Check that a scene with a quasilinear equation has one channel.
 
     Raises
     ------
     SceneError
-        If there are several.
+        If it has several.
     """
     if channels > 1:
         raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {channels}.")

@@ -1,4 +1,4 @@
-"""A boundary as geometry: where it lies in its manifold, and which side of it is left. No lattice is needed for it."""
+"""Boundaries as geometry: their place in the manifold and their sides, without a lattice."""
 
 from __future__ import annotations
 
@@ -14,33 +14,24 @@ from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, ClosestPointSour
 from cpmkit.scene.conditions import same_condition, sides_differ
 from cpmkit.scene.left import Left, find_left, samplings
 
-#: Of a surface and of a curve, in words.
-_DIRECTIONS = ("normals", "tangents")
-#: What names the left of a boundary, in words.
-_LEFT_NAMED_BY = {
-    "left_of": "left is named by left_of",
-    "rule": "left is named by a rule alone",
-    "nothing": "it has no left, their sign comes back reversed",
-}
-
 
 @dataclass(frozen=True, eq=False)
 class OrientedBoundary:
-    """A boundary in its manifold, with what tells its left; :meth:`cpmkit.Scene.oriented` keeps one for each.
+    """A boundary in its manifold, with its orientation; :meth:`cpmkit.Scene.oriented` caches one for each.
 
-    Points and vectors are relative to ``left.origin``. Of a point z of the manifold, y = cp_S(cp_C(z)) is the foot on
-    the boundary, snapped to the manifold, and z is on the left where (z - y) . v > 0.
+    Points and vectors are relative to ``left.origin``. For a point z of the manifold, y = cp_S(cp_C(z)) is its closest
+    point on the boundary, projected to the manifold, and z is on the left if (z - y) . v > 0.
 
     Attributes
     ----------
     boundary : BoundarySet
-        As the scene gives it.
+        The boundary of the scene.
     source, surface : LocalSource
-        Where the boundary lies, and the manifold.
+        The boundary's source, and the manifold.
     dimension : int
-        Of the manifold along the boundary.
+        Dimension of the manifold along the boundary.
     left : Left
-        What tells its left.
+        Its orientation.
     """
 
     boundary: BoundarySet
@@ -51,35 +42,35 @@ class OrientedBoundary:
 
     @property
     def has_sides(self) -> bool:
-        """True where the boundary cuts the manifold in two locally: it has one dimension less."""
+        """True if the boundary divides the manifold locally: it has one dimension less."""
         return self.source.manifold_dim == self.dimension - 1
 
     @property
     def has_left(self) -> bool:
-        """True where the boundary has sides, and which of them is left is the same all along it."""
+        """True if the boundary has sides, and a consistent left side all along it."""
         return self.has_sides and self.left.known
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
-        """Return the same relative to another origin (d,), from which ``source`` and ``surface`` are seen."""
+        """Return the same relative to another ``origin`` (d,), that of ``source`` and ``surface``."""
         return replace(self, source=source, surface=surface, left=self.left.relative_to(origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
-        """Return the closest points on the boundary of ``points`` (n, d), and the manifold's records of these, y."""
+        """Return the closest points of ``points`` (n, d) on the boundary, and the manifold's of these."""
         feet = self.source.closest_point(points)
         return feet, self.surface.closest_point(feet.points)
 
     def axis_and_left(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> tuple[Floats, Floats]:
         """Return the manifold's normal n (n, d) and the conormal v (n, d) to the left, as :meth:`feet` returns these.
 
-        Of unit length, by differences of ``step`` where the sources have none; where n is not needed, v again.
+        Of unit length, by differences with ``step`` where the sources have none. Where n is not needed, it is v again.
         """
         return axis_and_left(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
     def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
-        """Return which feet (n,) lie on an end of the boundary around which the solution goes on.
+        """Return True (n,) for closest points on an open end of the boundary, around which the solution is continuous.
 
-        Differs from King et al. (2024), eq. 16: an end on a rim parts the manifold, and is none of them.
-        Where the manifold ends less than a ``step`` farther on, the boundary meets its rim and parts it.
+        Differs from King et al. (2024), eq. 16: an end on the rim of the manifold divides it, and is not open. An end
+        is on the rim if the manifold ends less than a ``step`` beyond it.
         """
         end = feet.edge >= 0
         rows = np.flatnonzero(end)
@@ -88,10 +79,10 @@ class OrientedBoundary:
         return end
 
     def signed_distance(self, points: Floats, step: float) -> Floats:
-        """Return (z - y) . v (n,) of ``points`` z of the manifold, positive on the left.
+        """Return (z - y) . v (n,) for ``points`` z of the manifold, positive on the left.
 
-        King et al. (2024), eq. 11, whose y is cp_C(x).
-        NaN where a point has no side: past an open end, and where the boundary has no left.
+        King et al. (2024), eq. 11, with y = cp_C(x). NaN for points without a side: beyond an open end, and where the
+        boundary has no left.
         """
         if not self.has_left:
             return np.full(len(points), np.nan)
@@ -100,38 +91,43 @@ class OrientedBoundary:
         return np.where(self.open_ends(feet, on, step), np.nan, signed)
 
     @property
-    def lacking(self) -> str:
-        """The directions that the boundary and the manifold do not give, in words; empty where they give all."""
-        source, surface, lacking = self.source, self.surface, []
+    def missing_directions(self) -> str:
+        """The directions that the boundary and the manifold do not have themselves, in words; "" if they have all."""
+        source, surface, missing, names = self.source, self.surface, [], ("normals", "tangents")
         if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
-            lacking.append(f"the manifold has no {_DIRECTIONS[self.dimension == 1]} of its own")
+            missing.append(f"the manifold has no {names[self.dimension == 1]} of its own")
         if source.manifold_dim and not source.knows_directions(source.manifold_dim):
-            lacking.append(f"the boundary has no {_DIRECTIONS[source.manifold_dim == 1]} of its own")
-        return " and ".join(lacking)
+            missing.append(f"the boundary has no {names[source.manifold_dim == 1]} of its own")
+        return " and ".join(missing)
 
     @property
     def left_description(self) -> str:
-        """What names the left, and what is taken by differences; empty where the sources know it by themselves."""
+        """How the left is determined, and what is computed by differences; "" if the sources have all directions."""
         if not self.has_sides or self.left.named_by == "source":
             return ""
-        return f"{self.lacking}: taken by differences, {_LEFT_NAMED_BY[self.left.named_by]}"
+        reason = {
+            "left_of": "left is named by left_of",
+            "rule": "left is named by a rule alone",
+            "nothing": "it has no left, their sign comes back reversed",
+        }[self.left.named_by]
+        return f"{self.missing_directions}: taken by differences, {reason}"
 
 
 def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBoundary:
-    """Return ``boundary`` oriented in a ``surface``, relative to the centre of its own bounds.
+    """Return ``boundary`` with its orientation in a ``surface``, relative to the centre of its own bounds.
 
     Raises
     ------
     SceneError
-        If the boundary is of the wrong dimension, or asks for sides that it has not.
+        If the boundary has the wrong dimension, or conditions for sides that it does not have.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)
-    found = np.array([manifold.largest_dim])
+    dimensions = np.array([manifold.largest_dim])
     if len({member.manifold_dim for member in manifold.members}) > 1:
         samples, _ = next(samplings(source, manifold))
-        found = manifold.dimensions_at(manifold.closest_point(samples.points))
-    dimension = dimension_along(boundary.name, source, manifold, found)
+        dimensions = manifold.dimensions_at(manifold.closest_point(samples.points))
+    dimension = dimension_along(boundary.name, source, manifold, dimensions)
     left = find_left(boundary, source, manifold, dimension, origin)
     oriented = OrientedBoundary(boundary, source, manifold, dimension, left)
     _check_sides(oriented)
@@ -139,33 +135,33 @@ def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBounda
 
 
 def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:
-    """Return the one dimension that a manifold has along a boundary, of those (n,) that it has at points of that.
+    """Return the dimension of a manifold along a boundary, from its ``dimensions`` (n,) at points of that.
 
     Raises
     ------
     SceneError
-        If it has several, or one in which a boundary cannot be of the dimension that this one is of.
+        If it has several dimensions, or one that is not above the boundary's.
     """
     if source.manifold_dim is None:
         raise SceneError(f"boundary {name!r} is of mixed dimension; make a boundary of each of its dimensions.")
     if any(member.manifold_dim is None for member in surface.members):
         raise SceneError("boundaries need to know the manifold's dimension, got None; unite sources by `union`.")
-    found = np.unique(dimensions)
-    if len(found) > 1:
+    different = np.unique(dimensions)
+    if len(different) > 1:
         raise SceneError(
-            f"boundary {name!r} runs over pieces of the dimensions {' and '.join(map(str, found))}; part it where "
+            f"boundary {name!r} runs over pieces of the dimensions {' and '.join(map(str, different))}; part it where "
             "they meet."
         )
-    if source.manifold_dim >= found[0]:
+    if source.manifold_dim >= different[0]:
         raise SceneError(
-            f"boundary {name!r} has dimension {source.manifold_dim}, the manifold {found[0]}; "
+            f"boundary {name!r} has dimension {source.manifold_dim}, the manifold {different[0]}; "
             "a boundary is a point on a curve, a point or curve on a surface, or anything of those in a solid."
         )
-    return int(found[0])
+    return int(different[0])
 
 
 def _check_sides(oriented: OrientedBoundary) -> None:
-    """Refuse conditions that differ between sides that the boundary does not have, or that chance would name."""
+    """Refuse different conditions on sides that the boundary does not have, or that nothing but a rule names."""
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")
     if not oriented.has_sides and not (same_condition(on_left, on_right) and not on_left.couples):
@@ -178,8 +174,8 @@ def _check_sides(oriented: OrientedBoundary) -> None:
     if not oriented.left.known and (on_left.couples or not same_condition(on_left, on_right)):
         raise SceneError(
             f"boundary {boundary.name!r} has no left side: the "
-            f"{'boundary' if not oriented.left.travels else 'manifold'}'s own direction comes back reversed along it; "
-            "give one condition for both sides."
+            f"{'boundary' if not oriented.left.has_direction else 'manifold'}'s own direction comes back reversed "
+            "along it; give one condition for both sides."
         )
     if not sides_differ(on_left, on_right):
         return
@@ -188,21 +184,21 @@ def _check_sides(oriented: OrientedBoundary) -> None:
             f"boundary {boundary.name!r} has left_of={shown(boundary.left_of)} on its right, as the surface's "
             "own normal and the boundary's own direction have it; leave left_of out, or exchange the conditions."
         )
-    if oriented.left.beside is not None:
-        lacking = (
+    if oriented.left.side_points is not None:
+        reason = (
             "nothing says which side is left"
             if boundary.left_of is None
             else f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"
         )
-        apart = float(np.linalg.norm(np.subtract(*oriented.left.beside)))
-        first, second = (_shown_point(point, 0.01 * apart) for point in oriented.left.beside)
+        apart = float(np.linalg.norm(np.subtract(*oriented.left.side_points)))
+        first, second = (_shown_point(point, 0.01 * apart) for point in oriented.left.side_points)
         raise SceneError(
-            f"boundary {boundary.name!r} has unlike conditions on its sides, and {lacking}: "
-            f"{oriented.lacking}; give left_of, a point on the left, here {first} for one side or {second} for the "
-            "other."
+            f"boundary {boundary.name!r} has unlike conditions on its sides, and {reason}: "
+            f"{oriented.missing_directions}; give left_of, a point on the left, here {first} for one side or {second} "
+            "for the other."
         )
 
 
 def _shown_point(point: Floats, accuracy: float) -> str:
-    """Return a point in as many digits as the accuracy needs, however far from zero it lies."""
+    """Return a point rounded to an accuracy, as text."""
     return str(np.round(point, max(0, 1 - int(np.floor(np.log10(accuracy))))).tolist())

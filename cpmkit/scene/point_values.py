@@ -1,4 +1,4 @@
-"""Values on what is too small for a spacing, or for the equation: points of a surface, and short curves."""
+"""Warnings of values on boundaries that are too small for the equation or the spacing: points and short curves."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from cpmkit.scene.laws import Mixed, Value
 from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 
-#: A source whose integral is a smaller share of that of its size has mean zero: one value fixes the constant then.
+#: A source has mean zero if its integral is a smaller share of the integral of its absolute value.
 ZERO_MEAN_SHARE = 0.01
 
 
 def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Floats] | None = None) -> bool:
-    """Tell whether values at ``points`` points of a surface have a limit as the spacing goes to zero.
+    """Return True if the solution with values at points of a surface has a limit as the spacing goes to zero.
 
-    In two dimensions a point has capacity zero for equations of second order: u near it is like the logarithm of the
-    distance. One value alone, where nothing else is given and nothing flows into it, fixes a free constant. Equations
-    of fourth order, and the p-Laplacian for p > 2, feel points.
+    In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
+    distance to it. A single value is well posed where it fixes a free constant and nothing flows into it. Equations of
+    fourth order, and the p-Laplacian for p > 2, have limits.
 
     Parameters
     ----------
     scene : Scene
     points : int
-        How many points hold a value.
+        Number of points with a value.
     others : bool
-        Whether anything else holds one.
+        Whether another boundary has a value.
     samples : (n, d) and (n,) float64, optional
-        Points of the manifold and their weights, by which a source is integrated.
+        Quadrature points of the manifold and their weights, for the integral of a source.
     """
     problem = scene.problem
     if isinstance(problem, Biharmonic) or (isinstance(problem, PLaplacian) and problem.p > 2):
@@ -43,7 +43,7 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
     terms = problem.terms()
     if terms.fixes_constant:
         return False
-    if samples is None:  # nothing is known of the mean of a function
+    if samples is None:  # the mean of a function is not known
         return callable(terms.f) or not np.any(np.asarray(terms.f))
     f = evaluate_data(terms.f, samples[0], scene.channels, "f")
     total, size = samples[1] @ f, samples[1] @ np.abs(f)
@@ -51,25 +51,25 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
 
 
 def valued_boundaries(scene: Scene) -> list[str]:
-    """Return the names of the boundaries that hold a value on a side."""
+    """Return the names of the boundaries with a Dirichlet or Robin condition on a side."""
     return [
-        one.name
-        for one in scene.boundaries
-        if any(isinstance(one.condition(side).law, (Value, Mixed)) for side in SIDES)
+        boundary.name
+        for boundary in scene.boundaries
+        if any(isinstance(boundary.condition(side).law, (Value, Mixed)) for side in SIDES)
     ]
 
 
 def point_value_warnings(
     scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Name boundaries that hold values at points, where these have no limit.
+    """Return a warning of values at points that have no limit as the spacing goes to zero.
 
-    ``points`` are how many points each boundary is that has no sides, two standing for more; ``samples`` as of
+    ``points`` are the numbers of points of the boundaries without sides, 2 for two or more; ``samples`` as for
     :func:`has_limit`.
     """
     valued = valued_boundaries(scene)
     pins = [name for name in valued if name in points]
-    on_rim = any(isinstance(one.law, (Value, Mixed)) for one in scene.edge_conditions)
+    on_rim = any(isinstance(condition.law, (Value, Mixed)) for condition in scene.edge_conditions)
     count = sum(points[name] for name in pins)
     if not pins or has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
         return ()
@@ -81,14 +81,14 @@ def point_value_warnings(
 
 
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
-    """Name boundaries that hold values and are smaller than ``least``: they act as larger ones.
+    """Return a warning of curves with values on a surface that are smaller than ``least``: they act as larger ones.
 
-    ``sizes`` are the diagonals of the bounds of those that are curves: on a surface, for a curve of a curve is none.
+    ``sizes`` are the diagonals of the bounds of the boundaries that are curves.
     """
     if scene.surface.manifold_dim != 2:
         return ()
     short = {name: sizes[name] for name in valued_boundaries(scene) if sizes.get(name, least) < least}
-    if not short or isinstance(scene.problem, Biharmonic):  # which feels points
+    if not short or isinstance(scene.problem, Biharmonic):  # of fourth order: points have an effect
         return ()
     return (
         f"Boundary {', '.join(map(repr, short))}: at spacing={spacing:g} a curve smaller than {least:.2g} acts as a "
@@ -97,11 +97,12 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
 
 
 def small_boundary_warnings(scene: Scene, cutting: Collection[str], spacing: float, least: float) -> tuple[str, ...]:
-    """Name points, and curves on a surface smaller than ``least``, that hold values, by their bounds.
+    """Return the warnings of points, and of curves on a surface smaller than ``least``, with values.
 
-    ``cutting`` are the boundaries that have two sides; others are points, or curves of a solid.
+    ``cutting`` are the boundaries with two sides; others are points, or curves in a solid. Sizes are those of bounds.
     """
-    sizes = {one.name: float(np.linalg.norm(np.ptp(np.asarray(one.source.bounds), axis=0))) for one in scene.boundaries}
+    extents = {each.name: np.ptp(np.asarray(each.source.bounds), axis=0) for each in scene.boundaries}
+    sizes = {name: float(np.linalg.norm(extent)) for name, extent in extents.items()}
     points = {name: 2 if size else 1 for name, size in sizes.items() if name not in cutting}
     curves = {name: size for name, size in sizes.items() if name in cutting}
     return (*point_value_warnings(scene, points), *short_curve_warnings(scene, curves, spacing, least))

@@ -1,4 +1,4 @@
-"""Reaction and diffusion: channels that spread, each at its own rate, and act on each other where they are."""
+"""Reaction-diffusion systems: channels that diffuse, each with its own diffusivity, and react at each point."""
 
 from __future__ import annotations
 
@@ -23,26 +23,24 @@ REACTION_SCHEMES = ("sbdf2", "euler")
 
 @dataclass(frozen=True, eq=False)
 class ReactionDiffusion(Evolution):
-    """u_t = div(kappa grad u) + reaction(u) + f for each channel of u, from u = initial at time t0.
+    """u_t = div(kappa grad u) + reaction(u) + f for each channel of u, with u = initial at time t0.
 
-    Diffusion is taken implicitly, the reaction explicitly: any step suits the diffusion, and one shorter than the time
-    in which the fastest part of the reaction acts suits the reaction.
+    Diffusion is implicit, the reaction explicit: the step must be shorter than the time scale of the fastest reaction.
 
     Parameters
     ----------
     initial : sequence, number, or callable
-        u at the start: one entry a channel, or a callable of points (n, d) that returns (n, channels).
+        u at the start: one entry for each channel, or a callable of points (n, d) that returns (n, channels).
     reaction : callable, or text
-        Formulas, one a channel, such as ``["u1*u2 - u1", "-u1*u2"]``; or a function of u (p, channels), of points
-        (p, d) where it has a second parameter, and of the time where it has a parameter ``t`` without a default, that
-        returns rates (p, channels). It is called with values of u at points of the
-        manifold, never with coefficients.
-    kappa : number, callable, or a sequence of one a channel
+        Formulas, one for each channel, such as ``["u1*u2 - u1", "-u1*u2"]``; or a function of u (p, channels), of
+        points (p, d) if it has a second parameter, and of the time if it has a parameter ``t`` without a default, that
+        returns rates (p, channels). Its u are values at points of the manifold, not coefficients.
+    kappa : number, callable, or a sequence of one for each channel
         Diffusivities, above zero: numbers, or functions of points (n, d) that return (n,).
     until : float
-        Time at which the run ends.
+        End time.
     step : float
-        Time step; the last one before a frame and before the end is shortened.
+        Time step; the last step before a frame and before the end is shortened.
     scheme : str
         ``sbdf2``, of second order: BDF2 with the reaction extrapolated from two steps (Ascher, Ruuth and Wetton 1995);
         ``euler``, of first order.
@@ -56,11 +54,11 @@ class ReactionDiffusion(Evolution):
     Raises
     ------
     InputError
-        If an argument is not what is accepted.
+        If an argument is not accepted.
 
     Examples
     --------
-    On a circle, u_t = Lap u + u (1 - u) goes to 1 wherever it begins above zero.
+    On a circle the solution of u_t = Lap u + u (1 - u) tends to 1 if it is positive at the start.
 
     >>> import cpmkit as ck
     >>> growth = ck.ReactionDiffusion(0.1, lambda u: u * (1 - u), kappa=0.1, until=10.0, step=0.1)
@@ -89,14 +87,14 @@ class ReactionDiffusion(Evolution):
             object.__setattr__(
                 self, "reaction", read_formula(ReactionExpression, texts, "reaction of reaction-diffusion")
             )
-        given = as_data(self.kappa, "kappa of reaction-diffusion")
-        each = tuple(given) if isinstance(given, (list, tuple, np.ndarray)) and np.ndim(given) else (given,)
+        kappa = as_data(self.kappa, "kappa of reaction-diffusion")
+        each = tuple(kappa) if isinstance(kappa, (list, tuple, np.ndarray)) and np.ndim(kappa) else (kappa,)
         if not each:
             raise InputError("kappa of reaction-diffusion must be one number or function a channel, got none.")
-        self._check(REACTION_SCHEMES, {f"kappa {k} of {len(each)}": one for k, one in enumerate(each, 1)})
-        for one in each:
-            if not callable(one):
-                positive(one, "kappa of reaction-diffusion")
+        self._check(REACTION_SCHEMES, {f"kappa {k} of {len(each)}": value for k, value in enumerate(each, 1)})
+        for value in each:
+            if not callable(value):
+                positive(value, "kappa of reaction-diffusion")
         if not callable(self.reaction):
             raise InputError(
                 f"reaction of reaction-diffusion must be a function of u (p, channels), got {shown(self.reaction)}."
@@ -104,33 +102,33 @@ class ReactionDiffusion(Evolution):
         object.__setattr__(self, "kappa", each)
 
     def terms(self) -> Terms:
-        """Return the terms of the first channel's spatial part."""
+        """Return the terms of the spatial part of the first channel."""
         return Terms(self.f, diffusivity=self.kappa[0])
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
-        """Return the terms of the channels' spatial parts, with the numbers of the channels that share them."""
+        """Return the terms of the spatial parts, each with the numbers of the channels that have them."""
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
-        for one in each:
-            if not any(_same(one, other) for other in different):
-                different.append(one)
+        for kappa in each:
+            if not any(_equal(kappa, other) for other in different):
+                different.append(kappa)
         return [
-            (tuple(k for k, one in enumerate(each) if _same(one, kappa)), Terms(self.f, diffusivity=kappa))
+            (tuple(k for k, other in enumerate(each) if _equal(other, kappa)), Terms(self.f, diffusivity=kappa))
             for kappa in different
         ]
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return what has channels, by the names that errors use."""
-        given = [
+        """Return the data that have channels, with their names in errors."""
+        data = [
             ("the right-hand side f", self.f),
             ("the initial data", self.initial),
             ("kappa of reaction-diffusion", list(self.kappa)),
         ]
-        channels = getattr(self.reaction, "channels", None)  # formulas tell how many they are for
-        return [*given, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else given
+        channels = getattr(self.reaction, "channels", None)  # of formulas
+        return [*data, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Refuse transmission too where channels differ in kappa: its conductivities are those of one equation."""
+        """Check the conditions as for any equation; transmission takes one kappa for all channels."""
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1
         for label, condition in conditions:
@@ -141,9 +139,9 @@ class ReactionDiffusion(Evolution):
                 )
 
     def __str__(self) -> str:
-        each = ", ".join("a function" if callable(one) else f"{one:g}" for one in self.kappa)
+        each = ", ".join("a function" if callable(value) else f"{value:g}" for value in self.kappa)
         return f"u_t - div(kappa grad u) = reaction(u) + f, kappa = {each}"
 
 
-def _same(one: Any, other: Any) -> bool:
-    return one is other or (not callable(one) and not callable(other) and float(one) == float(other))
+def _equal(first: Any, second: Any) -> bool:
+    return first is second or (not callable(first) and not callable(second) and float(first) == float(second))

@@ -1,4 +1,4 @@
-"""A scene: a manifold, boundaries inside it, what holds on its edge, and the equation. No lattice yet."""
+"""Scenes: a manifold, boundaries inside it, the conditions of its edge, and the equation; replacement of data."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.scene.vertex_data import VertexArrays
 
-#: Where data of the equation and of the edge are asked; numbers from zero are boundaries, those below the edge's parts.
+#: Numbers of the places at which data are evaluated to count channels: of the equation, and of the first part of the
+#: edge, whose further parts have lower numbers; boundaries have numbers from 0.
 SURFACE_DATA, EDGE_DATA = -1, -2
 
 
@@ -41,33 +42,32 @@ SURFACE_DATA, EDGE_DATA = -1, -2
 class Scene(Generic[Family]):
     """A manifold, its boundaries, its edge and an equation.
 
-    Arrays of NumPy and columns of pandas in equations and conditions with one row for each vertex of the surface are
-    one value, or one row of channels, a vertex (:class:`VertexData`); lists and tuples are channels.
+    In equations and conditions, an array of NumPy or a column of pandas with one row for each vertex of the surface is
+    data at vertices (:class:`VertexData`); a list or a tuple has one entry for each channel.
 
     Parameters
     ----------
     surface : ClosestPointSource, or a mesh or cloud
-        The manifold; of a mesh or cloud of trimesh, pyvista, open3d or meshio, or of a pair of vertices and faces, the
-        source is made with its defaults.
+        The manifold: a source; or a mesh or point cloud of trimesh, pyvista, open3d or meshio, or a pair of arrays of
+        vertices and faces.
     problem : Equation
         Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
         Points and curves inside the manifold, with conditions.
     edge : Condition, list or table, or number, text, sequence or function
-        What holds on the rim of an open surface or the ends of an open curve: one condition; or a list of
-        pairs of a condition and where it holds, a formula such as ``"x < 0"`` or a function of points,
-        of which the first that holds counts and a last condition alone holds on the rest; or a table of
-        either by the number of the loop. Data, such as a function of position, are short for Dirichlet of
-        them. By default nothing flows through it.
+        The condition on the rim of an open surface or at the ends of an open curve; or a list of pairs (condition,
+        where) with ``where`` a formula such as ``"x < 0"`` or a function of points, of which the first that holds
+        counts, with a condition alone at the end for the rest; or a table of either by the number of the loop. Data
+        are short for Dirichlet of them. The default is zero flux.
 
     Raises
     ------
     SceneError
-        If names repeat, data disagree about the number of channels, or a part is not what it should be.
+        If names repeat, data have different numbers of channels, or an argument is not accepted.
 
     Examples
     --------
-    A colour is one solve with three channels.
+    A colour has three channels, which are solved for together.
 
     >>> import cpmkit as ck
     >>> equator = ck.source("analytic.circle", normal=[0, 0, 1])
@@ -81,7 +81,7 @@ class Scene(Generic[Family]):
     boundaries: Sequence[BoundarySet] = ()
     edge: EdgeConditions = field(default_factory=Neumann)
 
-    if TYPE_CHECKING:  # more may be given than is kept
+    if TYPE_CHECKING:  # the constructor accepts more types than the fields have
 
         def __init__(
             self,
@@ -100,17 +100,17 @@ class Scene(Generic[Family]):
                 f"{shown(self.problem)}."
             )
         object.__setattr__(self, "edge", as_edge(self.edge))
-        for one in self.edge_conditions:
-            if not isinstance(one, Condition) or one.couples:
+        for condition in self.edge_conditions:
+            if not isinstance(condition, Condition) or condition.couples:
                 raise SceneError(
                     f"`edge` must be {ONE_SIDED_WORDS}, or a table with one of them for each loop, or a list of pairs "
-                    f"of one and where it holds, got {shown(one)}."
+                    f"of one and where it holds, got {shown(condition)}."
                 )
         arrays = VertexArrays(self.surface)
-        object.__setattr__(self, "problem", arrays.stated(self.problem, self.problem.kind))
-        object.__setattr__(self, "edge", arrays.edge(self.edge))
-        placed = (one.on(self.surface) if isinstance(one, Boundary) else one for one in self.boundaries)
-        object.__setattr__(self, "boundaries", tuple(map(arrays.boundary, placed)))
+        object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
+        object.__setattr__(self, "edge", arrays.in_edge(self.edge))
+        placed = (each.on(self.surface) if isinstance(each, Boundary) else each for each in self.boundaries)
+        object.__setattr__(self, "boundaries", tuple(map(arrays.in_boundary, placed)))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -131,7 +131,7 @@ class Scene(Generic[Family]):
 
     @cached_property
     def channels(self) -> int:
-        """How many right-hand sides are solved together: the entries of the data, where they have more than one."""
+        """Number of right-hand sides that are solved together: that of the data with more than one channel."""
         counts = [(label, self._channels_of(label, data, place)) for label, data, place in self._data()]
         most = max((count for _, count in counts), default=1)
         for label, count in counts:
@@ -140,44 +140,42 @@ class Scene(Generic[Family]):
         return most
 
     def _channels_of(self, label: str, data: Data, place: int) -> int:
-        known = getattr(data, "channels", None)
-        if isinstance(known, int) and (isinstance(data, Functional) or callable(data)):
-            return known  # a field elsewhere than at its own points costs a linear system
+        channels = getattr(data, "channels", None)
+        if isinstance(channels, int) and (isinstance(data, Functional) or callable(data)):
+            return channels  # evaluating a field at other points than its own takes a linear solve
         return int(evaluate_data(data, self._place(place), None, label, self.problem.start_time).shape[1])
 
     @cached_property
     def has_tensor(self) -> bool:
-        """Whether the equation's diffusivity is a tensor; a function is asked for its value at one point."""
+        """True if the equation's diffusivity is a tensor; a function is evaluated at one point."""
         diffusivity = self.problem.terms().diffusivity
         return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property
     def edge_conditions(self) -> list[Condition]:
-        """The condition of the edge, or those of all its loops and parts."""
+        """The condition of the edge, or the conditions of all its loops and parts."""
         return conditions_of_edge(self.edge)
 
     def __repr__(self) -> str:
-        edge = ", ".join(one.kind for one in self.edge_conditions)
+        edge = ", ".join(condition.kind for condition in self.edge_conditions)
         names = ", ".join(repr(boundary.name) for boundary in self.boundaries) or "none"
         return f"Scene of {self.problem.kind}, {self.problem}, boundaries {names}, edge {edge}\n  on {self.surface!r}"
 
     def _repr_html_(self) -> str:
         rows = [("equation", f"{self.problem.kind}: {self.problem}"), ("surface", repr(self.surface))]
-        for one in self.boundaries:
-            left, right = (one.condition(side).kind for side in SIDES)
-            rows.append((f"boundary {one.name!r}", f"{left} on the left, {right} on the right"))
-        rows.append(("edge", ", ".join(one.kind for one in self.edge_conditions)))
+        for boundary in self.boundaries:
+            left, right = (boundary.condition(side).kind for side in SIDES)
+            rows.append((f"boundary {boundary.name!r}", f"{left} on the left, {right} on the right"))
+        rows.append(("edge", ", ".join(condition.kind for condition in self.edge_conditions)))
         return html_table("Scene", rows)
 
     def oriented(self, boundary: BoundarySet) -> OrientedBoundary:
-        """Return one of the boundaries with what tells its left.
-
-        It is found once: all spacings, lattices and levels share it.
+        """Return one of the boundaries with its orientation, which is computed once for all spacings and lattices.
 
         Raises
         ------
         SceneError
-            If the boundary is of the wrong dimension, or asks for sides that it has not.
+            If the boundary has the wrong dimension, or conditions for sides that it does not have.
         """
         if id(boundary) not in self._oriented:  # the scene keeps its boundaries alive
             self._oriented[id(boundary)] = orient(boundary, self.surface)
@@ -199,37 +197,33 @@ class Scene(Generic[Family]):
         return [condition for _, condition in self._conditions()]
 
     def _data(self) -> list[tuple[str, Data, int]]:
-        """Return all data, what they are, and the place at which they can be asked, a number for :meth:`_place`."""
+        """Return the names of all data, the data, and the numbers of the places at which to evaluate them."""
         places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
         places += [EDGE_DATA - number for number, _ in enumerate(self.edge_conditions)]
-        found: list[tuple[str, Data, int]] = []
-        for (label, one), place in zip(self._conditions(), places, strict=True):
-            data = one.data()
-            found += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
-        return found + [(label, data, SURFACE_DATA) for label, data in self.problem.data()]
+        triples: list[tuple[str, Data, int]] = []
+        for (label, condition), place in zip(self._conditions(), places, strict=True):
+            data = condition.data()
+            triples += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
+        return triples + [(label, data, SURFACE_DATA) for label, data in self.problem.data()]
 
     def _place(self, number: int) -> Floats:
-        """Return a point (1, d) of a boundary, by its number, of the manifold's edge or of the manifold.
+        """Return the point (1, d) of the place ``number``: on a boundary, on the manifold's edge, or on the manifold.
 
-        Data may be undefined elsewhere. An edge that is not seen from the corners of the bounds is asked for inside.
+        Data may be undefined elsewhere.
         """
         if number not in self._places:
             source = self.boundaries[number].source if number >= 0 else self.surface
             if number <= EDGE_DATA:
-                found = sample_edge_point(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
+                point = sample_edge_point(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
             else:
                 centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
-                found = LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
-            self._places[number] = found
+                point = LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
+            self._places[number] = point
         return self._places[number]
 
     @cached_property
     def _places(self) -> dict[int, Floats]:
         return {}
-
-
-#: The word under which the data of the edge are given.
-EDGE = "edge"
 
 
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
@@ -238,7 +232,7 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     Raises
     ------
     SceneError
-        If a name is no boundary's, or a condition differs in more than its data.
+        If no boundary has a name among the data, or a condition differs in more than its data.
     """
     if problem is None and not data:
         return scene
@@ -247,37 +241,35 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
         _with_data(boundary, data.pop(boundary.name)) if boundary.name in data else boundary
         for boundary in scene.boundaries
     ]
-    edge = _edge_with_data(scene.edge, data.pop(EDGE)) if EDGE in data else scene.edge
+    edge = _edge_with_data(scene.edge, data.pop("edge")) if "edge" in data else scene.edge
     if data:
-        names = [EDGE, *(repr(boundary.name) for boundary in scene.boundaries)]
+        names = ["edge", *(repr(boundary.name) for boundary in scene.boundaries)]
         raise SceneError(f"data are given for {next(iter(data))!r}; the scene has {', '.join(names)}.")
     return replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
 
 
-def _with_data(boundary: Any, given: Any) -> Boundary:
+def _with_data(boundary: Any, data: Any) -> Boundary:
     if not isinstance(boundary, Boundary):
         raise SceneError(
             f"boundary {boundary.name!r} is no cpmkit.Boundary, and takes no other data; use cpmkit.solve."
         )
-    sides = {side: getattr(boundary, side) for side in ("both", "left", "right", "across")}
-    held = {side: one for side, one in sides.items() if one is not None}
-    new = given if isinstance(given, Mapping) else dict.fromkeys([*held][:1], given)
-    new = as_conditions(new)
-    if set(new) != set(held):
+    old = boundary.given_conditions
+    new = as_conditions(data if isinstance(data, Mapping) else dict.fromkeys([*old][:1], data))
+    if set(new) != set(old):
         raise SceneError(
-            f"boundary {boundary.name!r} holds conditions on {' and '.join(held)}, got {' and '.join(new)}; give data "
+            f"boundary {boundary.name!r} holds conditions on {' and '.join(old)}, got {' and '.join(new)}; give data "
             "for the same."
         )
-    for side, one in new.items():
-        _check_same(held[side], one, f"boundary {boundary.name!r}, {side},")
-    if "left" in held and same_condition(*held.values()) != same_condition(*new.values()):
-        count = "one condition" if same_condition(*held.values()) else "two conditions"
+    for side, condition in new.items():
+        _check_same(old[side], condition, f"boundary {boundary.name!r}, {side},")
+    if "left" in old and same_condition(*old.values()) != same_condition(*new.values()):
+        count = "one condition" if same_condition(*old.values()) else "two conditions"
         raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
     return replace(boundary, **new)
 
 
-def _edge_with_data(edge: Any, given: Any) -> Any:
-    given = as_edge(given)
+def _edge_with_data(edge: Any, data: Any) -> Any:
+    given = as_edge(data)
     if shape_of_edge(edge) != shape_of_edge(given):
         raise SceneError(
             "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
@@ -291,12 +283,12 @@ def _edge_with_data(edge: Any, given: Any) -> Any:
 
 
 def _check_same(old: Condition, new: Any, label: str) -> None:
-    """Refuse a condition of another kind than the tables hold, or with other factors.
+    """Check that a new condition differs from that of the tables in its data alone.
 
     Raises
     ------
     SceneError
-        In one sentence.
+        If the kind, a factor or the order differs; ``label`` is the name of the place.
     """
     if not isinstance(new, Condition) or old.order != new.order or not _same_but_data(old.law, new.law):
         raise SceneError(

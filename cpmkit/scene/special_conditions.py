@@ -1,4 +1,4 @@
-"""Conditions that go beyond one linear relation on one side: coupled sides, nonlinear fluxes, eigenvalues, plates."""
+"""Conditions other than one linear relation on one side: coupled sides, nonlinear fluxes, eigenvalues, plates."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 
 @dataclass(frozen=True, eq=False)
 class Transmission(Condition):
-    """Both sides coupled: ``u_left - u_right = jump + resistance * flow``, and what flows in on one side flows out.
+    """Coupling of both sides: ``u_left - u_right = jump + resistance * flow``, with a continuous flux.
 
-    With k the conductivities, ``k_left du/db_left + k_right du/db_right = flux``, each b out of its side; a ``flux``
-    above zero is a source of heat on the boundary. The flow is the mean of ``-k_left du/db_left`` and
+    With k the conductivities, ``k_left du/db_left + k_right du/db_right = flux``, with each b out of its side; a
+    ``flux`` above zero is a source on the boundary. The flow is the mean of ``-k_left du/db_left`` and
     ``k_right du/db_right``, from left to right. Given to a boundary as ``across``.
 
     Parameters
@@ -28,14 +28,14 @@ class Transmission(Condition):
     flux : number, sequence, or callable
         As for :class:`Dirichlet`.
     left, right : number or callable, optional
-        Conductivities, above zero. Unless given, the problem's diffusivity on each side; what is given must be that.
+        Conductivities, above zero. They must be the equation's diffusivity on each side, which is the default.
     resistance : float
         Of the contact, not below zero.
 
     Raises
     ------
     InputError
-        If a conductivity is not above zero or the resistance is below.
+        If a conductivity is not above zero, or the resistance below zero.
 
     Examples
     --------
@@ -53,9 +53,9 @@ class Transmission(Condition):
     def __post_init__(self) -> None:
         super().__post_init__()
         for side in ("left", "right"):
-            given = getattr(self, side)
-            if given is not None and (not callable(given) or takes_time(given)):
-                positive(given, f"{side}, a conductivity of Transmission,")
+            conductivity = getattr(self, side)
+            if conductivity is not None and (not callable(conductivity) or takes_time(conductivity)):
+                positive(conductivity, f"{side}, a conductivity of Transmission,")
         if number(self.resistance, "resistance of Transmission") != 0:
             positive(self.resistance, "resistance of Transmission, where it is not zero,")
 
@@ -67,7 +67,7 @@ class Transmission(Condition):
 
 @dataclass(frozen=True, eq=False)
 class Steklov(Condition):
-    """du/db = lambda u, for eigenvalue problems alone: lambda is what is sought.
+    """du/db = lambda u with the unknown eigenvalue lambda; for eigenvalue problems only.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Steklov(Condition):
 
     Examples
     --------
-    Those of the unit disc, a solid of the plane, are 0, 1, 1, 2, 2.
+    The eigenvalues of the unit disc, a solid in the plane, are 0, 1, 1, 2, 2, ...
 
     >>> import cpmkit as ck
     >>> scene = ck.Scene(ck.source("solid", of=ck.source("analytic.circle")), ck.Eigen(5), edge=ck.Steklov())
@@ -89,13 +89,13 @@ class Steklov(Condition):
 
     @property
     def law(self) -> Spectral:
-        """The flux in proportion to the value."""
+        """A flux proportional to the value."""
         return Spectral()
 
 
 @dataclass(frozen=True, eq=False)
 class SimplySupported(Condition):
-    """u = value and Lap u = laplacian, for biharmonic problems alone: an edge that holds a plate and lets it turn.
+    """u = value and Lap u = laplacian, for biharmonic problems only: a simply supported edge of a plate.
 
     Parameters
     ----------
@@ -123,17 +123,17 @@ class SimplySupported(Condition):
 
 @dataclass(frozen=True, eq=False)
 class NonlinearFlux(Condition):
-    """du/db = j(u), b pointing out of the side on which the condition is given: radiation, a reaction at the wall.
+    """du/db = j(u), with b out of the side on which the condition is given: radiation, or a reaction at the wall.
 
-    Solved by Newton's method, each step a Robin condition. Where j grows with u it feeds the solution, and there may
-    be none, or several.
+    Newton's method solves it, with a Robin condition in each step. Where j increases with u there may be no solution,
+    or several.
 
     Parameters
     ----------
     flux : callable
-        j, a function of values (n,), or of values and points ``(n,), (n, d)``, that returns (n,).
+        j, a function of values (n,), or of values (n,) and points (n, d), that returns (n,).
     slope : callable, optional
-        Its derivative, of the same arguments; by differences unless given.
+        Its derivative, of the same arguments; finite differences by default.
     guess : float
         Value of u on the boundary at which Newton's method starts.
     order : 1 or 2, optional
@@ -146,7 +146,7 @@ class NonlinearFlux(Condition):
 
     Examples
     --------
-    A bar that is heated at one end and radiates at the other: u = 2 - x.
+    A bar that is heated at one end and radiates at the other; the solution is u = 2 - x.
 
     >>> import cpmkit as ck
     >>> bar = ck.source("analytic.segment", start=[0, 0], end=[1, 0])
@@ -163,9 +163,11 @@ class NonlinearFlux(Condition):
 
     def __post_init__(self) -> None:
         for name, optional in (("flux", False), ("slope", True)):
-            given = getattr(self, name)
-            if not callable(given) and not (optional and given is None):
-                raise InputError(f"{name} of NonlinearFlux must be a function of the values of u, got {shown(given)}.")
+            function = getattr(self, name)
+            if not callable(function) and not (optional and function is None):
+                raise InputError(
+                    f"{name} of NonlinearFlux must be a function of the values of u, got {shown(function)}."
+                )
         super().__post_init__()
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
 

@@ -1,4 +1,4 @@
-"""Meshes and clouds of other libraries in place of sources: told by what they have, and none of them imported."""
+"""Meshes and point clouds of other libraries as surfaces: recognised by their attributes, without importing these."""
 
 from __future__ import annotations
 
@@ -10,9 +10,6 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.plugins import source
 from cpmkit.protocols import ClosestPointSource, Ints
-
-#: The kinds that are made of them.
-MESH_KIND, CLOUD_KIND = "mesh.triangles", "pointcloud.points"
 
 
 @runtime_checkable
@@ -28,8 +25,8 @@ class HasFaces(Protocol):
         """(m, 3) numbers of vertices."""
 
 
-#: Under which names objects of other libraries hold vertices (n, 3) and faces (m, 3): trimesh, open3d, LaPy, psbody,
-#: libigl's habit, nilearn and SciPy's Delaunay.
+#: Names of the attributes for vertices (n, 3) and faces (m, 3) in trimesh, open3d, LaPy, psbody, code for libigl,
+#: nilearn and SciPy's Delaunay.
 NAMES_OF_ARRAYS = (
     ("vertices", "faces"),
     ("vertices", "triangles"),
@@ -39,101 +36,100 @@ NAMES_OF_ARRAYS = (
     ("coordinates", "faces"),
     ("points", "simplices"),
 )
-#: What a scene takes for its surface.
+#: Values that a scene accepts as its surface.
 Surface = ClosestPointSource | HasFaces | tuple[Any, Any]
 
 
-def as_source(given: Any) -> Any:
+def as_source(mesh: Any) -> Any:
     """Return the source of a mesh or cloud of another library, or of (vertices, faces).
 
-    Accepted are meshes of trimesh, pyvista, open3d and meshio, objects that hold vertices and faces by one of the pairs
-    of names in ``NAMES_OF_ARRAYS``, and those of scikit-fem, whose arrays are transposed. Anything else is returned as
-    it is.
+    Accepted are meshes of trimesh, pyvista, open3d, meshio and scikit-fem, and objects with a pair of attributes in
+    ``NAMES_OF_ARRAYS``. Anything else is returned as it is.
 
     Raises
     ------
     SceneError
-        If it is such a mesh, and has neither faces nor points alone, or has cells that are no faces.
+        If a mesh has no faces, or cells that are not faces.
     """
-    if callable(getattr(given, "closest_point", None)):
-        return given
-    if isinstance(given, (tuple, list)) and len(given) == 2:
-        return _mesh(*given)
-    if hasattr(given, "vertex") and hasattr(given, "triangle"):  # open3d's tensors
-        return _mesh(given.vertex.positions.numpy(), given.triangle.indices.numpy())
-    if hasattr(given, "n_points") and hasattr(given, "n_lines"):  # pyvista's surfaces
-        return _poly_data(given)
-    if hasattr(given, "n_points") and (hasattr(given, "celltypes") or hasattr(given, "dimensions")):  # its grids
-        return _mesh(np.asarray(given.points), faces_of_grid(given))
-    if hasattr(given, "points") and hasattr(given, "cells_dict"):  # meshio
-        return _mesh(given.points, faces_of_cells([(block.type, block.data) for block in given.cells]))
-    if hasattr(given, "p") and hasattr(given, "t"):  # scikit-fem
-        return _mesh(np.transpose(given.p), _triangles_of(given, np.transpose(given.t)))
+    if callable(getattr(mesh, "closest_point", None)):
+        return mesh
+    if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
+        return _mesh(*mesh)
+    if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # open3d's tensors
+        return _mesh(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
+    if hasattr(mesh, "n_points") and hasattr(mesh, "n_lines"):  # pyvista's surfaces
+        return _poly_data(mesh)
+    if hasattr(mesh, "n_points") and (hasattr(mesh, "celltypes") or hasattr(mesh, "dimensions")):  # its grids
+        return _mesh(np.asarray(mesh.points), faces_of_grid(mesh))
+    if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
+        return _mesh(mesh.points, faces_of_cells([(block.type, block.data) for block in mesh.cells]))
+    if hasattr(mesh, "p") and hasattr(mesh, "t"):  # scikit-fem
+        return _mesh(np.transpose(mesh.p), _triangles_of(mesh, np.transpose(mesh.t)))
     for vertices, faces in NAMES_OF_ARRAYS:
-        if hasattr(given, vertices) and hasattr(given, faces):
-            cells = np.asarray(getattr(given, faces))
-            return _mesh(getattr(given, vertices), cells if vertices == "vertices" else _triangles_of(given, cells))
-    if hasattr(given, "vertices") or hasattr(given, "points"):  # clouds of trimesh and open3d
-        points = given.vertices if hasattr(given, "vertices") else given.points
-        return _cloud(np.asarray(points), getattr(given, "normals", None))
-    return given
+        if hasattr(mesh, vertices) and hasattr(mesh, faces):
+            cells = np.asarray(getattr(mesh, faces))
+            return _mesh(getattr(mesh, vertices), cells if vertices == "vertices" else _triangles_of(mesh, cells))
+    if hasattr(mesh, "vertices") or hasattr(mesh, "points"):  # clouds of trimesh and open3d
+        points = mesh.vertices if hasattr(mesh, "vertices") else mesh.points
+        return _cloud(np.asarray(points), getattr(mesh, "normals", None))
+    return mesh
 
 
-def _triangles_of(given: Any, cells: Any) -> Any:
-    """Return the cells if they are triangles.
+def _triangles_of(mesh: Any, cells: Any) -> Any:
+    """Return ``cells`` if they are triangles (m, 3).
 
     Raises
     ------
     SceneError
-        If they have other than three corners: they may be solids.
+        If they do not have three corners: they may be solids.
     """
     if cells.ndim != 2 or cells.shape[1] != 3:
         raise SceneError(
-            f"the surface is a {type(given).__name__} with cells of shape {cells.shape}, and triangles (m, 3) are "
+            f"the surface is a {type(mesh).__name__} with cells of shape {cells.shape}, and triangles (m, 3) are "
             "accepted; give the vertices and faces of a surface as a pair of arrays."
         )
     return cells
 
 
-def _poly_data(given: Any) -> ClosestPointSource:
-    """Return the source of a PolyData: a mesh where it has polygons, a cloud where it has points alone."""
-    if int(given.n_lines):
+def _poly_data(mesh: Any) -> ClosestPointSource:
+    """Return the source of a PolyData: a mesh if it has polygons, a point cloud if it has points only."""
+    if int(mesh.n_lines):
         raise SceneError(
             "the surface is a PolyData with lines; give its points to ck.source('mesh.polyline', points=...)."
         )
-    flat = np.asarray(given.triangulate().faces)
+    flat = np.asarray(mesh.triangulate().faces)
     if len(flat):
-        return _mesh(np.asarray(given.points), flat.reshape(-1, 4)[:, 1:])
-    return _cloud(np.asarray(given.points), given.point_data.get("Normals"))
+        return _mesh(np.asarray(mesh.points), flat.reshape(-1, 4)[:, 1:])
+    return _cloud(np.asarray(mesh.points), mesh.point_data.get("Normals"))
 
 
 def _mesh(vertices: Any, faces: Any) -> ClosestPointSource:
-    return source(MESH_KIND, vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
+    return source("mesh.triangles", vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
 
 
 def _cloud(points: Any, normals: Any) -> ClosestPointSource:
-    given = None if normals is None else np.asarray(normals, dtype=np.float64)
-    known = {} if given is None or given.shape != np.shape(points) else {"normals": given}
-    return source(CLOUD_KIND, points=np.asarray(points, dtype=np.float64), **known)
+    vectors = None if normals is None else np.asarray(normals, dtype=np.float64)
+    keywords = {} if vectors is None or vectors.shape != np.shape(points) else {"normals": vectors}
+    return source("pointcloud.points", points=np.asarray(points, dtype=np.float64), **keywords)
 
 
-#: Kinds of cells that are faces, and those of lower dimension, which mark parts of meshes and are passed over.
+#: Kinds of cells that are faces; and kinds of lower dimension, which mark parts of meshes and are ignored.
 FACE_KINDS = frozenset(("triangle", "quad", "polygon"))
 PASSED_KINDS = frozenset(("vertex", "line", "line3", "polyline"))
-#: The same by VTK's numbers: triangle, polygon, quad; vertices and lines.
+#: VTK's numbers of these kinds: triangle, polygon, quad; vertices and lines.
 FACE_NUMBERS = (5, 7, 9)
 PASSED_NUMBERS = (1, 2, 3, 4)
-#: VTK's pixel, a quad whose last corners stand the other way round.
+#: VTK's number of a pixel, a quad with its last two corners exchanged.
 PIXEL_NUMBER = 8
 
 
 def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
-    """Return the faces of blocks of cells, each with meshio's name of its kind.
+    """Return the faces of blocks of cells (kind, cells) of meshio.
 
     Raises
     ------
     SceneError
-        If a block holds solids or curved cells, or none holds faces.
+        If a block contains solids or curved cells, or none contains faces.
     """
     others = sorted({kind for kind, _ in blocks} - FACE_KINDS - PASSED_KINDS)
     _check_faces(others, any(kind in FACE_KINDS and len(cells) for kind, cells in blocks))
@@ -144,17 +140,17 @@ def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
 
 
 def faces_of_grid(grid: Any) -> Any:
-    """Return the faces of a pyvista grid of two dimensions: its own cells, between its own points in their order.
+    """Return the faces of a two-dimensional pyvista grid: its cells, by the numbers of its points.
 
     Raises
     ------
     SceneError
-        If it has solids or curved cells, or no faces.
+        If the grid has solids or curved cells, or no faces.
     """
     if not hasattr(grid, "celltypes"):
         return _structured_faces(grid)
     kinds = np.asarray(grid.celltypes)
-    start = np.asarray(grid.cell_offsets if hasattr(grid, "cell_offsets") else grid.offset)  # by its former name
+    start = np.asarray(grid.cell_offsets if hasattr(grid, "cell_offsets") else grid.offset)  # in older versions
     corners = np.array(grid.cell_connectivity)
     rows = np.flatnonzero(np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER)))
     others = np.unique(kinds[~np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER, *PASSED_NUMBERS))])
@@ -169,7 +165,7 @@ def faces_of_grid(grid: Any) -> Any:
 
 
 def _structured_faces(grid: Any) -> Ints:
-    """Return the quads (m, 4) of a grid whose points are numbered along its first dimension first."""
+    """Return the quads (m, 4) of a structured grid, whose points are numbered along the first dimension first."""
     sizes = [int(size) for size in grid.dimensions if size > 1]
     if len(sizes) != 2:
         raise SceneError(

@@ -1,4 +1,4 @@
-"""Data given by one row a vertex of a mesh, a point of a polyline or a sample of a cloud."""
+"""Data with one row for each vertex of a source, and recognition of arrays of such data in a scene."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from cpmkit.scene.edge_conditions import ByPosition
 
 @dataclass(frozen=True, eq=False)
 class VertexData:
-    """A function of points that interpolates one row a vertex: for conditions, right-hand sides, initial values.
+    """A function of points that interpolates data at vertices: for conditions, right-hand sides, initial values.
 
-    At a point it is what ``source`` makes of its rows at the closest point, on a mesh and along a polyline linearly.
+    Its value at a point is the interpolation by ``source`` at the closest point, linear on a mesh and along a polyline.
 
     Parameters
     ----------
     source : ClosestPointSource
-        A mesh, a polyline, a cloud or a set of points: the surface itself, or a boundary's own source.
+        A mesh, a polyline, a point cloud or a set of points: the surface, or the source of a boundary.
     values : (k,) or (k, channels) array
-        In the order in which the vertices were given, ``k`` being ``source.value_count``.
+        In the order of the vertices that the source was made from; k is ``source.value_count``.
 
     Raises
     ------
     InputError
-        If the source carries no values, or they are not as many rows of finite numbers as it has vertices.
+        If the source does not interpolate values, or the number of rows is not that of its vertices, or a value is not
+        finite.
 
     Examples
     --------
@@ -79,56 +80,61 @@ def _checked(values: Any, count: int) -> Floats:
     return array
 
 
-#: An array of more entries is refused where it is no vertex data: nobody means so many channels of constants.
-MOST_CHANNELS = 16
-#: Of a surface with so few vertices an array may be either, the channels of a colour or one value a vertex.
+#: Longer arrays are refused if they are not vertex data: nobody means so many channels of constants.
+MAX_CHANNELS = 16
+#: With at most so many vertices an array may be either the channels of a colour or one value for each vertex.
 FEW_VERTICES = 4
 
 
 class VertexArrays:
-    """Puts :class:`VertexData` of a surface in the place of arrays with one row for each of its vertices."""
+    """Replaces arrays with one row for each vertex of a surface by :class:`VertexData`.
+
+    A list or tuple has one entry for each channel. An array of NumPy has one row for each vertex if it has as many rows
+    as the surface has vertices; a short array has one entry for each channel.
+    """
 
     def __init__(self, surface: ClosestPointSource) -> None:
         self.surface = surface
         self.count = surface.value_count if isinstance(surface, HasValues) else None
-        self._read: dict[int, tuple[Any, Any]] = {}
+        self._replaced: dict[int, tuple[Any, Any]] = {}
 
-    def stated(self, given: Any, label: str) -> Any:
-        """Return an equation or a condition with vertex data; the same object for the same.
+    def in_fields(self, instance: Any, label: str) -> Any:
+        """Return an equation or a condition with vertex data; the same object for the same argument.
 
         Raises
         ------
         SceneError
-            If an array is neither a row a vertex nor a few channels, or may be both; ``label`` names whose it is.
+            If an array has neither a row for each vertex nor few channels, or may be both; ``label`` is the name of the
+            equation or condition.
         """
-        if not is_dataclass(given) or isinstance(given, type):
-            return given
-        if id(given) not in self._read:  # what is read is kept beside what it was made of, which keeps its id
+        if not is_dataclass(instance) or isinstance(instance, type):
+            return instance
+        if id(instance) not in self._replaced:  # the argument is stored too, so that its id stays unique
             changed = {}
-            for one in fields(given):
-                value = getattr(given, one.name)
-                if one.init and DATA_TYPE in str(one.type) and isinstance(value, np.ndarray) and value.ndim > 0:
-                    changed[one.name] = self._datum(value, f"{one.name} of {label}")
-            differs = any(new is not getattr(given, name) for name, new in changed.items())
-            self._read[id(given)] = given, replace(given, **changed) if differs else given
-        return self._read[id(given)][1]
+            for member in fields(instance):
+                value = getattr(instance, member.name)
+                if member.init and DATA_TYPE in str(member.type) and isinstance(value, np.ndarray) and value.ndim > 0:
+                    changed[member.name] = self._datum(value, f"{member.name} of {label}")
+            differs = any(new is not getattr(instance, name) for name, new in changed.items())
+            self._replaced[id(instance)] = instance, replace(instance, **changed) if differs else instance
+        return self._replaced[id(instance)][1]
 
-    def boundary(self, given: Any) -> Any:
-        """Return a boundary whose conditions have vertex data."""
-        if not isinstance(given, Boundary):
-            return given
-        sides = {side: getattr(given, side) for side in ("both", "left", "right", "across")}
-        read = {side: self.stated(one, f"boundary {given.name!r}") for side, one in sides.items() if one is not None}
-        return given if all(read[side] is sides[side] for side in read) else replace(given, **read)
+    def in_boundary(self, boundary: Any) -> Any:
+        """Return a boundary with vertex data in its conditions."""
+        if not isinstance(boundary, Boundary):
+            return boundary
+        old = boundary.given_conditions
+        new = {side: self.in_fields(condition, f"boundary {boundary.name!r}") for side, condition in old.items()}
+        return boundary if all(new[side] is old[side] for side in old) else replace(boundary, **new)
 
-    def edge(self, given: Any) -> Any:
-        """Return what holds on an edge, its conditions with vertex data."""
-        if isinstance(given, Mapping):
-            return {loop: self.edge(one) for loop, one in given.items()}
-        if isinstance(given, ByPosition):
-            parts = [replace(part, condition=self.stated(part.condition, "the edge")) for part in given.parts]
-            return replace(given, parts=type(given.parts)(parts))
-        return self.stated(given, "the edge")
+    def in_edge(self, edge: Any) -> Any:
+        """Return the conditions of an edge with vertex data."""
+        if isinstance(edge, Mapping):
+            return {loop: self.in_edge(conditions) for loop, conditions in edge.items()}
+        if isinstance(edge, ByPosition):
+            parts = [replace(part, condition=self.in_fields(part.condition, "the edge")) for part in edge.parts]
+            return replace(edge, parts=tuple(parts))
+        return self.in_fields(edge, "the edge")
 
     def _datum(self, array: np.ndarray, label: str) -> Any:
         if array.shape in TENSOR_SHAPES:
@@ -140,7 +146,7 @@ class VertexArrays:
                     "as many channels; give a list of channels, or ck.VertexData(surface, values)."
                 )
             return VertexData(self.surface, array)
-        if len(array) > MOST_CHANNELS:
+        if len(array) > MAX_CHANNELS:
             known = "carries no values" if self.count is None else f"has {self.count} vertices"
             raise SceneError(
                 f"{label} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "

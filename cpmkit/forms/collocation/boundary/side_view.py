@@ -200,4 +200,4 @@ class BoundaryOnLattice:
         """
         if self.oriented.left.known:
             return SIGN_DIRECTION[: self.surface.dim]
-        return axis if self.oriented.left.travels else left
+        return axis if self.oriented.left.has_direction else left
