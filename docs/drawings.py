@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import cpmkit as ck
-from cpmkit.forms.collocation.boundary.side_view import SideView
+from cpmkit.forms.collocation.side_view import SideView
 
 LEFT, RIGHT, NOWHERE = np.array([0.85, 0.45, 0.20]), np.array([0.22, 0.47, 0.72]), np.array([0.80, 0.80, 0.80])
 INK, GREY = "#1b1b1b", "#8a8a8a"

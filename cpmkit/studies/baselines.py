@@ -18,10 +18,9 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.facade import Solution
 from cpmkit.forms.choice import options_of
-from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.discretization import Discretization, measure_work
+from cpmkit.forms.collocation.extension_operator import ExtensionOperator
 from cpmkit.forms.collocation.form import discretize
-from cpmkit.forms.collocation.operator import ExtensionOperator
-from cpmkit.forms.collocation.work import measure_work
 from cpmkit.grid.band import Band
 from cpmkit.linear.solver_options import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize

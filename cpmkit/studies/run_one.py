@@ -93,7 +93,8 @@ def _measured(solution: Solution, truth: Reference, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
-    twins = len(form.doubled) if isinstance(form, Collocation) else None  # none without a grid
+    band = form.tables.layout.band if isinstance(form, Collocation) else None
+    twins = None if band is None else band.inner - band.first_twin
     return {
         "spacing": solution.spacing if run.spacing is None else run.spacing,
         "max_error": float(np.abs(error).max()),

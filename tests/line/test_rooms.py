@@ -36,7 +36,7 @@ def test_no_way_leads_from_a_room_back_to_it(house):
 
 def test_no_way_leads_from_a_package_within_a_room_back_to_it(house):
     assert house.package_of("cpmkit.forms.collocation.ghosts.ghosts") == "cpmkit.forms.collocation.ghosts"
-    assert house.package_of("cpmkit.forms.collocation.layout") == "cpmkit.forms.collocation.layout"
+    assert house.package_of("cpmkit.forms.collocation.band_layout") == "cpmkit.forms.collocation.band_layout"
     assert house.package_of("cpmkit.grid.band") == "cpmkit.grid"
     assert house.cycle(house.arrows(house.package_of)) == []
 

@@ -8,7 +8,7 @@ import pytest
 from bare import Bare
 
 import cpmkit as ck
-from cpmkit.forms.collocation.boundary.on_band import put_on_lattice
+from cpmkit.forms.collocation.side_view import put_on_lattice
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
 

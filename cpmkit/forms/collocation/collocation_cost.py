@@ -13,11 +13,10 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.forms.collocation.diagnosis.meetings import meeting_sentences
-from cpmkit.forms.collocation.diagnosis.refusals import check_layout
-from cpmkit.forms.collocation.diagnosis.sharp_bends import surface_sentences
-from cpmkit.forms.collocation.layout import Layout, lay_out
+from cpmkit.forms.collocation.band_layout import Layout, lay_out
+from cpmkit.forms.collocation.layout_warnings import geometry_warnings
 from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.refusals import check_layout
 from cpmkit.forms.cost_model import CostModel, growth_through
 from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.band import cell_levels, nodes_of_blocks
@@ -152,7 +151,7 @@ class CollocationCost(CostModel[CollocationOptions]):
             tuple(boundary.gap for boundary in layout.boundaries.on_lattice),
             tuple(boundary.oriented.left_description for boundary in layout.boundaries.on_lattice),
             _query_noise(layout),
-            (*surface_sentences(layout, spacing), *meeting_sentences(layout, spacing)),
+            tuple(geometry_warnings(layout, spacing)),
         )
         progress("dry run", 0.7 if finest != spacing else 1.0)
         if finest == spacing:

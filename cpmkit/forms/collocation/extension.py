@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
-from cpmkit.forms.collocation.boundary.side_view import stack
-from cpmkit.forms.collocation.layout import Layout
+from cpmkit.forms.collocation.band_layout import Layout
+from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
+from cpmkit.forms.collocation.side_view import stack
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
@@ -24,7 +24,7 @@ from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Rows that are built at a time: what they need meanwhile is small beside the tables.
+#: Rows that are built at a time: their memory is small beside the tables.
 EXTENSION_CHUNK_ROWS = 16384
 
 
@@ -48,7 +48,7 @@ def extend(
     coefficient : (n,) float64, optional
         Multiplies each row.
     progress : callable, optional
-        Told the share of the stage "tables" that is done.
+        Called with the share of the stage "tables" that is done.
 
     Returns
     -------
@@ -77,55 +77,43 @@ def extend(
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
     """Return E (rows, unknowns), what boundary data add to E u, and where the rows' stencils are centred."""
-    rows = _all_readings(layout)
-    centres = row_centres(layout, rows)
-    extension = extend(layout.unknowns, rows.points, centres, rows.coefficient, progress)
-    if rows.terms:
-        extension = _with_terms(extension, layout.unknowns, rows.terms)
-    return extension, rows.data, centres
+    formula = _formula_of_rows(layout)
+    centres = row_centres(layout, formula)
+    extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)
+    for term in formula.terms:
+        at_term = Centres(term.side_views, np.full(len(term.points), term.owner), term.feet)
+        added = extend(layout.unknowns, term.points, at_term, term.coefficient)
+        extension = extension + scatter_matrix(term.rows, extension.shape[0]) @ added
+    if formula.terms:
+        extension.eliminate_zeros()
+    return extension.tocsr(), formula.data, centres
 
 
-def _with_terms(extension: csr_array, unknowns: Unknowns, terms: Sequence[ExtraPoint]) -> csr_array:
-    """Return E with further points read by some rows."""
-    for term in terms:
-        centres = Centres(term.side_views, np.full(len(term.points), term.own), term.feet)
-        read = extend(unknowns, term.points, centres, term.coefficient)
-        extension = extension + scatter_matrix(term.rows, extension.shape[0]) @ read
-    extension.eliminate_zeros()
-    made: csr_array = extension.tocsr()
-    return made
-
-
-def _all_readings(layout: Layout) -> RowFormula:
+def _formula_of_rows(layout: Layout) -> RowFormula:
     """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
     parts, numbering = [layout.formula, *(group.formula for group in layout.ghosts)], layout.numbering
     numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
+    feet = [part.feet for part in parts if part.feet is not None]
     return RowFormula(
         np.concatenate([part.points for part in parts]),
         np.concatenate([part.coefficient for part in parts]),
-        [datum.renumbered(rows) for part, rows in numbered for datum in part.data],
+        [datum.renumber(rows) for part, rows in numbered for datum in part.data],
         [replace(term, rows=rows[term.rows]) for part, rows in numbered for term in part.terms],
-        _joined([part.feet for part in parts]),
+        ClosestPoints.join(feet) if len(feet) == len(parts) else None,
     )
 
 
-def _joined(feet: Sequence[ClosestPoints | None]) -> ClosestPoints | None:
-    """Return the records of all rows, None where they were not kept."""
-    known = [one for one in feet if one is not None]
-    return ClosestPoints.join(known) if len(known) == len(feet) else None
-
-
-def row_centres(layout: Layout, rows: RowFormula | None = None) -> Centres:
-    """Return how all rows of E see the boundaries, and on which sheets they read if it is asked what they do."""
-    band, own, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
+def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
+    """Return how all rows of E see the boundaries, and on which sheets they read if their ``formula`` is given."""
+    band, owner, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
     side_views = [
-        stack([(0, view), *((int(first[k]), one.side_views[index]) for k, one in enumerate(layout.ghosts))])
+        stack([(0, view), *((int(first[k]), group.side_views[index]) for k, group in enumerate(layout.ghosts))])
         for index, view in enumerate(layout.boundaries.side_views)
     ]
-    if band.sheets is None or rows is None:
-        return Centres(side_views, own)
-    normals = np.full(rows.points.shape, np.nan)
-    at_feet = np.flatnonzero((rows.points[: len(band.nodes)] == band.feet.points).all(axis=1))
+    if band.sheets is None or formula is None:
+        return Centres(side_views, owner)
+    normals = np.full(formula.points.shape, np.nan)
+    at_feet = np.flatnonzero((formula.points[: len(band.nodes)] == band.feet.points).all(axis=1))
     normals[at_feet] = band.sheets.normals[at_feet]
-    return Centres(side_views, own, rows.feet, normals)
+    return Centres(side_views, owner, formula.feet, normals)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -10,20 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import ResolutionError, SceneError
-from cpmkit.forms.collocation.assembly import build_operator, check_terms
-from cpmkit.forms.collocation.boundary.row_formula import sum_of_data
-from cpmkit.forms.collocation.conservation.balance import correct_means
-from cpmkit.forms.collocation.conservation.components import components_without_flux
-from cpmkit.forms.collocation.conservation.free_constants import find_border, means_over, remove_constants
-from cpmkit.forms.collocation.diagnosis.sharp_bends import has_sharp_bends
-from cpmkit.forms.collocation.diagnosis.warnings import layout_warnings
-from cpmkit.forms.collocation.discretization import build_tables, restated
-from cpmkit.forms.collocation.linearized import FluxRows, flux_rows_of, linearized
-from cpmkit.forms.collocation.operator import BoundaryMass, ExtensionOperator
+from cpmkit.forms.collocation.components import components_without_flux
+from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
+from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
+from cpmkit.forms.collocation.layout_warnings import has_sharp_bends, layout_warnings
+from cpmkit.forms.collocation.mean_weights import correct_means, find_border, means_over, remove_constants
+from cpmkit.forms.collocation.nonlinear_fluxes import FluxRows, find_flux_rows, linearise_fluxes
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.collocation.reading.points import Reader
-from cpmkit.forms.collocation.stability import check_waves
-from cpmkit.forms.collocation.work import Work, measure_work
+from cpmkit.forms.collocation.read_points import Reader
+from cpmkit.forms.collocation.refusals import check_waves
+from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
 from cpmkit.forms.free_constants import Imbalance
@@ -45,9 +41,9 @@ if TYPE_CHECKING:
 
     from cpmkit.linear.solve_report import SolveReport
 
-#: So often are ghosts read at the start: each reads a mirror point, near the boundary through other ghosts.
+#: Rounds in which initial ghosts read their formulas: each reads a mirror point, beside the boundary by other ghosts.
 GHOST_READING_ROUNDS = 3
-#: Share of the ghosts that may stand on their boundary.
+#: Share of the ghosts that may stand on their boundary, and count to either side by rounding.
 ON_BOUNDARY_GHOSTS_SHARE = 0.05
 
 
@@ -58,7 +54,7 @@ class Collocation(Reader):
     Attributes
     ----------
     scene : Scene
-        What is discretised.
+        With its equation.
     tables : Discretization
         The band and its tables.
     """
@@ -78,7 +74,7 @@ class Collocation(Reader):
 
     @property
     def options(self) -> Options[CollocationOptions]:
-        """How the scene is discretised."""
+        """Options of the lattice and of this form, by which coarser solutions are made."""
         return self.tables.layout.options
 
     @property
@@ -88,7 +84,7 @@ class Collocation(Reader):
 
     @cached_property
     def points(self) -> Floats:
-        """(p, d) the feet of the inner nodes, but of those past an edge."""
+        """(p, d) the feet of the inner nodes that are not past an edge."""
         return self.tables.layout.lattice.to_scene(self.tables.layout.band.feet.points[self._on_manifold])
 
     @cached_property
@@ -99,14 +95,14 @@ class Collocation(Reader):
     def check(self, solver: str) -> None:
         """Refuse waves that would grow, and a factorisation that does not fit."""
         layout = self.tables.layout
-        if solver == "direct":  # what others need was checked before the tables
+        if solver == "direct":  # the memory of other solvers was checked before the tables
             check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
-        check_waves(self.scene, self.tables.layout)
+        check_waves(self.scene, layout)
 
     def with_scene(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone."""
         check_terms(scene.problem.terms())
-        return replace(self, scene=scene, tables=restated(self.tables, self.scene, scene))
+        return replace(self, scene=scene, tables=with_new_data(self.tables, self.scene, scene))
 
     # Equations
 
@@ -115,47 +111,47 @@ class Collocation(Reader):
         return build_operator(self.tables, terms)
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return f at the unknowns, each on the side that it carries, (n, channels)."""
+        """Return f at the unknowns, each on the side that it continues, (n, channels)."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return what the boundary data add to b through E, (n, channels)."""
+        """Return the terms (n, channels) of the boundary data in b, through E."""
         assert isinstance(stiffness, ExtensionOperator)
-        if of == "laplacian":
-            return stiffness.spread(self._sum_of(self._second, time))
-        if time is None or not self.data_move:
+        if of == "laplacian":  # with the signs that v = -Lap u has
+            second = (
+                replace(datum, data=datum.law.laplacian, factor=-datum.factor, label=f"the Laplacian of {datum.label}")
+                for datum in self.tables.data
+                if isinstance(datum.law, Support)
+            )
+            return stiffness.spread(self._sum_of(second, time))
+        if time is None or not any(datum.takes_time for datum in self.tables.data):
             return stiffness.spread(self.tables.datum(time))
-        return stiffness.spread(self._still + self._moved(time))
-
-    @property
-    def data_move(self) -> bool:
-        """Whether boundary data depend on the time."""
-        return any(datum.takes_time for datum in self.tables.data)
+        return stiffness.spread(self._steady_data + self._time_dependent_data(time))
 
     @cached_property
-    def _still(self) -> Floats:
-        return self._sum_of([datum for datum in self.tables.data if not datum.takes_time])
+    def _steady_data(self) -> Floats:
+        return self._sum_of(datum for datum in self.tables.data if not datum.takes_time)
 
-    def _moved(self, time: float) -> Floats:
-        return self._sum_of([datum for datum in self.tables.data if datum.takes_time], time)
+    def _time_dependent_data(self, time: float) -> Floats:
+        return self._sum_of((datum for datum in self.tables.data if datum.takes_time), time)
 
-    def _sum_of(self, data: Sequence[Any], time: float | None = None) -> Floats:
+    def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
         return sum_of_data(data, self.tables.extension.shape[0], self.channels, time)
 
-    @property
-    def _second(self) -> list[Any]:
-        """The data of Lap u where conditions give them, with the signs that v = -Lap u has."""
-        return [
-            replace(datum, data=datum.law.laplacian, factor=-datum.factor, what=f"the Laplacian of {datum.what}")
-            for datum in self.tables.data
-            if isinstance(datum.law, Support)
-        ]
-
     def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
-        """Return B of conditions of Steklov, None where there are none."""
+        """Return B of Steklov conditions, None without any."""
         assert isinstance(stiffness, ExtensionOperator)
         reads = self.tables.read_in_place_of(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
+
+    @cached_property
+    def state_fluxes(self) -> list[FluxRows]:
+        """Rows of E whose datum is a nonlinear flux."""
+        return find_flux_rows(self.tables)
+
+    def linearise(self, seen: Sequence[Floats]) -> Collocation:
+        """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
+        return replace(self, tables=linearise_fluxes(self.tables, self.state_fluxes, seen))
 
     # Values
 
@@ -164,9 +160,9 @@ class Collocation(Reader):
         return u[self._on_manifold if rows is None else self._on_manifold[rows]]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the values at the nodes, and what the conditions make of them past boundaries and edges.
+        """Return the values at the nodes, continued past boundaries and edges by the conditions.
 
-        Conditions are met by rounds of reading, from the value of the nearest foot on the side that is carried: a
+        Unless ``start`` gives them, ghosts start from the value of the nearest foot on the side that they continue: a
         ghost that stands on its boundary reads itself, and has no other value.
         """
         from scipy.spatial import cKDTree
@@ -174,18 +170,18 @@ class Collocation(Reader):
         if start is not None:
             u = start.copy()
             u[self._on_manifold] = values
-            return self._continued(u, self.tables.datum(time))
-        layout, clear = self.tables.layout, np.ones(len(self.tables.layout.band.nodes), dtype=bool)
+            return self._apply_formulas(u, self.tables.datum(time))
+        layout, one_sided = self.tables.layout, np.ones(len(self.tables.layout.band.nodes), dtype=bool)
         for view in layout.boundaries.side_views:  # nearer feet may count to the other side
-            clear[view.rows[np.abs(view.signed) < 0.5 * self.spacing]] = False
-        known = np.flatnonzero(clear[self._on_manifold])
+            one_sided[view.rows[np.abs(view.signed) < 0.5 * self.spacing]] = False
+        known = np.flatnonzero(one_sided[self._on_manifold])
         feet = layout.band.feet.points[self._on_manifold[known]]
         u = values[known[cKDTree(feet).query(self.tables.sources.points)[1]]]
         u[self._on_manifold] = values
-        return self._continued(u, self.tables.datum(time))
+        return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function`` of u at all unknowns: a ghost goes on as what it continues does."""
+        """Return ``function`` of u at all unknowns, at ghosts of the value that they continue."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
@@ -193,14 +189,17 @@ class Collocation(Reader):
     ) -> Floats:
         """Return ``data`` at the unknowns, continued across boundaries by their conditions.
 
-        Where the ghosts would start with the values at their feet, they would be off by the order of the spacing
-        until diffusion over one spacing has put that right: the whole of a run with very short steps.
+        If the ghosts started with the values at their feet, they would be off by the order of the spacing until
+        diffusion over one spacing has corrected them: in runs with very short steps, to the end.
         """
-        datum = (self._moved(time + step) - self._moved(time)) / step if step else self.tables.datum(time)
-        return self._continued(self.tables.read_sources(data, label, time), datum)
+        if step:
+            datum = (self._time_dependent_data(time + step) - self._time_dependent_data(time)) / step
+        else:
+            datum = self.tables.datum(time)
+        return self._apply_formulas(self.tables.read_sources(data, label, time), datum)
 
-    def _continued(self, u: Floats, datum: Floats) -> Floats:
-        """Return u (n, channels) with what the conditions make of it at ghosts and nodes past an edge."""
+    def _apply_formulas(self, u: Floats, datum: Floats) -> Floats:
+        """Return u (n, channels) with ghosts and nodes past an edge set by E and ``datum`` (rows, channels)."""
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
@@ -211,35 +210,24 @@ class Collocation(Reader):
         return continued
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return means of products over the feet, (k, m), and so about over the manifold."""
+        """Return means (k, m) of products over the feet, which are about those over the manifold."""
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
-    # Fluxes that depend on the solution
-
-    @cached_property
-    def state_fluxes(self) -> list[FluxRows]:
-        """Rows of E whose datum is a nonlinear flux."""
-        return flux_rows_of(self.tables)
-
-    def linearise(self, seen: Sequence[Floats]) -> Collocation:
-        """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
-        return replace(self, tables=linearized(self.tables, self.state_fluxes, seen))
-
-    # Pieces, constants, signs
+    # Free constants, means and signs
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces on which a constant is free, found by flood fill over sides."""
         return find_border(self.tables, self.scene)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the means over pieces that nothing flows out of; at order 1 they are off by as much as u."""
+        """Return the means over pieces that nothing flows out of; None at order 1: too inexact."""
         if self.tables.layout.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
     def check_signs(self, least: float, noticed: float) -> None:
-        """Refuse eigenvalues below zero where the continuous problem has none."""
+        """Refuse eigenvalues below zero where the continuous operator has none."""
         if least < -noticed and surely_positive(self):
             raise ResolutionError(
                 f"spacing={self.spacing:g} is too coarse for this surface: parts of it about two spacings thick read "
@@ -248,54 +236,32 @@ class Collocation(Reader):
             )
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return u with its free constants and its means put right."""
+        """Return u without its free constants and with its means corrected."""
         defects: tuple[Imbalance, ...] = ()
         if isinstance(operator, Bordered):
             u, defects = remove_constants(self.tables, self.scene, operator, u)
         u, means = correct_means(self.tables, self.scene, b, u)
         return SteadyResult(u, (*defects, *means))
 
-    # Telling
+    # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a sentence for each thing that the spacing does not resolve."""
-        return (
-            *self._mixed,
-            *layout_warnings(self.tables.layout, self.scene),
-            *unresolved_data(self, self.condition_data()),
-        )
-
-    def condition_data(self) -> list[DataAtPoints]:
-        """Return the data of conditions where ghosts and nodes past an edge read them."""
-        read = [one for one in self.tables.data if not one.at_corners]
-        return [DataAtPoints(f"the datum of {one.what}", one.data, one.points) for one in read]
+        """Return a warning for each feature that the spacing does not resolve."""
+        conditions = [
+            DataAtPoints(f"the datum of {datum.name}", datum.data, datum.points)
+            for datum in self.tables.data
+            if not datum.at_corners
+        ]
+        layout = layout_warnings(self.tables.layout, self.scene)
+        return (*self._joint_warnings, *layout, *unresolved_data(self, conditions))
 
     @cached_property
-    def _mixed(self) -> list[str]:
+    def _joint_warnings(self) -> list[str]:
         return mixed_joint_sentences(self.scene.surface, self.spacing)
 
-    @property
-    def no_estimate(self) -> str:
-        """Parts of unlike dimension that meet: what differences of two solutions say of their errors is not known."""
-        return " ".join(self._mixed)
-
-    def order_of_difference(self, ratio: float, coarser: Discretized | None = None, apart: float = 0.0) -> float:
-        """Return the order of the conditions, and 1 where the surface bends too sharply.
-
-        It is at most degree - 1, for what interpolation leaves is divided by the square of the spacing.
-        """
-        del ratio, coarser, apart
-        return 1.0 if self.slow else float(min(self.tables.layout.order, self.tables.layout.band.degree - 1))
-
     @cached_property
-    def unresolved(self) -> bool:
-        """Whether parts of the manifold bend more sharply than the band is wide."""
+    def _has_sharp_bends(self) -> bool:
         return has_sharp_bends(self.tables.layout)
-
-    @property
-    def slow(self) -> str:
-        """Sharp bends and creases, beside which errors fall with the spacing at best."""
-        return "creases or sharp bends; the error may fall slowly" if self.unresolved else ""
 
     def diagnosis(
         self,
@@ -304,25 +270,36 @@ class Collocation(Reader):
         difference: float = 0.0,
         eigenvalues: bool = False,
     ) -> Diagnosis:
-        """Return the order of the conditions, and what the band does not resolve."""
-        del eigenvalues
-        order = self.order_of_difference(ratio, coarser, difference)
-        return Diagnosis(order, self.slow, self.no_estimate, self.unresolved, doubled=self.doubled)
+        """Return the order of the conditions, 1 where the surface bends too sharply; degree - 1 at most.
+
+        The error of interpolation is divided by the square of the spacing. Where parts of unlike dimension meet,
+        differences of two solutions say nothing of their errors.
+        """
+        layout, sharp = self.tables.layout, self._has_sharp_bends
+        return Diagnosis(
+            1.0 if sharp else float(min(layout.order, layout.band.degree - 1)),
+            "creases or sharp bends; the error may fall slowly" if sharp else "",
+            " ".join(self._joint_warnings),
+            sharp,
+            doubled=layout.lattice.to_scene(layout.band.feet.points[layout.band.first_twin : layout.band.inner]),
+        )
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
-        """Return what the tables hold and what the solve did."""
+        """Return the sizes of the tables, and the operations of the solve."""
         return measure_work(self.tables, operator, report)
+
+    # Saved solutions
 
     def describe(self) -> dict[str, Any]:
         """Return the form's options, the origin, and by how much boundaries were snapped."""
         layout = self.tables.layout
-        seen = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
+        pairs = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
         return {
             "form": layout.options.form,
             "form_reason": layout.options.reason,
             **layout.options.own.as_dict(),
             "origin": layout.lattice.origin.tolist(),
-            "snapped_by": {boundary.name: one.gap for boundary, one in seen},
+            "snapped_by": {boundary.name: on_lattice.gap for boundary, on_lattice in pairs},
         }
 
     def arrays(self) -> dict[str, Any]:
@@ -335,7 +312,7 @@ class Collocation(Reader):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Compare the nodes, and the sides that ghosts carry; a node on a boundary may be on either by rounding."""
+        """Compare the nodes, and the sides that ghosts continue; a node on a boundary may be on either by rounding."""
         band, unknowns = self.tables.layout.band, self.tables.unknowns
         same = np.array_equal(band.nodes[: band.inner], saved["nodes"])
         if not same or not np.array_equal(unknowns.ghost_nodes, saved.get("ghosts", ())):
@@ -350,15 +327,9 @@ class Collocation(Reader):
         E, W = stiffness.extension, stiffness.differences
         return [self.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, stiffness.diagonal]
 
-    @property
-    def doubled(self) -> Floats:
-        """(k, d) the feet of the twins."""
-        band = self.tables.layout.band
-        return self.tables.layout.lattice.to_scene(band.feet.points[band.first_twin : band.inner])
-
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, what the form has no terms for, whatever the ``options``.
+    """Refuse, before anything is built, terms that the form has no rows for, whatever the ``options``.
 
     Raises
     ------
@@ -385,7 +356,7 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 
 
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
-    """Discretise a scene by collocation; ``progress`` is told the stage and the share of it that is done.
+    """Discretise a scene by collocation; ``progress`` is called with the stage and the share of it that is done.
 
     Raises
     ------

@@ -6,8 +6,7 @@ from layouts import lay_out
 
 import cpmkit as ck
 from cpmkit.forms.collocation.discretization import tabulate
-from cpmkit.forms.collocation.numbering import Numbering
-from cpmkit.forms.collocation.selection import Centres
+from cpmkit.forms.collocation.selection import Centres, Numbering
 from cpmkit.grid.stencils import stencil_cells, stencil_nodes
 
 

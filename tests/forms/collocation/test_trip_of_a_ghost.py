@@ -1,9 +1,9 @@
-"""One ghost goes from its closest point to its row of A through at most 12 files of the collocation form.
+"""One ghost goes from its closest point to its row of A through at most 9 files of the collocation form.
 
 The trip is measured, not listed: from where the ghosts of a boundary are found among the band's nodes (their closest
 points on it are asked for) to E, N, the data and A, which keeps these tables; `operator` runs where A is applied.
 Beneath it lie the rooms that know no ghost; beside it what is made once a scene, the boundary with its sides
-(`boundary/on_band`) and the band, and what is asked of the layout for warnings.
+(`put_on_lattice`) and the band, and what is asked of the layout for warnings.
 """
 
 import sys
@@ -13,23 +13,22 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.collocation import discretization, layout
-from cpmkit.forms.collocation.assembly import build_operator
+from cpmkit.forms.collocation import band_layout, discretization
+from cpmkit.forms.collocation.extension_operator import build_operator
 from cpmkit.forms.collocation.ghosts.ghosts import ghost_formula
 
 CORE = Path(ck.__file__).parent
 #: The stations of the method, in the order in which a ghost passes them, for one sheet, no edge and order 2.
 STATIONS = [
     "ghosts/ghosts",  # which nodes have a ghost, and the formula of the condition
-    "boundary/side_view",  # their distances and sides
-    "ghosts/geometry",  # the way across, the mirror point, where right-hand sides are read
-    "boundary/row_formula",  # points, coefficients, data
-    "layout",
-    "numbering",
+    "side_view",  # their distances and sides
+    "ghosts/ghost_geometry",  # the way across, the mirror point, where right-hand sides are read
+    "row_formula",  # points, coefficients, data
+    "band_layout",
     "extension",  # E
-    "selection",  # whom its stencils read
+    "selection",  # which unknowns its stencils read
     "discretization",  # N
-    "assembly",  # A
+    "extension_operator",  # A
 ]
 #: What lies beneath: the lattice and its stencils, what makes sparse matrices of rows, the manifold.
 BENEATH = [
@@ -65,7 +64,7 @@ def watched(monkeypatch):
 
         return noted
 
-    monkeypatch.setattr(layout, "build_ghosts", watch(layout.build_ghosts))
+    monkeypatch.setattr(band_layout, "build_ghosts", watch(band_layout.build_ghosts))
     monkeypatch.setattr(discretization, "tabulate", watch(discretization.tabulate))
     return files, watch
 
@@ -84,7 +83,7 @@ def test_a_ghost_passes_through_twelve_files(watched):
     watch(tables.datum)()
     room = "forms/collocation/"
     assert {file.removeprefix(room) for file in files if file.startswith(room)} == set(STATIONS)
-    assert len(STATIONS) <= 12
+    assert len(STATIONS) <= 9
     assert {file for file in files if file.split("/")[0] in ("grid", "manifold", "linear")} == set(BENEATH)
 
 

@@ -3,15 +3,7 @@
 King et al. (2024), eq. 9: its BC DOFs, here within the radius of interpolation alone, eq. 4 with q = 0.
 
 A ghost stands where its node stands, on one side of the boundary, and continues the solution of the other side across
-it: its value is a coefficient times u at a point, plus a factor times data. For ``alpha du/db + beta u = gamma``,
-with t the ghost's distance from the boundary and s its distance from the mirror point (CONVENTIONS, Ghosts):
-
-order 2: ``[(alpha - beta s/2) u(mirror) + s gamma] / (alpha + beta s/2)``, and for Dirichlet, with
-the mirror at distance ``h = max(t, spacing/2)``, ``-(t/h) u(mirror) + (1 + t/h) g``;
-order 1, with u read on the boundary: ``[alpha u + t gamma] / (alpha + beta t)``, for Dirichlet g.
-
-Differs from King et al. (2024), eq. 8 and section 4.3: there h = t, and a ghost on the boundary then
-reads itself with weight -1, which no smoother damps.
+it: its value is a coefficient times u at a point, plus a factor times data (:func:`coefficient_and_factor`).
 """
 
 from __future__ import annotations
@@ -22,18 +14,21 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
-from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
-from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, RowFormula
-from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView, near
-from cpmkit.forms.collocation.ghosts.geometry import SIDE_READING_SPACINGS, GhostGeometry, ghost_sources
-from cpmkit.forms.collocation.ghosts.past_rim import straight_ahead
+from cpmkit.forms.collocation.ghosts.ghost_geometry import (
+    SIDE_READING_SPACINGS,
+    GhostGeometry,
+    coefficient_and_factor,
+    ghost_sources,
+)
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import straight_ahead
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import CoupledGhosts, first_order_ghosts, second_order_ghosts
+from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, RowFormula
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView, points_near
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.protocols import Bools, Floats, Ints
-from cpmkit.scene.laws import Interface, OneSided, Value, beta_at
+from cpmkit.scene.laws import Interface, OneSided, beta_at
 
 #: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
 UNDIRECTED_GHOST_SPACINGS = 1e-3
@@ -103,8 +98,8 @@ def build_ghosts(
     """
     geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
     formula, radius = ghost_formula(geometry, order), 2 * reading_radius(band.dim, band.degree) * band.spacing
-    terms = [geometry.located(term, radius) for term in formula.rows.terms]
-    terms += [geometry.located(term, radius, own_side=True) for term in formula.own_terms]
+    terms = [geometry.with_side_views(term, radius) for term in formula.rows.terms]
+    terms += [geometry.with_side_views(term, radius, own_side=True) for term in formula.own_terms]
     distance = np.linalg.norm(formula.rows.points - geometry.seen.foot, axis=1)
     numbers = np.full(len(band.nodes), -1)
     numbers[geometry.seen.rows] = np.arange(len(geometry))
@@ -127,7 +122,7 @@ def _geometry(
     boundary = boundaries.on_lattice[index]
     seen, unknowns = _ghost_nodes(boundary, boundaries.side_views[index], band)
     foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
-    coupled = boundaries.given[index].condition("left").couples  # their ghosts read where they stand, too
+    coupled = boundaries.definitions[index].condition("left").couples  # their ghosts read where they stand, too
     if boundary.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
         seen, places, past_edge = straight_ahead(boundary, band, seen, boundaries.behind)
         foot_point = np.where(past_edge[:, None], places, foot_point)
@@ -140,7 +135,7 @@ def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -
     """Return the view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing + boundary.gap
     positions = band.positions[side_view.rows]
-    rows, feet = near(boundary.source, positions, reach + band.spacing, band.spacing)
+    rows, feet = points_near(boundary.source, positions, reach + band.spacing, band.spacing)
     inside = ~side_view.end[rows]
     rows, distance = rows[inside], feet.distance[inside]
     unknown = (side_view.rows[rows] < band.inner) & (distance <= reach)
@@ -164,8 +159,8 @@ def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: Ghost
     coefficient = np.where(separated, 1.0, mirrored.coefficient[nodes])
     row_of_node = np.full(len(mirrored), -1)
     row_of_node[nodes] = np.where(separated, -1, np.arange(len(nodes)))
-    data = [datum.scaled(coefficient) for datum in ghosts.data]
-    data += [datum.renumbered(row_of_node) for datum in mirrored.data]
+    data = [datum.scale(coefficient) for datum in ghosts.data]
+    data += [datum.renumber(row_of_node) for datum in mirrored.data]
     terms = [replace(term, coefficient=term.coefficient * coefficient[term.rows]) for term in ghosts.terms]
     return RowFormula(ghosts.points, ghosts.coefficient * coefficient, data, terms, ghosts.feet)
 
@@ -237,7 +232,7 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
     for part in coupled:
         data += part.data
         own_terms += part.own_terms
-    terms = [term for part in coupled for term in part.carried_terms]
+    terms = [term for part in coupled for term in part.terms_beyond]
     return GhostFormula(RowFormula(points, coefficient, data, terms, feet), own_terms, coupled, orders, at_one_point)
 
 
@@ -250,43 +245,3 @@ def _one_sided(
     beta, t = beta_at(law, where, geometry.name), geometry.seen.distance[rows]
     coefficient, factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
     return coefficient, [BoundaryData(rows, factor, where, law.datum, geometry.name, law)]
-
-
-def coefficient_and_factor(
-    law: OneSided, beta: Floats, t: Floats, s: Floats, first_order: Bools, spacing: float
-) -> tuple[Floats, Floats]:
-    """Return the coefficient of u(mirror) and the factor of gamma, each (n,).
-
-    Parameters
-    ----------
-    law : OneSided
-        With its alpha.
-    beta : (n,) float64
-        Its beta at the ghosts' feet.
-    t, s : (n,) float64
-        Distance of the ghost from the boundary, and from its mirror point.
-    first_order : (n,) bool
-        Ghosts of order 1.
-    spacing : float
-        Of the lattice.
-
-    Raises
-    ------
-    ResolutionError
-        If the condition feeds the solution more strongly than the spacing can follow.
-    """
-    if isinstance(law, Value):
-        ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
-        return -ratio, (1.0 + ratio) / beta
-    alpha = law.alpha
-    first = alpha + beta * t
-    second = alpha + 0.5 * beta * s
-    divisors = np.where(first_order, first, second) / alpha
-    if np.any(divisors <= 0):
-        room = spacing / (1.0 - float(divisors.min()))
-        raise ResolutionError(
-            f"spacing={spacing:g} is too coarse for the Robin condition alpha={alpha:g}, "
-            f"beta={float(beta[divisors.argmin()]):g}, which feeds the solution; use {room:.2g} or less."
-        )
-    coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
-    return coefficient, np.where(first_order, t / first, s / second)

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
-from cpmkit.forms.collocation.boundary.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
-from cpmkit.forms.collocation.boundary.side_view import SideView
-from cpmkit.forms.collocation.ghosts.geometry import GhostGeometry, beyond_another
+from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, beyond_another
+from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
+from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
@@ -76,7 +76,7 @@ class CoupledGhosts:
     ----------
     rows : (k,) int64
         Which ghosts of the boundary these are.
-    carried_terms, own_terms : list of ExtraPoint
+    terms_beyond, own_terms : list of ExtraPoint
         Points that they read on the side that they continue, and on the side on which they stand.
     data : list of BoundaryData
         The jumps of value and flux.
@@ -87,7 +87,7 @@ class CoupledGhosts:
     """
 
     rows: Ints
-    carried_terms: list[ExtraPoint]
+    terms_beyond: list[ExtraPoint]
     own_terms: list[ExtraPoint]
     data: list[BoundaryData]
     source_factor: Floats
@@ -105,14 +105,14 @@ def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> 
     seen = geometry.seen.take(rows)
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
     at = arc_length(seen.distance, behind.curvature)
-    own, carried, jump, flux = second_order_weights(
+    own, beyond, jump, flux = second_order_weights(
         law, materials, behind.positions, inside.positions, at, seen.signed < 0, geometry.spacing
     )
     nodes = np.concatenate([np.zeros((len(rows), 1)), -inside.positions], axis=1)
     source_weights = extrapolation_weights(nodes, at)
     return CoupledGhosts(
         rows,
-        inside.terms(rows, carried),
+        inside.terms(rows, beyond),
         behind.terms(rows, own),
         _data(geometry, law, rows, jump, flux),
         source_weights[:, 0],
@@ -135,27 +135,27 @@ def first_order_ghosts(
 def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
     points = geometry.at_boundary(rows)
     return [
-        BoundaryData(rows, jump, points, law.jump, f"the jump of {geometry.name}", law),
-        BoundaryData(rows, flux, points, law.flux, f"the flux of {geometry.name}", law),
+        BoundaryData(rows, jump, points, law.jump, geometry.name, law, "jump"),
+        BoundaryData(rows, flux, points, law.flux, geometry.name, law, "flux"),
     ]
 
 
 def first_order_weights(
-    law: Interface, k_own: Floats, k_carried: Floats, s: Floats, carries_left: Bools
+    law: Interface, k_own: Floats, k_beyond: Floats, s: Floats, carries_left: Bools
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux.
 
     Means and differences of the four values at a ghost and its mirror point, a distance ``s`` (n,) apart, two of them
-    ghosts, replace values and slopes. ``k_own`` and ``k_carried`` (n,) are the conductivities on the ghost's own side
+    ghosts, replace values and slopes. ``k_own`` and ``k_beyond`` (n,) are the conductivities on the ghost's own side
     and on the side that it continues. Where the second derivatives on the two sides differ, the ghosts are off by
     ``s^2``, and the flux by one order less.
     """
-    contact = 2 * law.resistance * k_own * k_carried
+    contact = 2 * law.resistance * k_own * k_beyond
     if law.resistance == 0:
-        divisor, own, mirror, flux = k_own + k_carried, 2 * k_own, k_carried - k_own, s
+        divisor, own, mirror, flux = k_own + k_beyond, 2 * k_own, k_beyond - k_own, s
     else:
-        divisor = s * (k_own + k_carried) + contact
-        own, mirror, flux = 2 * s * k_own, s * (k_carried - k_own) + contact, s * s
+        divisor = s * (k_own + k_beyond) + contact
+        own, mirror, flux = 2 * s * k_own, s * (k_beyond - k_own) + contact, s * s
     own = own / divisor
     sign = np.where(carries_left, -1.0, 1.0)
     return own, mirror / divisor, -own * sign, flux / divisor + own * 0.5 * law.resistance
@@ -165,7 +165,7 @@ def second_order_weights(
     law: Interface,
     materials: tuple[Floats, Floats],
     own: Floats,
-    carried: Floats,
+    beyond: Floats,
     at: Floats,
     carries_left: Bools,
     spacing: float,
@@ -180,7 +180,7 @@ def second_order_weights(
         With its resistance.
     materials : two (n,) float64
         Conductivities on the ghost's own side, and on the side that it continues.
-    own, carried : (n, k) float64
+    own, beyond : (n, k) float64
         Arc lengths from the boundary to the points on these sides.
     at : (n,) float64
         Arc length from the boundary to the ghost.
@@ -191,16 +191,16 @@ def second_order_weights(
     """
     n, k = own.shape
     powers, size = np.arange(k + 1), k + 1
-    k_own, k_carried = materials
+    k_own, k_beyond = materials
     system = np.zeros((n, 2 * size, 2 * size))
     system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
-    system[:, k : 2 * k, size:] = (-carried / spacing)[:, :, None] ** powers
+    system[:, k : 2 * k, size:] = (-beyond / spacing)[:, :, None] ** powers
     half = 0.5 * law.resistance / spacing
-    unit = 1.0 / (1.0 + half * (k_own + k_carried))  # rows of like size, however large the resistance
+    unit = 1.0 / (1.0 + half * (k_own + k_beyond))  # rows of like size, however large the resistance
     system[:, 2 * k, 0], system[:, 2 * k, size] = unit, -unit
-    system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_carried * unit
-    largest = np.maximum(k_own, k_carried)
-    system[:, 2 * k + 1, 1], system[:, 2 * k + 1, size + 1] = k_own / largest, -k_carried / largest
+    system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_beyond * unit
+    largest = np.maximum(k_own, k_beyond)
+    system[:, 2 * k + 1, 1], system[:, 2 * k + 1, size + 1] = k_own / largest, -k_beyond / largest
     value = np.zeros((n, 2 * size, 1))
     value[:, size:, 0] = (at / spacing)[:, None] ** powers
     weights = np.linalg.solve(system.transpose(0, 2, 1), value)[:, :, 0]
@@ -296,8 +296,8 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
     """Return data (n,) at the boundary, extrapolated from one side: to second order where they are smooth there."""
     if not callable(data):
         return _data_beside(data, side_view, 0.0, lattice)
-    near, far = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
-    return np.asarray(np.exp(np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, far)))
+    first, second = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
+    return np.asarray(np.exp(np.where(np.abs(first - second) < SAME_MATERIAL_LOG_RATIO, 2 * first - second, second)))
 
 
 def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:

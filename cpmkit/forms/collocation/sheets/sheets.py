@@ -10,16 +10,22 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 
+if TYPE_CHECKING:
+    from cpmkit.grid.band import Band
+
 #: Normals of one sheet have at least this cosine.
 SAME_SHEET_COSINE = -0.4
 #: Feet farther from each other than this many spacings, along their mean normal, lie on different sheets.
 SHEET_HEIGHT_SPACINGS = 0.5
+#: The direction to a node nearer to its foot than this many spacings is not the normal.
+ON_FOOT_SPACINGS = 0.1
 
 
 def same_sheet(
@@ -31,7 +37,7 @@ def same_sheet(
     signed: bool,
     slope: float = 0.0,
 ) -> Bools:
-    """Tell which pairs of surface points (..., d) lie on one sheet.
+    """Return which pairs of surface points (..., d) lie on one sheet.
 
     On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
     order of its length: so ``|chord . (n + n')| / 2`` is small however the sheet curves, while between parallel sheets
@@ -45,29 +51,50 @@ def same_sheet(
     chord, turn = other_feet - feet, other_normals - normals
     height = 0.5 * np.abs(np.sum(chord * (normals + other_normals), axis=-1))
     bend = 0.5 * np.sqrt(np.sum(chord * chord, axis=-1) * np.sum(turn * turn, axis=-1))
-    alike = np.sum(normals * other_normals, axis=-1) >= SAME_SHEET_COSINE
+    similar = np.sum(normals * other_normals, axis=-1) >= SAME_SHEET_COSINE
     allowed = SHEET_HEIGHT_SPACINGS * spacing + bend
     if slope:
         allowed += slope * np.linalg.norm(chord, axis=-1)
-    return np.asarray(alike & (height <= allowed))
+    return np.asarray(similar & (height <= allowed))
 
 
 def has_signed_normals(source: LocalSource) -> bool:
-    """Tell whether a surface's normals have a sign of their own everywhere."""
+    """Return whether a surface's normals have a sign of their own everywhere."""
     return all(member.has_normals for member in source.members)
 
 
 @dataclass(frozen=True, eq=False)
-class Unserved:
-    """Stencil entries (row, column) for which no site exists on the stencil's own sheet."""
+class FootDirections:
+    """Directions and distances from feet to their nodes: the direction is the normal of the surface at the foot.
 
-    row: Ints
-    column: Ints
+    Attributes
+    ----------
+    unit : (n, d) float64
+        Directions; zero where the node lies on its foot.
+    length : (n,) float64
+        Distances, in units of length.
+    reliable : (n,) bool
+        Whether the direction is the normal: not at an edge, nor where the foot is doubtful or too near to the node.
+    """
+
+    unit: Floats
+    length: Floats
+    reliable: Bools
+
+
+def foot_directions(band: Band) -> FootDirections:
+    """Return the directions from the feet of all sites of the band to their nodes; no source is asked."""
+    offset = band.positions - band.feet.points
+    length = np.linalg.norm(offset, axis=1)
+    reliable = (length > ON_FOOT_SPACINGS * band.spacing) & (band.feet.edge < 0)
+    if band.feet.doubtful is not None:
+        reliable &= ~band.feet.doubtful
+    return FootDirections(offset / np.where(length > 0, length, 1.0)[:, None], length, reliable)
 
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The twins of a band's nodes, and what tells whose they are.
+    """The twins of a band's nodes, and which site of a node lies on the sheet of a stencil.
 
     Attributes
     ----------
@@ -75,10 +102,8 @@ class Sheets:
         The surface.
     spacing : float
         Of the lattice.
-    nodes : (n, d) int64
-        Of all sites of the band.
     feet : ClosestPoints
-        Of the sites.
+        Of all sites of the band.
     normals : (n, d) float64
         At the feet.
     first : (n + 1,) int64
@@ -91,7 +116,6 @@ class Sheets:
 
     source: LocalSource
     spacing: float
-    nodes: Ints
     feet: ClosestPoints
     normals: Floats
     first: Ints
@@ -100,7 +124,7 @@ class Sheets:
 
     @property
     def signed(self) -> bool:
-        """True where the surface's normals have a sign of their own."""
+        """Whether the surface's normals have a sign of their own."""
         return has_signed_normals(self.source)
 
     def counts(self, sites: Ints) -> Ints:
@@ -108,14 +132,9 @@ class Sheets:
         return np.asarray(self.first[sites + 1] - self.first[sites])
 
     def select_twins(
-        self,
-        at: ClosestPoints,
-        normals: Floats,
-        columns: Ints,
-        readable: Bools,
-        every: bool = False,
-    ) -> tuple[Ints, Unserved]:
-        """Return stencils (n, s) with sites of another sheet replaced by twins on their own, and what is missed.
+        self, at: ClosestPoints, normals: Floats, columns: Ints, readable: Bools, every: bool = False
+    ) -> tuple[Ints, tuple[Ints, Ints]]:
+        """Return stencils (n, s) with sites of another sheet replaced by twins on their own.
 
         Parameters
         ----------
@@ -128,28 +147,35 @@ class Sheets:
         readable : (sites,) bool
             Which twins can be read here.
         every : bool
-            True to look at sites without twins, too: for what is missed.
+            True to look at sites without twins, too: for the entries without a site.
+
+        Returns
+        -------
+        selected : (n, s) int
+            The sites read in their place.
+        missing : two (k,) int64
+            Row and column of the entries for which no site exists on the stencil's own sheet.
         """
         selected = columns.copy()
         row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
         site = columns[row, column]
-        foreign = ~self._own(at.points[row], normals[row], site)
+        foreign = ~self._on_sheet(at.points[row], normals[row], site)
         row, column, site = row[foreign], column[foreign], site[foreign]
-        found = np.full(len(row), -1)
-        for left, twin in self._twins_of(site):
-            fit = (found[left] < 0) & readable[twin]
-            left, twin = left[fit], twin[fit]
-            own = self._own(at.points[row[left]], normals[row[left]], twin)
-            found[left[own]] = twin[own]
-        selected[row, column] = np.where(found >= 0, found, site)
-        return selected, Unserved(row[found < 0], column[found < 0])
+        replacement = np.full(len(row), -1)
+        for entry, twin in self._twins_of(site):
+            open_entry = (replacement[entry] < 0) & readable[twin]
+            entry, twin = entry[open_entry], twin[open_entry]
+            on_sheet = self._on_sheet(at.points[row[entry]], normals[row[entry]], twin)
+            replacement[entry[on_sheet]] = twin[on_sheet]
+        selected[row, column] = np.where(replacement >= 0, replacement, site)
+        return selected, (row[replacement < 0], column[replacement < 0])
 
-    def _own(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
+    def _on_sheet(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
     def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
-        """Yield, for each place in the lists of twins, which of the sites (k,) have one there, and the twins."""
+        """Yield, for each place in the lists of twins, which of the sites (k,) have a twin there, and the twins."""
         count = self.counts(site)
-        for place in range(int(count.max(initial=0))):
-            some = np.flatnonzero(count > place)
-            yield some, self.twins[self.first[site[some]] + place]
+        for index in range(int(count.max(initial=0))):
+            entries = np.flatnonzero(count > index)
+            yield entries, self.twins[self.first[site[entries]] + index]

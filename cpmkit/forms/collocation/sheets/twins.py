@@ -1,40 +1,87 @@
-"""Finding the twins of a band's nodes: where stencils reach another sheet than the one that they are centred on.
+"""Separating the sheets of a surface: the twins of a band's nodes.
 
-Only closest points and further feet are asked for, and only near places where closest points of neighbouring nodes lie
-on different sheets.
+Twins are needed where stencils reach another sheet than the one that they are centred on. Only closest points and
+further feet are asked for, and only near places where closest points of neighbouring nodes lie on different sheets.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.foot_directions import ON_FOOT_SPACINGS, foot_directions
-from cpmkit.forms.collocation.sheets.new_twins import add_twins_at_feet
-from cpmkit.forms.collocation.sheets.sheets import Sheets
-from cpmkit.forms.collocation.sheets.sites import Sites, find_missing, twins_by_site
+from cpmkit.forms.collocation.sheets.sheets import (
+    ON_FOOT_SPACINGS,
+    Sheets,
+    foot_directions,
+    has_signed_normals,
+    same_sheet,
+)
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import find
-from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
+from cpmkit.grid.stencils import cross_offsets, stencil_cells, stencil_nodes, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.protocols import Bools, Ints
+from cpmkit.manifold.walking import feet_from
+from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
 SHEET_STEP_SPACINGS = 0.3
-#: Most rounds in which new twins may need further twins; the first two find nearly all.
-MOST_TWIN_ROUNDS = 8
+#: Most rounds in which new twins may need further twins (the first two find nearly all), and most twins that a node
+#: gets in one round: one for each sheet that it lies between.
+MOST_TWIN_ROUNDS, TWINS_PER_ROUND = 8, 4
+#: Two feet of a node nearer than so many spacings are the same.
+SAME_FOOT_SPACINGS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Sites(Rows):
+    """Nodes with their feet while twins are added: those of the band first, then twins in the order found.
+
+    Attributes
+    ----------
+    base : (m,) int64
+        Number of each site's node in the band.
+    feet : ClosestPoints
+        Of the sites.
+    normals : (m, d) float64
+        At the feet.
+    unknown : (m,) bool
+        True for those that stencils of interpolation read.
+    """
+
+    base: Ints
+    feet: ClosestPoints
+    normals: Floats
+    unknown: Bools
+
+    def sheets(self, source: LocalSource, band: Band) -> Sheets:
+        """Return the table of twins."""
+        first, twins = _twins_by_site(self.base, np.arange(len(band.nodes), len(self)))
+        return Sheets(source, band.spacing, self.feet, self.normals, first, twins, np.zeros(0, dtype=np.int64))
+
+
+@dataclass(frozen=True, eq=False)
+class MissingSites(Rows):
+    """Sites that stencils lack on their own sheet, sorted by node; of one node, those where u is read come first.
+
+    Attributes
+    ----------
+    nodes : (k,) int64
+        Numbers of nodes in the band.
+    by : (k,) int64
+        Sites at whose feet the stencils are.
+    unknown : (k,) bool
+        True where u is read, False where only E u is.
+    """
+
+    nodes: Ints
+    by: Ints
+    unknown: Bools
 
 
 def separate_sheets(source: LocalSource, band: Band) -> Band:
-    """Return the band with twins where several sheets share its nodes; the band itself where none do.
-
-    Parameters
-    ----------
-    source : LocalSource
-        A hypersurface; of any other manifold the band is returned as it is.
-    band : Band
-        With the closest points of its nodes.
-    """
+    """Return the band with twins where several sheets of a hypersurface share its nodes; else the band itself."""
     if source.manifold_dim != source.dim - 1:
         return band
     flagged = nodes_between_sheets(band)
@@ -42,52 +89,112 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
         return band
     every = np.arange(len(band.nodes))
     sites = Sites(every, band.feet, unit_normals(source, band.feet, 0.5 * band.spacing), every < band.inner)
-    queue = near = _rows_near(band, flagged)
+    queue = flagged_readers = _sites_near(band, flagged)
     for _ in range(MOST_TWIN_ROUNDS):
-        grown = add_twins_at_feet(source, band, sites, find_missing(source, band, sites, queue))
+        grown = _with_twins(source, band, sites, find_missing(source, band, sites, queue))
         if len(grown) == len(sites):
             break
         queue, sites = np.arange(len(sites), len(grown)), grown
     if len(sites) == len(band.nodes):
         return band
-    readers = np.concatenate([near, np.arange(len(band.nodes), len(sites))])
+    readers = np.concatenate([flagged_readers, np.arange(len(band.nodes), len(sites))])
     mixed = np.unique(find_missing(source, band, sites, readers).by)
-    return _with_twins(source, band, sites, mixed)
+    return _band_with_twins(source, band, sites, mixed)
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return which nodes have a neighbour whose closest point lies above or below their own.
-
-    The direction from a foot to its node is the normal there: no source is asked.
-    """
+    """Return which nodes have a neighbour whose closest point lies above or below their own."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
-    away = foot_directions(band)
-    direction = np.where((away.length > ON_FOOT_SPACINGS * h)[:, None], away.unit, 0.0)
+    directions = foot_directions(band)
+    normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)
     for axis in np.eye(band.dim, dtype=np.int64):
-        beside = band.find(band.nodes + axis)
-        first = np.flatnonzero(beside >= 0)
-        second = beside[first]
+        neighbour = band.find(band.nodes + axis)
+        first = np.flatnonzero(neighbour >= 0)
+        second = neighbour[first]
         chord = band.feet.points[second] - band.feet.points[first]
-        steps = [np.abs(np.sum(chord * direction[end], axis=1)) for end in (first, second)]
-        jumps = np.maximum(*steps) > SHEET_STEP_SPACINGS * h
+        heights = [np.abs(np.sum(chord * normal[end], axis=1)) for end in (first, second)]
+        jumps = np.maximum(*heights) > SHEET_STEP_SPACINGS * h
         flagged[first[jumps]] = flagged[second[jumps]] = True
     return flagged
 
 
-def _rows_near(band: Band, flagged: Bools) -> Ints:
+def _sites_near(band: Band, flagged: Bools) -> Ints:
     """Return the sites whose stencils, of interpolation or differences, may hold a flagged node."""
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
     cell_of_site = band.codes.encode(stencil_cells(band.feet.points, band.spacing, band.degree)[0])
-    near = find(cells, cell_of_site) >= 0
+    reads_flagged = find(cells, cell_of_site) >= 0
     for offset in cross_offsets(band.dim):
-        beside = band.find(band.nodes + offset)
-        near |= (beside >= 0) & flagged[beside]
-    return np.flatnonzero(near | flagged)
+        neighbour = band.find(band.nodes + offset)
+        reads_flagged |= (neighbour >= 0) & flagged[neighbour]
+    return np.flatnonzero(reads_flagged | flagged)
 
 
-def _with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
+def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
+    """Return the sites that the stencils of ``queue`` lack, those of E and those of the unknowns' differences."""
+    sheets, n = sites.sheets(source, band), sites.normals
+    cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
+    read = stencil_nodes(band, cells).astype(np.int64)
+    _, in_stencils = sheets.select_twins(sites.feet.take(queue), n[queue], read, sites.unknown, every=True)
+    centres = queue[sites.unknown[queue]]
+    around = band.find(band.nodes[sites.base[centres]][:, None] + cross_offsets(band.dim))
+    all_sites = np.ones(len(sites), dtype=bool)
+    _, in_differences = sheets.select_twins(sites.feet.take(centres), n[centres], around, all_sites, every=True)
+    nodes = sites.base[np.concatenate([read[in_stencils], around[in_differences]])]
+    unknown = np.repeat([True, False], [len(in_stencils[0]), len(in_differences[0])])
+    by = np.concatenate([queue[in_stencils[0]], centres[in_differences[0]]])
+    return MissingSites(nodes, by, unknown).take(np.lexsort((~unknown, nodes)))
+
+
+def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
+    """Return the sites with twins at nodes that have a foot on a missing site's sheet; one serves a whole sheet."""
+    unserved = missing
+    for _ in range(TWINS_PER_ROUND):
+        if not len(unserved.nodes):
+            break
+        first = np.unique(unserved.nodes, return_index=True)[1]
+        count = len(sites)
+        sites = _with_one_twin_each(source, band, sites, unserved.take(first))
+        remaining = np.ones(len(unserved.nodes), dtype=bool)
+        remaining[first] = False
+        if len(sites) > count:
+            remaining &= ~_is_served(source, band, sites, count, unserved)
+        unserved = unserved.take(remaining)
+    return sites
+
+
+def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
+    """Return the sites with a twin for each missing site whose node has a foot on the sheet: the nearest such foot."""
+    nodes, by = missing.nodes, missing.by
+    rows, feet = feet_from(source, band.positions[nodes], sites.feet.take(by), band.spacing)
+    y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
+    signed = has_signed_normals(source)
+    on_sheet = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)
+    on_sheet &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > SAME_FOOT_SPACINGS * band.spacing
+    chosen = np.flatnonzero(on_sheet)
+    chosen = chosen[np.unique(rows[chosen], return_index=True)[1]]
+    nodes, unknown, feet = nodes[rows[chosen]], missing.unknown[rows[chosen]], feet.take(chosen)
+    feet = replace(feet, distance=np.linalg.norm(band.positions[nodes] - feet.points, axis=1))
+    return sites.join([sites, Sites(nodes, feet, n[chosen], unknown)])
+
+
+def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missing: MissingSites) -> Bools:
+    """Return which missing sites the new twins provide: the sites from ``count`` on, at most one a node."""
+    new, by = np.arange(count, len(sites)), missing.by
+    twin = new[np.minimum(np.searchsorted(sites.base[new], missing.nodes), len(new) - 1)]
+    served = (sites.base[twin] == missing.nodes) & (sites.unknown[twin] | ~missing.unknown)
+    stencil, foot = (sites.feet.points[by], sites.normals[by]), (sites.feet.points[twin], sites.normals[twin])
+    return np.asarray(served & same_sheet(*stencil, *foot, band.spacing, has_signed_normals(source)))
+
+
+def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
+    """Return where each site's ``twins`` begin (m + 1,), and the twins in that order; their sites: ``base[twins]``."""
+    twins = twins[np.argsort(base[twins], kind="stable")]
+    return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
+
+
+def _band_with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
     """Return the band with the twins among its sites: unknown ones after the inner nodes, others after the outer."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
@@ -96,8 +203,8 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> B
     )
     new = np.empty(len(sites), dtype=np.int64)
     new[order] = np.arange(len(sites))
-    first, twins = twins_by_site(new[sites.base[order]], np.flatnonzero(order >= count))
+    first, twins = _twins_by_site(new[sites.base[order]], np.flatnonzero(order >= count))
     nodes, feet = band.nodes[sites.base[order]], sites.feet.take(order)
-    n, inner = sites.normals[order], band.inner + int(sites.unknown[later].sum())
-    sheets = Sheets(source, band.spacing, nodes, feet, n, first, twins, new[mixed])
+    inner = band.inner + int(sites.unknown[later].sum())
+    sheets = Sheets(source, band.spacing, feet, sites.normals[order], first, twins, new[mixed])
     return Band(band.spacing, band.degree, nodes, inner, feet, band.codes, band.inner, count - band.inner, sheets)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cpmkit.forms.collocation.boundary.side_view import SideView
 from cpmkit.forms.collocation.selection import Centres, visible_ghosts
+from cpmkit.forms.collocation.side_view import SideView
 
 LEFT, RIGHT = np.array([[1.0, 0.0, 0.0]]), np.array([[-1.0, 0.0, 0.0]])
 

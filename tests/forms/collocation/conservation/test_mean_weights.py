@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cpmkit.forms.collocation.conservation.mean_weights import TAIL_SPACINGS, _tail
+from cpmkit.forms.collocation.mean_weights import TAIL_SPACINGS, _tail
 
 #: Distances of the first node past the end, in spacings.
 FIRST = (np.arange(400) + 0.5) / 400

@@ -9,8 +9,7 @@ from layouts import build_tables
 from model_problems import on_circle, order_of, origins, rotation, sphere_points
 
 import cpmkit as ck
-from cpmkit.forms.collocation.conservation.free_constants import find_border
-from cpmkit.forms.collocation.conservation.mean_weights import mean_weights
+from cpmkit.forms.collocation.mean_weights import find_border, mean_weights
 
 SPACINGS = (0.2, 0.14, 0.1)
 COARSE = (0.25, 0.18, 0.125)

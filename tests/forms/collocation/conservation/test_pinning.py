@@ -5,7 +5,7 @@ import pytest
 from layouts import build_tables
 
 import cpmkit as ck
-from cpmkit.forms.collocation.conservation.components import components
+from cpmkit.forms.collocation.components import components
 
 FREE, FIXED = ck.Neumann(0.0), ck.Dirichlet(1.0)
 TILTED = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])

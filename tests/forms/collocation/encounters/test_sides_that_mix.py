@@ -108,6 +108,6 @@ def test_a_narrow_tip_is_told_wherever_the_lattice_lies():
     scene = ck.Scene(box, ck.Laplace(), [ck.Boundary("wedge", wedge, left=ONE, right=ZERO)])
     for origin in [*np.random.default_rng(0).uniform(0, spacing, (3, 2)), [0.0, spacing / 2]]:
         made = ck.discretize(scene, spacing, form="collocation", origin=origin)
-        (blur,) = [one for one in made.tables.layout.blurs if one.kind == "flanks"]
-        assert 0 < blur.size < 2 * spacing
-        assert np.linalg.norm(blur.point) < 2 * spacing / np.tan(np.radians(15))
+        (flanks,) = [one for one in made.tables.layout.mixed_sides if one.kind == "flanks"]
+        assert 0 < flanks.size < 2 * spacing
+        assert np.linalg.norm(flanks.point) < 2 * spacing / np.tan(np.radians(15))

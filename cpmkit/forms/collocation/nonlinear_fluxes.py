@@ -1,4 +1,4 @@
-"""The tables of nonlinear fluxes, linearised: a Robin condition, made of the rows of a Neumann condition."""
+"""Nonlinear fluxes, linearised: a Robin condition in the tables, made of the rows of a Neumann condition."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.errors import ResolutionError, place
-from cpmkit.forms.collocation.boundary.row_formula import BoundaryData
 from cpmkit.forms.collocation.discretization import Discretization, read_only
+from cpmkit.forms.collocation.row_formula import BoundaryData
 from cpmkit.protocols import Floats
 from cpmkit.scene.laws import Flux, Mixed, Nonlinear
 
@@ -34,9 +34,9 @@ class FluxRows:
     datum : BoundaryData
         Which rows, F in each, and where it is read.
     reads : csr_array (rows, unknowns)
-        Reads u at the boundary, each row from the side that it carries.
-    carried : csr_array (rows, unknowns)
-        R, by which u at the boundary is known to the formula; rows that read several points take ``reads``.
+        Reads u at the boundary, each row from the side that it continues.
+    rest : csr_array (rows, unknowns)
+        R; of rows that read several points, ``reads``.
     half : (k,) float64
         F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
     """
@@ -44,7 +44,7 @@ class FluxRows:
     law: Nonlinear
     datum: BoundaryData
     reads: csr_array
-    carried: csr_array
+    rest: csr_array
     half: Floats
 
     @property
@@ -62,16 +62,16 @@ class FluxRows:
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
 
     def grows(self, values: Floats) -> bool:
-        """Tell whether the flux changes with u, beyond rounding, where u is ``values``."""
+        """Return whether the flux changes with u, beyond rounding, where u is ``values`` (k,)."""
         return bool(np.any(np.abs(self.datum.factor * self.slope(values)) > LEAST_FLUX_SLOPE))
 
     def slope(self, values: Floats) -> Floats:
-        """Return j' (k,) where u is ``values``."""
+        """Return j' (k,) where u is ``values`` (k,)."""
         return self.law.slope_at(values, self.datum.points)
 
 
-def flux_rows_of(tables: Discretization) -> list[FluxRows]:
-    """Return what the rows of E read whose data are nonlinear fluxes."""
+def find_flux_rows(tables: Discretization) -> list[FluxRows]:
+    """Return the rows of E whose data are nonlinear fluxes."""
     return [_flux_rows(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
@@ -81,14 +81,15 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
     layout, rows = tables.layout, datum.rows
     coefficient = np.concatenate([layout.formula.coefficient, *(group.formula.coefficient for group in layout.ghosts)])
     at_foot = (layout.formula.points == layout.band.feet.points).all(axis=1)  # past an edge, at first order
-    first = np.concatenate([at_foot, *(group.orders == 1 for group in layout.ghosts)])[rows]
+    first_order = np.concatenate([at_foot, *(group.orders == 1 for group in layout.ghosts)])[rows]
     others = np.concatenate([np.zeros(0, dtype=np.int64), *(one.rows for one in tables.data if one is not datum)])
-    plain = (coefficient[rows] == 1) & ~np.isin(rows, others)  # what reads several points has no coefficient
+    at_one_point = (coefficient[rows] == 1) & ~np.isin(rows, others)
     reads = tables.read_at_datum(datum)
     chosen = np.zeros(len(coefficient))
-    chosen[rows[plain]] = 1.0
-    carried = diags_array(chosen) @ tables.extension + diags_array(1.0 - chosen) @ reads
-    return FluxRows(law, datum, reads, carried.tocsr(), np.where(plain, np.where(first, 1.0, 0.5), 0.0))
+    chosen[rows[at_one_point]] = 1.0
+    rest = diags_array(chosen) @ tables.extension + diags_array(1.0 - chosen) @ reads
+    half = np.where(at_one_point, np.where(first_order, 1.0, 0.5), 0.0)
+    return FluxRows(law, datum, reads, rest.tocsr(), half)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,30 +103,30 @@ class KnownValues:
         return self.values
 
 
-def linearized(tables: Discretization, flows: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
+def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
     """Return the tables with ``du/db = j(v) + j'(v) (u - v)`` in place of the fluxes, v being ``seen`` there.
 
-    What does not change with u is a flux, and fixes no constant.
+    A flux that does not change with u stays a flux, and fixes no constant.
     """
     from scipy.sparse import diags_array
 
-    nonlinear = {id(flow.datum) for flow in flows}
+    nonlinear = {id(flux.datum) for flux in fluxes}
     data = [datum for datum in tables.data if id(datum) not in nonlinear]
     extension = tables.extension
-    for flow, v in zip(flows, seen, strict=True):
-        datum, points = flow.datum, flow.datum.points
-        slope = flow.slope(v)
-        factor = datum.factor / _divisor(flow, slope, tables.layout.lattice.spacing)
-        grown = np.zeros(extension.shape[0])
-        grown[datum.rows] = factor * slope
-        extension = (extension + diags_array(grown) @ flow.carried).tocsr()
-        flux = KnownValues(flow.law.flux_at(v, points) - slope * v)
-        law = Mixed(1.0, KnownValues(-slope), flux) if flow.grows(v) else Flux(flux)
-        data.append(replace(datum, factor=factor, data=flux, law=law))
+    for flux, v in zip(fluxes, seen, strict=True):
+        datum, points = flux.datum, flux.datum.points
+        slope = flux.slope(v)
+        factor = datum.factor / _divisor(flux, slope, tables.layout.lattice.spacing)
+        added = np.zeros(extension.shape[0])
+        added[datum.rows] = factor * slope
+        extension = (extension + diags_array(added) @ flux.rest).tocsr()
+        constant = KnownValues(flux.law.flux_at(v, points) - slope * v)
+        law = Mixed(1.0, KnownValues(-slope), constant) if flux.grows(v) else Flux(constant)
+        data.append(replace(datum, factor=factor, data=constant, law=law))
     return replace(tables, extension=read_only(extension), data=data)
 
 
-def _divisor(flow: FluxRows, slope: Floats, spacing: float) -> Floats:
+def _divisor(flux: FluxRows, slope: Floats, spacing: float) -> Floats:
     """Return ``1 - F0 slope`` (k,).
 
     Raises
@@ -133,13 +134,13 @@ def _divisor(flow: FluxRows, slope: Floats, spacing: float) -> Floats:
     ResolutionError
         If the flux grows with u more strongly than the spacing can follow.
     """
-    grows = flow.half * flow.datum.factor * slope
-    worst = int(grows.argmax()) if len(grows) else -1
-    if worst >= 0 and grows[worst] >= 1:
-        where = place(flow.datum.points[worst])
+    growth = flux.half * flux.datum.factor * slope
+    worst = int(growth.argmax()) if len(growth) else -1
+    if worst >= 0 and growth[worst] >= 1:
+        where = place(flux.datum.points[worst])
         raise ResolutionError(
-            f"spacing={spacing:g} is too coarse for the nonlinear flux of {flow.datum.what}, which near {where} "
+            f"spacing={spacing:g} is too coarse for the nonlinear flux of {flux.datum.label}, which near {where} "
             f"grows by {slope[worst]:.3g} for each unit of u and feeds the solution; use "
-            f"{spacing / grows[worst]:.2g} or less, or a guess nearer to the solution."
+            f"{spacing / growth[worst]:.2g} or less, or a guess nearer to the solution."
         )
-    return np.asarray(1.0 - grows)
+    return np.asarray(1.0 - growth)

@@ -13,7 +13,7 @@ from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
 
 if TYPE_CHECKING:
-    from cpmkit.forms.collocation.boundary.side_view import SideView
+    from cpmkit.forms.collocation.side_view import SideView
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +30,12 @@ class BoundaryData:
         Where they are read, in the scene's coordinates.
     data : Data
         As a condition gives them.
-    what : str
-        Named in errors.
+    label : str
+        Name of the boundary or edge, for errors.
     law : Law
-        What the condition that gives them says.
+        Of the condition that gives them.
+    part : "datum", "jump" or "flux"
+        Which of the law's data they are.
     at_corners : bool
         Whether the points lie beside corners, across which a flux jumps.
     """
@@ -42,30 +44,36 @@ class BoundaryData:
     factor: Floats
     points: Floats
     data: Data
-    what: str
+    label: str
     law: Law
+    part: str = "datum"
     at_corners: bool = False
+
+    @property
+    def name(self) -> str:
+        """What the data are, for errors."""
+        return self.label if self.part == "datum" else f"the {self.part} of {self.label}"
 
     @property
     def takes_time(self) -> bool:
         """True where the data change in time."""
         return takes_time(self.data)
 
-    def scaled(self, coefficient: Floats) -> BoundaryData:
-        """Return the datum with each row of the batch multiplied by its ``coefficient`` (n,)."""
+    def scale(self, coefficient: Floats) -> BoundaryData:
+        """Return the data with each row of the batch multiplied by its ``coefficient`` (n,)."""
         return replace(self, factor=self.factor * coefficient[self.rows])
 
-    def renumbered(self, rows: Ints) -> BoundaryData:
-        """Return the datum with row k of the batch called ``rows[k]``; -1 leaves it out."""
-        kept = rows[self.rows] >= 0
-        return replace(self, rows=rows[self.rows[kept]], factor=self.factor[kept], points=self.points[kept])
+    def renumber(self, numbers: Ints) -> BoundaryData:
+        """Return the data with row k of the batch called ``numbers[k]``; -1 leaves it out."""
+        chosen = numbers[self.rows] >= 0
+        return replace(self, rows=numbers[self.rows[chosen]], factor=self.factor[chosen], points=self.points[chosen])
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
     """Return what all ``data`` add to each of so many rows, (rows, channels)."""
     total = np.zeros((rows, channels))
     for datum in data:
-        values = evaluate_data(datum.data, datum.points, channels, datum.what, time)
+        values = evaluate_data(datum.data, datum.points, channels, datum.name, time)
         np.add.at(total, datum.rows, datum.factor[:, None] * values)
     return total
 
@@ -81,10 +89,10 @@ class ExtraPoint:
     points : (k, d) float64
         Points of the manifold, relative to the lattice's origin.
     coefficient : (k,) float64
-        Factor of what is read.
+        Factor of u there.
     side_views : sequence of SideView
-        How the points see each boundary; their rows count the points.
-    own : int
+        How each boundary sees the points; their rows count the points.
+    owner : int
         The boundary whose ghosts read; -1 where nodes do.
     feet : ClosestPoints, optional
         The surface's records of the points: where several of its sheets share the band.
@@ -94,13 +102,18 @@ class ExtraPoint:
     points: Floats
     coefficient: Floats
     side_views: Sequence[SideView] = ()
-    own: int = -1
+    owner: int = -1
     feet: ClosestPoints | None = None
 
-    def take(self, kept: Bools) -> ExtraPoint:
-        """Return some of the points; how they see boundaries is looked for later."""
-        feet = None if self.feet is None else self.feet.take(kept)
-        return ExtraPoint(self.rows[kept], self.points[kept], self.coefficient[kept], feet=feet)
+    def take(self, chosen: Bools) -> ExtraPoint:
+        """Return some of the points, without how boundaries see them."""
+        feet = None if self.feet is None else self.feet.take(chosen)
+        return ExtraPoint(self.rows[chosen], self.points[chosen], self.coefficient[chosen], feet=feet)
+
+    def renumber(self, numbers: Ints) -> ExtraPoint:
+        """Return the points with row k of the batch called ``numbers[k]``; -1 leaves it out."""
+        chosen = self.take(numbers[self.rows] >= 0)
+        return replace(chosen, rows=numbers[chosen.rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +125,7 @@ class RowFormula:
     points : (n, d) float64
         Points of the manifold, relative to the lattice's origin.
     coefficient : (n,) float64
-        Factor of what is read there.
+        Factor of u there.
     data : sequence of BoundaryData
         What boundary data add.
     terms : sequence of ExtraPoint

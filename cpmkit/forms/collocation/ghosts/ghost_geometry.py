@@ -1,4 +1,4 @@
-"""Where the ghosts of a boundary stand, where they read the solution, and where they read data that jump across it."""
+"""Where the ghosts of a boundary stand, where and with which weights they read u, and where they read other data."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.boundary.on_band import BoundariesOnBand
-from cpmkit.forms.collocation.boundary.row_formula import ExtraPoint, RowFormula, extrapolation_weights
-from cpmkit.forms.collocation.boundary.side_view import BoundaryOnLattice, SideView
+from cpmkit.errors import ResolutionError
+from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapolation_weights
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
 from cpmkit.scene.conditions import Condition, same_condition
-from cpmkit.scene.laws import Law, Value
+from cpmkit.scene.laws import Law, OneSided, Value
 
 #: Data that jump across a boundary are read at least this share of the spacing inside their side.
 INSIDE_SIDE_SPACINGS = 1e-6
@@ -30,6 +30,53 @@ LEAST_INSIDE_SHARE = 0.75
 def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
     """Return how far beyond the boundary (n,) a ghost of order 2 at the distance ``t`` (n,) from it reads."""
     return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
+
+
+def coefficient_and_factor(
+    law: OneSided, beta: Floats, t: Floats, s: Floats, first_order: Bools, spacing: float
+) -> tuple[Floats, Floats]:
+    """Return the coefficient of u(mirror) and the factor of gamma, each (n,), of ``alpha du/db + beta u = gamma``.
+
+    Order 2: ``[(alpha - beta s/2) u(mirror) + s gamma] / (alpha + beta s/2)``, and for Dirichlet, with
+    the mirror at distance ``h = max(t, spacing/2)``, ``-(t/h) u(mirror) + (1 + t/h) g``.
+    Order 1, with u read on the boundary: ``[alpha u + t gamma] / (alpha + beta t)``, for Dirichlet g.
+
+    Differs from King et al. (2024), eq. 8 and section 4.3: there h = t, and a ghost on the boundary then
+    reads itself with weight -1, which no smoother damps.
+
+    Parameters
+    ----------
+    law : OneSided
+        With its alpha.
+    beta : (n,) float64
+        Its beta at the ghosts' feet.
+    t, s : (n,) float64
+        Distance of the ghost from the boundary, and from its mirror point.
+    first_order : (n,) bool
+        Ghosts of order 1.
+    spacing : float
+        Of the lattice.
+
+    Raises
+    ------
+    ResolutionError
+        If the condition feeds the solution more strongly than the spacing can follow.
+    """
+    if isinstance(law, Value):
+        ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
+        return -ratio, (1.0 + ratio) / beta
+    alpha = law.alpha
+    first = alpha + beta * t
+    second = alpha + 0.5 * beta * s
+    divisors = np.where(first_order, first, second) / alpha
+    if np.any(divisors <= 0):
+        room = spacing / (1.0 - float(divisors.min()))
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for the Robin condition alpha={alpha:g}, "
+            f"beta={float(beta[divisors.argmin()]):g}, which feeds the solution; use {room:.2g} or less."
+        )
+    coefficient = np.where(first_order, alpha / first, (alpha - 0.5 * beta * s) / second)
+    return coefficient, np.where(first_order, t / first, s / second)
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +128,7 @@ class GhostGeometry:
     @property
     def name(self) -> str:
         """The boundary's name for errors."""
-        return f"boundary {self.boundaries.given[self.index].name!r}"
+        return f"boundary {self.boundaries.definitions[self.index].name!r}"
 
     @cached_property
     def start(self) -> ClosestPoints | None:
@@ -115,7 +162,7 @@ class GhostGeometry:
 
     def sides(self) -> list[tuple[Condition, Ints]]:
         """Return each condition with the ghosts that continue its side: a node on the right has a ghost of the left."""
-        boundary = self.boundaries.given[self.index]
+        boundary = self.boundaries.definitions[self.index]
         left, right = boundary.condition("left"), boundary.condition("right")
         if same_condition(left, right):
             return [(left, np.arange(len(self)))]
@@ -126,17 +173,17 @@ class GhostGeometry:
 
         Their own boundary counts as seen from the side that they continue, or from the one on which they stand.
         """
-        own = self.seen.take(rows) if own_side else self.seen.take(rows).reversed()
+        own = self.seen.take(rows) if own_side else self.seen.take(rows).reverse()
         own = replace(own, rows=np.arange(len(rows)))
         return [
             own if number == self.index else boundary.side_view(points, radius, self.spacing)
             for number, boundary in enumerate(self.boundaries.on_lattice)
         ]
 
-    def located(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
+    def with_side_views(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
         """Return a point that ghosts read, with how each boundary is seen from there."""
         side_views = self.side_views(term.rows, term.points, radius, own_side)
-        return replace(term, own=self.index, side_views=side_views)
+        return replace(term, owner=self.index, side_views=side_views)
 
 
 def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
@@ -148,7 +195,7 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
     which the solution goes on (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
-    for boundary, other in zip(geometry.boundaries.given, geometry.boundaries.on_lattice, strict=True):
+    for boundary, other in zip(geometry.boundaries.definitions, geometry.boundaries.on_lattice, strict=True):
         if other is geometry.boundary or not other.has_sides:
             continue
         at_point = other.side_view(points, reach, spacing)
@@ -188,7 +235,7 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
     rows = np.flatnonzero(complete)
     reach = 2 * len(points) * SIDE_READING_SPACINGS * spacing
     complete[rows[beyond_another(geometry, rows, points[-1][rows], reach)]] = False
-    return _extrapolated(just_inside, points, complete, np.zeros(len(just_inside)))
+    return _extrapolation(just_inside, points, complete, np.zeros(len(just_inside)))
 
 
 def node_sources(
@@ -203,7 +250,7 @@ def node_sources(
     reach = 2 * len(points) * SIDE_READING_SPACINGS * spacing
     for other in others:
         complete &= other.source.closest_point(side_view.foot).distance > reach
-    return _extrapolated(just_inside, points, complete, np.abs(side_view.signed) / (SIDE_READING_SPACINGS * spacing))
+    return _extrapolation(just_inside, points, complete, np.abs(side_view.signed) / (SIDE_READING_SPACINGS * spacing))
 
 
 def _points_within(
@@ -218,7 +265,7 @@ def _points_within(
     return points, complete
 
 
-def _extrapolated(just_inside: Floats, points: list[Floats], complete: Bools, at: Floats) -> RowFormula:
+def _extrapolation(just_inside: Floats, points: list[Floats], complete: Bools, at: Floats) -> RowFormula:
     """Return how the line through data at 1 and 2 steps is read ``at`` (n,) steps; ``just_inside`` where incomplete."""
     rows = np.flatnonzero(complete)
     weights = extrapolation_weights(np.tile([1.0, 2.0], (len(rows), 1)), at[rows])

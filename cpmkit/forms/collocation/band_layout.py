@@ -1,0 +1,200 @@
+"""The layout of a scene on a lattice: band, edge, boundaries and ghosts; all closest point queries are made here."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.forms.collocation.ghosts.ghost_geometry import node_sources
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_at_feet, read_past_edge, separated_from_mirrors
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.row_formula import RowFormula
+from cpmkit.forms.collocation.selection import Numbering, Unknowns
+from cpmkit.forms.collocation.sheets.twins import separate_sheets
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
+from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import (
+    MixedSides,
+    SectorJump,
+    Strip,
+    find_meetings,
+    find_mixed_sides,
+)
+from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import (
+    FacingRims,
+    Junction,
+    RimStrip,
+    find_facing_rims,
+    find_junctions,
+    find_rim_strips,
+)
+from cpmkit.forms.options import Options
+from cpmkit.grid.band import Band, build_band
+from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
+from cpmkit.grid.stencils import reading_radius
+from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.protocols import Progress, no_progress
+from cpmkit.scene.scene import Scene
+
+#: Nodes with feet nearer to a boundary than so many spacings read right-hand sides well inside their side.
+DOUBTFUL_SIDE_SPACINGS = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the unknowns of a scene are and what their rows read.
+
+    Attributes
+    ----------
+    options : Options
+        With which a like scene has the same layout: the origin is the lattice's.
+    lattice : Lattice
+        Origin and spacing.
+    surface : LocalSource
+        The manifold, relative to the lattice's origin.
+    band : Band
+        Its nodes and their closest points.
+    formula : RowFormula
+        What each node of the band reads, the edge's conditions applied.
+    sources : RowFormula
+        Where each node reads right-hand sides.
+    boundaries : BoundariesOnBand
+        The boundaries, and how the band's nodes see them.
+    ghosts : sequence of Ghosts
+        Those of each boundary.
+    channels : int
+        Number of right-hand sides that are solved together.
+    sector_jumps, strips : sequences of SectorJump and Strip
+        Where boundaries cross with different data, or run side by side nearer than a spacing.
+    rim_strips : sequence of RimStrip
+        Boundaries beside a rim or on it.
+    facing_rims : sequence of FacingRims
+        The narrowest gap between rims.
+    mixed_sides : sequence of MixedSides
+        Where the sides of a boundary are not separated.
+    junctions : sequence of Junction
+        Where three curves or more meet.
+    """
+
+    options: Options[CollocationOptions]
+    lattice: Lattice
+    surface: LocalSource
+    band: Band
+    formula: RowFormula
+    sources: RowFormula
+    boundaries: BoundariesOnBand
+    ghosts: Sequence[Ghosts]
+    channels: int
+    sector_jumps: Sequence[SectorJump] = ()
+    strips: Sequence[Strip] = ()
+    rim_strips: Sequence[RimStrip] = ()
+    facing_rims: Sequence[FacingRims] = ()
+    mixed_sides: Sequence[MixedSides] = ()
+    junctions: Sequence[Junction] = ()
+
+    @cached_property
+    def unknowns(self) -> Unknowns:
+        """The unknowns: the band's inner nodes, and the ghosts of each boundary."""
+        return Unknowns(self.band, self.ghosts)
+
+    @property
+    def order(self) -> int:
+        """Order of the conditions, 1 or 2."""
+        return self.options.own.order
+
+    @property
+    def numbering(self) -> Numbering:
+        """The numbers of rows of E and of unknowns."""
+        return self.unknowns.numbering
+
+    @property
+    def queries(self) -> Counter[str]:
+        """Closest point queries made so far, of the surface and of each boundary by its name."""
+        counts = Counter({"surface": self.surface.queries["points"]})
+        for boundary, on_lattice in zip(self.boundaries.definitions, self.boundaries.on_lattice, strict=True):
+            counts[boundary.name] = on_lattice.source.queries["points"]
+        return counts
+
+
+def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
+    """Return the layout of a scene on a lattice.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        If the lattice's origin, a boundary or the spacing does not fit.
+    """
+    lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
+    options = replace(options, origin=lattice.origin)
+    surface = localize(scene.surface, lattice.origin)
+    band = build_band(surface, lattice.spacing, options.own.degree, progress)
+    if options.own.sheets:
+        band = separate_sheets(surface, band)
+    boundaries, formula = _boundaries_and_nodes(scene, surface, band, lattice, options.own.order)
+    ghosts: list[Ghosts] = []
+    for index in range(len(scene.boundaries)):
+        ghosts.append(build_ghosts(index, boundaries, band, lattice, formula, options.own.order))
+        progress("boundaries", (index + 1) / len(scene.boundaries))
+    sources = _sources_of_nodes(boundaries, band)
+    layout = Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels)
+    layout = replace(
+        layout,
+        rim_strips=find_rim_strips(boundaries.on_lattice, surface, band, lattice),
+        facing_rims=find_facing_rims(surface, band, lattice),
+        junctions=find_junctions(surface, band, lattice),
+    )
+    return _with_meetings(layout, scene.problem.start_time)
+
+
+def with_data_of(layout: Layout, scene: Scene) -> Layout:
+    """Return the layout of a scene that differs in its equation and its data alone."""
+    boundaries = replace(layout.boundaries, definitions=scene.boundaries)
+    return _with_meetings(replace(layout, boundaries=boundaries, channels=scene.channels), scene.problem.start_time)
+
+
+def _with_meetings(layout: Layout, time: float | None) -> Layout:
+    """Return the layout with the boundaries that meet, whose data are compared."""
+    boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
+    jumps, strips = find_meetings(boundaries, lattice, channels, time)
+    mixed = find_mixed_sides(boundaries, lattice, channels, time)
+    return replace(layout, sector_jumps=jumps, strips=strips, mixed_sides=mixed)
+
+
+def _boundaries_and_nodes(
+    scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, order: int
+) -> tuple[BoundariesOnBand, RowFormula]:
+    """Return how the nodes see the boundaries, and what the nodes read.
+
+    Nodes past an edge that a boundary separates from their mirror points read their feet.
+    """
+    # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
+    formula, reach = read_past_edge(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
+    reach *= band.spacing
+    on_lattice = [
+        put_on_lattice(boundary, surface, lattice, reach, scene.oriented, band.sheets) for boundary in scene.boundaries
+    ]
+    uncoupled = [boundary for boundary in on_lattice if not boundary.oriented.boundary.condition("left").couples]
+    behind = separated_from_mirrors(uncoupled, band, formula, 2 * reach)
+    formula = read_at_feet(surface, band, lattice, scene.edge, formula, behind)
+    side_views = [boundary.side_view(formula.points, 2 * reach, band.spacing) for boundary in on_lattice]
+    diffusivity = scene.problem.terms().diffusivity
+    return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, diffusivity), formula
+
+
+def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
+    """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
+    points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
+    for number, view in enumerate(boundaries.side_views):
+        doubtful = (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end
+        doubtful &= band.feet.edge[view.rows] < 0
+        if doubtful.any():
+            chosen = view.take(doubtful)
+            others = [other for index, other in enumerate(boundaries.on_lattice) if index != number]
+            formula = node_sources(points[chosen.rows], boundaries.on_lattice[number], others, chosen)
+            points[chosen.rows], coefficient[chosen.rows] = formula.points, formula.coefficient
+            terms += [replace(term, rows=chosen.rows[term.rows]) for term in formula.terms]
+    return RowFormula(points, coefficient, (), terms)

@@ -1,1 +1,0 @@
-"""How the nodes of a band see boundaries and edges."""

@@ -1,1 +1,0 @@
-"""What is free, what leaks, and how it is put right."""

@@ -1,1 +1,0 @@
-"""What the spacing does not resolve, told or refused."""

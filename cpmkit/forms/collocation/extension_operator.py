@@ -1,0 +1,282 @@
+"""The operator of the collocation form: A = c I - M with M = diag(L) + (L - diag L) E, from tables and an equation.
+
+King et al. (2024), eq. 3 and section 5.3; in its section 5.4, a screened problem needs n = -1, not 1.
+
+L is the cross Laplacian of second order, or the same with a variable diffusivity and a velocity:
+``A u = diagonal u - W (E u + g)`` with the weights W of the difference neighbours. The ghosts' rows are rows of the PDE
+like all others (Krylov methods stagnate on purely algebraic ghost rows).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.errors import InputError, ResolutionError, SceneError
+from cpmkit.forms.collocation.discretization import Discretization
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
+from cpmkit.forms.collocation.row_formula import RowFormula
+from cpmkit.grid.stencils import cross_offsets
+from cpmkit.linear.operators import ThreadedProduct, connected_unknowns
+from cpmkit.protocols import Floats, Ints, Operator
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.equations import Terms, VectorField
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
+MOST_CELL_PECLET = 2.0
+#: A mirror point nearer to its boundary than this share of the spacing may lie on either side, to rounding.
+AMBIGUOUS_MIRROR_SPACINGS = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ExtensionOperator:
+    """A, with E and the differences stored separately: ``A u = diagonal u - scale W E u``.
+
+    Attributes
+    ----------
+    extension : csr_array (rows, n)
+        E.
+    differences : csr_array (n, rows)
+        W: the weights of the difference neighbours.
+    diagonal : float or (n, 1) float64
+        Of c I - diag(L).
+    scale : float
+        Factor of W, often ``1 / spacing^2``.
+    """
+
+    extension: csr_array
+    differences: csr_array
+    diagonal: float | Floats
+    scale: float
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return int(self.extension.shape[1])
+
+    @property
+    def nonzeros(self) -> int:
+        """Entries stored in E and W."""
+        return int(self.extension.nnz + self.differences.nnz)
+
+    @property
+    def symmetric(self) -> bool:
+        """False: a stencil that reads a node is not read by it."""
+        return False
+
+    def apply(self, u: Floats) -> Floats:
+        """Return A u for u of shape (n,) or (n, channels)."""
+
+        def subtract_from_diagonal(start: int, stop: int, rows: Floats) -> Floats:
+            return np.asarray(self._diagonal(slice(start, stop), u) * u[start:stop] - self.scale * rows)
+
+        return self._differences.product(self._extension @ u, subtract_from_diagonal)
+
+    def apply_rows(self, u: Floats, rows: Ints) -> Floats:
+        """Return the entries ``rows`` of A u; only the entries of E u that they read are computed."""
+        read = self.differences[rows]
+        columns = np.unique(read.indices)
+        product = read[:, columns] @ (self.extension[columns] @ u)
+        return np.asarray(self._diagonal(rows, u) * u[rows] - self.scale * product)
+
+    def _diagonal(self, rows: Any, u: Floats) -> Any:
+        if not isinstance(self.diagonal, np.ndarray):
+            return self.diagonal
+        return self.diagonal[rows, 0] if u.ndim == 1 else self.diagonal[rows]
+
+    @cached_property
+    def _extension(self) -> ThreadedProduct:
+        return ThreadedProduct(self.extension)
+
+    @cached_property
+    def _differences(self) -> ThreadedProduct:
+        return ThreadedProduct(self.differences)
+
+    def spread(self, datum: Floats) -> Floats:
+        """Return the terms in b of data (rows, channels) that are added to E u: ``scale W datum``."""
+        return np.asarray(self.scale * (self.differences @ datum))
+
+    def to_csr(self) -> csr_array:
+        """Return A as one sparse matrix."""
+        from scipy.sparse import diags_array
+
+        diagonal = np.broadcast_to(np.ravel(self.diagonal), self.size)
+        matrix: csr_array = (diags_array(diagonal) - (self.differences @ self.extension) * self.scale).tocsr()
+        return matrix
+
+    def pieces(self) -> tuple[int, Ints]:
+        """Return how many sets of unknowns are coupled among themselves alone, and the set of each unknown (n,)."""
+        count, n = sum(self.differences.shape), self.size
+        _, label = connected_unknowns(count, [(self.differences, 0, n), (self.extension, n, 0)])
+        return int(label[:n].max(initial=-1)) + 1, label[:n]
+
+    def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
+        """Return ``I + factor A``; the mass of this form is the identity."""
+        assert mass is None
+        return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
+
+    def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> ExtensionOperator:
+        """Return ``A - shift M``, M the identity or the boundary mass of Steklov conditions."""
+        if mass is None:
+            return replace(self, diagonal=self.diagonal - shift)
+        assert isinstance(mass, BoundaryMass)
+        return replace(self, extension=(self.extension + shift * mass.reads).tocsr())
+
+
+@dataclass(frozen=True, eq=False)
+class BoundaryMass:
+    """B of ``A u = lambda B u`` where du/db = lambda u at boundaries: ``scale W S``.
+
+    With ``u(ghost) = u(mirror) + s lambda u(y)``, y the foot on the boundary, E u becomes ``E u + lambda S u``.
+
+    Attributes
+    ----------
+    operator : ExtensionOperator
+        A, with its W.
+    reads : csr_array (rows, n)
+        S: reads u at y, times the ghost's factor s.
+    """
+
+    operator: ExtensionOperator
+    reads: csr_array
+
+    @cached_property
+    def matrix(self) -> csr_array:
+        """B as one sparse matrix (n, n)."""
+        matrix: csr_array = (self.operator.scale * (self.operator.differences @ self.reads)).tocsr()
+        return matrix
+
+    def apply(self, u: Floats) -> Floats:
+        """Return B u for u of shape (n,) or (n, channels)."""
+        return np.asarray(self.matrix @ u)
+
+
+# From an equation's terms
+
+
+def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
+    """Return A of an equation's terms.
+
+    Raises
+    ------
+    InputError
+        If a coefficient is not a number or a callable of points, or a diffusivity is not above zero.
+    ResolutionError
+        If the spacing is too coarse for the velocity.
+    """
+    layout = tables.layout
+    scale = 1.0 / layout.lattice.spacing**2
+    c = _coefficient(tables, terms.c, "the factor c")
+    if not callable(terms.diffusivity) and terms.velocity is None:
+        a = float(_coefficient(tables, terms.diffusivity, "the diffusivity")[0, 0])
+        diagonal = c + 2 * layout.lattice.dim * a * scale
+        constant = not callable(terms.c)
+        return ExtensionOperator(
+            tables.extension, tables.differences, float(diagonal[0, 0]) if constant else diagonal, a * scale
+        )
+    at_rows = _diffusivity(tables, terms.diffusivity)
+    # The weights (n, 2 d) of the neighbours in spacing^2 div(a grad u): a at the midpoints.
+    weights = 0.5 * (at_rows[tables.numbering.row_of_unknown][:, None] + at_rows[tables.neighbours])
+    diagonal = c + scale * weights.sum(axis=1, keepdims=True)
+    if terms.velocity is not None:
+        weights = weights - _advection_weights(tables, terms.velocity, weights)
+    return ExtensionOperator(tables.extension, tables.weighted_differences(weights), diagonal, scale)
+
+
+def check_terms(terms: Terms) -> None:
+    """Refuse terms that the form has no rows for.
+
+    Raises
+    ------
+    SceneError
+        With what to do instead.
+    """
+    if terms.conservative:
+        raise SceneError(
+            "the form 'collocation' has v . grad u, not div(v u); leave `conservative` out and add div v to c, or use "
+            "form='galerkin'."
+        )
+
+
+def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
+    """Return a coefficient of one channel, named ``label`` in errors, at the unknowns, (n, 1)."""
+    if not callable(data):
+        return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
+    return tables.read_at_rows(data, label)[tables.numbering.row_of_unknown]
+
+
+def _diffusivity(tables: Discretization, data: Data) -> Floats:
+    """Return a (rows,) at all rows of E, continued across boundaries and past edges.
+
+    With a constant there it would be wrong by O(spacing) where the flux is not zero, and so would be the solution
+    beside Neumann and Robin conditions (measured on a circle: order 1.0). Its logarithm is continued, so that it
+    stays positive.
+    """
+    layout = tables.layout
+
+    def log_at(points: Floats) -> Floats:
+        a = evaluate_data(data, layout.lattice.to_scene(points), 1, "the diffusivity")[:, 0]
+        if np.any(a <= 0):
+            raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
+        return np.asarray(np.log(a))
+
+    formula, sources = layout.formula, layout.sources
+    apart = np.linalg.norm(formula.points - sources.points, axis=1, keepdims=True)
+    ambiguous = apart < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
+    at_sources, mirror = log_at(sources.points), log_at(np.where(ambiguous, sources.points, formula.points))
+    log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
+    return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])
+
+
+def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return a (g,) at ghosts, continued along the line through the boundary and their mirror point.
+
+    Where that lies nearer to the boundary than the points at which sources are read, it may be on either side: the line
+    then goes through those points.
+    """
+    first = log_at(ghosts.sources.points)
+    at_boundary = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
+    by_sources, by_mirror = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
+    log = at_boundary.copy()
+    log[by_sources] -= ghosts.behind[by_sources] * (first - at_boundary)[by_sources]
+    log[by_mirror] += at_boundary[by_mirror] - log_at(ghosts.formula.points[by_mirror])
+    return np.exp(log)
+
+
+def _with_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
+    """Return ``values`` (n,) plus the terms of a formula."""
+    total = values.copy()
+    for term in formula.terms:
+        np.add.at(total, term.rows, term.coefficient * log_at(term.points))
+    return total
+
+
+def _advection_weights(tables: Discretization, velocity: VectorField, diffusive: Floats) -> Floats:
+    """Return the weights (n, 2 d) of the neighbours in ``spacing^2 v . grad u``, by central differences.
+
+    Raises
+    ------
+    InputError
+        If the velocity has another number of coordinates.
+    ResolutionError
+        If advection over one spacing outweighs diffusion more than twice: the solution would oscillate.
+    """
+    spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
+    v = tables.read_at_rows(velocity, "the velocity", None)[tables.numbering.row_of_unknown]
+    if v.shape[1] != dim:
+        raise InputError(f"the velocity must be vectors of shape (n, {dim}), got (n, {v.shape[1]}).")
+    peclet = float((np.abs(v).max(axis=1) * spacing / diffusive.min(axis=1)).max(initial=0.0))
+    if peclet > MOST_CELL_PECLET:
+        raise ResolutionError(
+            f"spacing={spacing:g} is too coarse for the velocity: over one spacing advection outweighs diffusion "
+            f"{peclet:.3g} times, and above {MOST_CELL_PECLET:g} the solution oscillates; use "
+            f"{spacing * MOST_CELL_PECLET / peclet:.2g} or less."
+        )
+    return np.asarray(0.5 * spacing * v @ cross_offsets(dim).T)

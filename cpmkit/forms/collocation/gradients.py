@@ -1,0 +1,193 @@
+"""The surface gradient of a solution.
+
+On the manifold it is the gradient of a function that is constant along normals (Ruuth and Merriman 2008,
+principle 1), here of the interpolant of the band's values; the part along the normal that discretisation leaves is
+projected away.
+
+A ghost that carries a value continues the solution by a straight line, so that second derivatives of the interpolant
+jump there, the interpolant is bent, and its gradient is of first order only. The values themselves are of second order
+up to the boundary, and so is the gradient where stencils hardly reach a ghost. Read there at three distances, a
+parabola in the distance continues it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.forms.collocation.row_formula import extrapolation_weights
+from cpmkit.forms.collocation.selection import Centres
+from cpmkit.forms.collocation.side_view import SideView
+from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
+from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
+from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Rows, Side
+from cpmkit.scene.edge_conditions import edge_condition
+from cpmkit.scene.laws import Value
+
+if TYPE_CHECKING:
+    from cpmkit.forms.collocation.read_points import Reader
+
+#: Points at which the gradient is read at a time: their weights are small beside the tables.
+GRADIENT_CHUNK_POINTS = 8192
+#: Distances, in spacings, from which the gradient is continued. From 2 on it still feels the bend, on an arc at
+#: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
+CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
+#: A sample counts as inside if it is as far from all bends as the first distance, less this share.
+INSIDE_SLACK_SHARE = 0.1
+
+
+def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mapping[int, Side]) -> Floats:
+    """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
+
+    Parameters
+    ----------
+    reader : Reader
+        Of the tables.
+    values : (unknowns, channels) float64
+        The solution.
+    local : (n, d) float64
+        Relative to the lattice's origin.
+    sides : mapping
+        The side from which points on a boundary are read, by the boundary's number.
+    """
+    gradient = np.empty((len(local), values.shape[1], local.shape[1]))
+    for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
+        part = slice(start, start + GRADIENT_CHUNK_POINTS)
+        feet = reader.checked_closest_points(local[part])
+        side_views = reader.side_views(feet.points, sides)
+        gradient[part] = _interpolant_gradient(reader, values, feet, side_views)
+        bends = _find_bends(reader, feet, side_views)
+        rows, samples, weights = _samples_inside(reader, feet, side_views, bends, sides)
+        if len(rows):
+            read = _interpolant_gradient(reader, values, samples, reader.side_views(samples.points, sides))
+            read = read.reshape(*weights.shape, *read.shape[1:])
+            continued = np.einsum("ks,kscd->kcd", weights, read)
+            gradient[part][rows] = _tangential(reader, feet.take(rows), continued)
+    return gradient
+
+
+def _interpolant_gradient(
+    reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
+) -> Floats:
+    """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
+    unknowns = reader.tables.unknowns
+    cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
+    columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))
+    slopes = tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
+    return _tangential(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
+
+
+def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
+    n, channels, dim = vectors.shape
+    each: Ints = np.repeat(np.arange(n), channels)
+    surface = reader.tables.layout.surface
+    tangential = project_tangent(surface, feet.take(each), vectors.reshape(-1, dim), 0.5 * reader.spacing)
+    return tangential.reshape(n, channels, dim)
+
+
+# Bends of the interpolant
+
+
+@dataclass(frozen=True, eq=False)
+class Bends(Rows):
+    """Points of a batch beside a bend of the interpolant.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Their numbers in the batch, each once.
+    distance : (k,) float64
+        From the boundary or the edge.
+    inward : (k, d) float64
+        Unit vectors away from it, on the point's side.
+    """
+
+    rows: Ints
+    distance: Floats
+    inward: Floats
+
+
+def _find_bends(reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]) -> Bends:
+    """Return those points of a batch that lie beside a bend, each with the bend nearest to it."""
+    bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
+    bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
+    order = np.lexsort((bends.distance, bends.rows))
+    return bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
+
+
+def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
+    bends = []
+    for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
+        on_left = view.signed >= 0
+        has_value = [isinstance(boundary.condition(side).law, Value) for side in SIDES]
+        rows = np.flatnonzero(~np.isnan(view.signed) & ~view.end & np.where(on_left, *has_value))
+        inward = np.where(on_left, 1.0, -1.0)[rows, None] * view.conormal[rows]
+        bends.append(Bends(view.rows[rows], np.abs(view.signed[rows]), inward))
+    return bends
+
+
+def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
+    """Return the points whose stencils read nodes past an edge with a value, with the nearest place of it so read."""
+    layout = reader.tables.layout
+    band, nothing = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
+    loops = np.unique(band.feet.edge[band.feet.edge >= 0])
+    with_value = [loop for loop in loops if isinstance(edge_condition(reader.scene.edge, int(loop)).law, Value)]
+    if not with_value:
+        return nothing
+    nodes = stencil_nodes(band, stencil_cells(feet.points, band.spacing, band.degree)[0])
+    past = np.isin(band.feet.edge[nodes], with_value)
+    rows = np.flatnonzero(past.any(axis=1))
+    if not len(rows):
+        return nothing
+    away = np.linalg.norm(band.feet.points[nodes[rows]] - feet.points[rows, None], axis=2)
+    nearest = np.where(past[rows], away, np.inf).argmin(axis=1)
+    edge = band.feet.take(nodes[rows, nearest])
+    outward = outward_conormals(layout.surface, edge, 0.5 * band.spacing)
+    distance = np.maximum(np.sum((edge.points - feet.points[rows]) * outward, axis=1), 0.0)
+    return Bends(rows, distance, -outward)
+
+
+def _samples_inside(
+    reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
+) -> tuple[Ints, ClosestPoints, Floats]:
+    """Return the samples from which gradients beside bends are continued.
+
+    Returns
+    -------
+    rows : (k,) int64
+        Points of the batch that have room for their samples.
+    samples : ClosestPoints
+        s samples for each of them.
+    weights : (k, s) float64
+        Of the samples.
+    """
+    distances = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing
+    offsets = (distances - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
+    targets = (feet.points[bends.rows][:, None] + offsets).reshape(-1, feet.points.shape[1])
+    samples = reader.tables.layout.surface.closest_point(targets)
+    usable = _usable_samples(reader, samples, side_views, np.repeat(bends.rows, len(distances)), sides)
+    has_room = usable.reshape(-1, len(distances)).all(axis=1)
+    nodes = np.tile(distances, (int(has_room.sum()), 1))
+    weights = extrapolation_weights(nodes, bends.distance[has_room])
+    return bends.rows[has_room], samples.take(np.repeat(has_room, len(distances))), weights
+
+
+def _usable_samples(
+    reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
+) -> Bools:
+    """Return which samples, of the points ``rows``, lie on their points' sides and away from every bend."""
+    usable: Bools = samples.edge < 0
+    sample_views = reader.side_views(samples.points, sides)
+    for at_point, at_sample in zip(side_views, sample_views, strict=True):
+        position = np.searchsorted(at_point.rows, rows[at_sample.rows])
+        known = position < len(at_point.rows)
+        known[known] = at_point.rows[position[known]] == rows[at_sample.rows[known]]
+        opposite = np.sum(at_point.director[position[known]] * at_sample.director[known], axis=1) < 0
+        usable[at_sample.rows[known][opposite]] = False
+    nearest = np.full(len(samples), np.inf)
+    for bends in (*_at_boundaries(reader, sample_views), _at_edge(reader, samples)):
+        np.minimum.at(nearest, bends.rows, bends.distance)
+    return usable & (nearest > (1 - INSIDE_SLACK_SHARE) * CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)

@@ -1,0 +1,238 @@
+"""Warnings about a layout: where a scene leaves the method's safe range."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.collocation.band_layout import Layout
+from cpmkit.forms.collocation.sheets.sheets import foot_directions
+from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
+from cpmkit.grid.band import Band
+from cpmkit.manifold.abilities import advice_of
+from cpmkit.protocols import SIDES, Floats
+from cpmkit.scene.point_values import small_boundary_warnings
+from cpmkit.scene.scene import Scene
+
+#: Normals that turn by more than this (radians) over one spacing are a sharp bend: on a radius of 3 spacings the
+#: solution is off by half a percent of its range.
+SHARP_TURN_RADIANS = 1 / 3
+#: Sharp turns beside a smaller share of the nodes are no warning, nor are stencils that read another sheet.
+SHARP_SHARE, MIXED_SHARE = 5e-3, 1e-3
+#: Neighbours whose normals have a smaller cosine than this are on different sheets or flanks; feet of neighbours
+#: farther apart than so many spacings do not determine the curvature between them.
+SAME_FLANK_COSINE, MOST_CHORD_SPACINGS = 0.2, 2.0
+#: A surface's search may doubt this share of the nodes before it is worth a warning.
+DOUBTFUL_NODES_SHARE = 1e-4
+#: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another: on a
+#: surface that the band resolves none do, near a medial axis inside the band some do.
+JUMP_SPACINGS = 2.0
+#: A larger share of jumping feet is worth a warning: Spot with 0.5 percent of them differs from finite elements by 2
+#: percent of the range, with 1.1 percent by 18.
+JUMP_SHARE = 5e-3
+#: A boundary farther off the surface than so many spacings is probably a mistake.
+OFF_SURFACE_SPACINGS = 0.5
+#: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
+#: that it is of order 1 to 2).
+DISTURBED_SPACINGS = 4.0
+
+
+def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
+    """Return all warnings about a layout."""
+    spacing = layout.lattice.spacing
+    advice = advice_of(layout.surface.source, spacing)
+    pairs = zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True)
+    cutting = [boundary.name for boundary, on_lattice in pairs if on_lattice.has_sides]
+    return (
+        *advice.warnings,
+        *advice.closest_point_warnings,
+        *layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any()),
+        *_doubtful_feet(layout),
+        *_jumping_feet(layout),
+        *_first_order_ghosts(layout),
+        *_meeting_boundaries(layout),
+        *_snapped_boundaries(layout),
+        *geometry_warnings(layout, spacing),
+        *small_boundary_warnings(scene, cutting, spacing, spacing),
+    )
+
+
+def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
+    """Return warnings of bends, sheets, rims, mixed sides and junctions.
+
+    They are judged for ``spacing``, below that of the layout where this is a coarser rehearsal.
+    """
+    return [
+        *(_sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # beside a crease the other sheet is a flank
+        *_facing_rims(layout, spacing),
+        *_rim_strips(layout, spacing),
+        *(one.warning(layout.boundaries.definitions[one.boundary].name, spacing) for one in layout.mixed_sides),
+        *(
+            f"{junction.arms} curves meet at {place(junction.point)}, where no law holds: what they bring does not "
+            "balance there, and no spacing makes the solution right; end the members before the point and give their "
+            "ends values."
+            for junction in layout.junctions
+        ),
+    ]
+
+
+# The surface
+
+
+def has_sharp_bends(layout: Layout) -> bool:
+    """Return whether the surface has creases, or bends more sharply than the band is wide."""
+    return bool(_sharp_bends(layout, layout.lattice.spacing))
+
+
+def _sharp_bends(layout: Layout, spacing: float) -> list[str]:
+    if layout.surface.manifold_dim != layout.surface.dim - 1:
+        return []
+    places, curvature = curvatures(layout.band)
+    sharp = curvature * spacing > SHARP_TURN_RADIANS
+    if not len(sharp) or sharp.mean() < SHARP_SHARE:
+        return []
+    worst = layout.lattice.to_scene(places[[curvature.argmax()]])[0]
+    resolved = SHARP_TURN_RADIANS / float(np.quantile(curvature[sharp], 0.9))
+    return [
+        f"Part of the surface bends more sharply than the band is wide, {sharp.mean():.1%} of it, most near "
+        f'{place(worst)}: beside bends and creases the solution is less exact; use form="galerkin", or, for bends, a '
+        f"spacing of {resolved:.2g}."
+    ]
+
+
+def curvatures(band: Band) -> tuple[Floats, Floats]:
+    """Return places (n, d) between feet of neighbouring nodes, and the curvature (n,) of the surface there.
+
+    The curvature is the turn of the normal over the distance of the feet, or over a spacing where they are nearer: at a
+    crease it is the angle over the spacing. Places are relative to the lattice's origin.
+    """
+    directions = foot_directions(band)
+    first, second = band.neighbours()
+    chord = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
+    cosine = np.sum(directions.unit[first] * directions.unit[second], axis=1)
+    comparable = directions.reliable[first] & directions.reliable[second] & (cosine > SAME_FLANK_COSINE)
+    comparable &= chord < MOST_CHORD_SPACINGS * band.spacing
+    first, second = first[comparable], second[comparable]
+    turn = np.arccos(np.minimum(cosine[comparable], 1.0))
+    places = 0.5 * (band.feet.points[first] + band.feet.points[second])
+    return places, turn / np.maximum(chord[comparable], band.spacing)
+
+
+def _mixed_sheets(layout: Layout) -> list[str]:
+    sheets, band = layout.band.sheets, layout.band
+    if sheets is None or len(sheets.mixed) <= MIXED_SHARE * band.inner:
+        return []
+    where = place(layout.lattice.to_scene(band.feet.points[sheets.mixed[:1]])[0])
+    return [
+        "In places stencils read nodes of a sheet that is not theirs, because no foot on their own was found; a "
+        f"smaller spacing narrows the band. These are {len(sheets.mixed) / len(band.nodes):.1%} of the stencils, for "
+        f"one near {where}."
+    ]
+
+
+def _jumping_feet(layout: Layout) -> list[str]:
+    """Return a warning of jumps where sheets are not separated: of other manifolds, and by the plain method."""
+    band = layout.band
+    if layout.options.own.sheets and layout.surface.manifold_dim == layout.surface.dim - 1:
+        return []
+    first, second = band.neighbours()
+    distance = np.linalg.norm(band.feet.points[first] - band.feet.points[second], axis=1)
+    share = int(np.count_nonzero(distance > JUMP_SPACINGS * band.spacing)) / max(len(first), 1)
+    if share <= JUMP_SHARE:
+        return []
+    return [
+        f"The closest points of {share:.1%} of neighbouring nodes jump: there the surface bends more sharply, or two "
+        "parts of it come nearer to each other, than the band is wide, and the solution may be off by several percent; "
+        "a smaller spacing narrows the band."
+    ]
+
+
+def _doubtful_feet(layout: Layout) -> list[str]:
+    doubtful = layout.band.feet.doubtful
+    if doubtful is None or np.mean(doubtful) <= DOUBTFUL_NODES_SHARE:
+        return []
+    return [
+        f"The surface could not vouch for the closest points of {int(doubtful.sum())} of {len(doubtful)} nodes "
+        f"({np.mean(doubtful):.2%}): at folds and creases narrower than the band the solution may be off; "
+        "a smaller spacing narrows the band."
+    ]
+
+
+# Boundaries
+
+
+def _first_order_ghosts(layout: Layout) -> list[str]:
+    warnings = []
+    for boundary, ghosts in zip(layout.boundaries.definitions, layout.ghosts, strict=True):
+        order = min(boundary.condition(side).order or layout.order for side in SIDES)
+        count = int(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1)) if order > 1 else 0
+        if count:
+            warnings.append(
+                f"{count} of {ghosts.unknowns} ghosts of boundary {boundary.name!r} are of first order, because their "
+                "mirror points lie beyond another boundary or past a rim; three spacings between them avoid that."
+            )
+    return warnings
+
+
+def _meeting_boundaries(layout: Layout) -> list[str]:
+    """Return warnings of crossings of different values, and of strips too narrow for the lattice."""
+    names, spacing = [boundary.name for boundary in layout.boundaries.definitions], layout.lattice.spacing
+    warnings = []
+    for crossing in layout.sector_jumps[:1]:
+        more = f" and {len(layout.sector_jumps) - 1} more pairs" if len(layout.sector_jumps) > 1 else ""
+        warnings.append(
+            f"Boundaries {names[crossing.first]!r} and {names[crossing.second]!r}{more} cross with different values in "
+            f"the sectors around, near {place(crossing.point)}: within {DISTURBED_SPACINGS * spacing:.2g} of it the "
+            f"solution is off by up to their difference, {crossing.jump:.3g}; beyond twice that it is not disturbed."
+        )
+    for strip in sorted(layout.strips, key=lambda strip: strip.coincide):
+        both, where = f"Boundaries {names[strip.first]!r} and {names[strip.second]!r}", place(strip.point)
+        warnings.append(
+            f"{both} lie at the same place, near {where}, and hold the same; one of them is enough."
+            if strip.coincide
+            else f"{both} run side by side, {strip.width / spacing:.2g} spacings apart near {where}: the strip between "
+            f"them is filled with their values; a spacing of {strip.width / 3:.2g} would resolve it."
+        )
+    return warnings
+
+
+def _snapped_boundaries(layout: Layout) -> list[str]:
+    spacing = layout.lattice.spacing
+    return [
+        f"Boundary {boundary.name!r} lies up to {on_lattice.gap:.3g} off the surface, {on_lattice.gap / spacing:.2g} "
+        "spacings; it was snapped to the closest points."
+        for boundary, on_lattice in zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True)
+        if on_lattice.gap > OFF_SURFACE_SPACINGS * spacing
+    ]
+
+
+# Rims
+
+
+def _facing_rims(layout: Layout, spacing: float) -> list[str]:
+    warnings = []
+    for rims in layout.facing_rims:
+        if rims.gap > WIDE_GAP_SPACINGS * spacing:
+            continue
+        gap = f"the manifold faces itself across a gap of {rims.gap:.3g}, {rims.gap / spacing:.2g} spacings"
+        harm = (
+            "there the gap is as good as closed"
+            if rims.gap <= BRIDGED_GAP_SPACINGS * spacing
+            else f"up to {rims.leak(spacing):.0%} of the difference between its sides leaks across"
+        )
+        warnings.append(
+            f"Near {place(rims.point)} {gap}: {harm}, whatever holds on the rims; a spacing of "
+            f"{rims.gap / WIDE_GAP_SPACINGS:.2g} or less avoids that."
+        )
+    return warnings
+
+
+def _rim_strips(layout: Layout, spacing: float) -> list[str]:
+    names = [boundary.name for boundary in layout.boundaries.definitions]
+    return [
+        f"Boundary {names[strip.boundary]!r} runs {strip.width:.2g} from a rim, {strip.width / spacing:.2g} spacings, "
+        f"near {place(strip.points[0])}: the strip between them is filled with their values; a spacing of "
+        f"{strip.width / 3:.2g} would resolve it."
+        for strip in layout.rim_strips
+        if not strip.on_rim and strip.width < spacing
+    ]

@@ -1,1 +1,0 @@
-"""Reading values and gradients at points of the manifold."""

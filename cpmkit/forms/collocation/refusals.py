@@ -1,0 +1,306 @@
+"""Scenes that a layout refuses: boundaries without effect, contradictory conditions, bridged gaps, unstable waves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from cpmkit.errors import InputError, ResolutionError, SceneError, place
+from cpmkit.forms.collocation.band_layout import Layout
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
+from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
+from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import DIFFERENT_DATA_SHARE, Strip
+from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
+from cpmkit.mesh.mixed_cells import with_corners
+from cpmkit.mesh.quadratic_cells import outward_edges
+from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh, Ints
+from cpmkit.runtime.arrays import whole
+from cpmkit.scene.conditions import Condition, same_condition
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.edge_conditions import edge_condition
+from cpmkit.scene.equations_in_time import Wave
+from cpmkit.scene.laws import Interface, Mixed, Nonlinear, Value, beta_at, data_of, is_zero_neumann
+from cpmkit.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+#: A curve is resolved at a spacing of this share of its extent.
+RESOLVED_EXTENT_SHARE = 0.25
+#: Entries of tables that are scanned at a time.
+TABLE_CHUNK_ENTRIES = 1 << 17
+#: The loop of a mesh's edge is looked for this share of a cell past the edge.
+PAST_EDGE_CELLS = 0.05
+#: Leapfrog's step is at most this many spacings over speed sqrt(d). The largest eigenvalue of A is at most
+#: 4 d speed^2 / spacing^2 (that of a solid, in the plane and in space; 5.9 and 8.7 instead of 8 and 12 on curves and
+#: surfaces), and the damping takes its share.
+LEAPFROG_MOST_SPACINGS = 0.85
+#: The implicit scheme's step is at least this many spacings over speed: from there on it damps enough, for all degrees.
+IMPLICIT_LEAST_SPACINGS = 0.3
+
+
+def check_layout(layout: Layout, scene: Scene) -> None:
+    """Refuse conditions that would have no effect, or that contradict each other.
+
+    Raises
+    ------
+    SceneError
+        If two boundaries at one place hold different conditions, a boundary on a rim another than the edge, a flux is
+        given where nothing can flow, a condition on an edge that is not there, or conductivities that are not those of
+        the problem.
+    ResolutionError
+        If the spacing does not resolve a boundary, an edge, or a gap.
+    InputError
+        If the beta of a mixed law vanishes.
+    """
+    _check_fluxes_at_points(layout)
+    _check_same_place(layout, scene)
+    _check_rims(layout, scene)
+    _check_gaps(layout)
+    for number, ghosts in enumerate(layout.ghosts):
+        if not ghosts.unknowns:
+            raise ResolutionError(_without_effect(layout, number))
+    _check_edges(scene, layout)
+    _check_laws(scene, layout)
+
+
+def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
+    """Refuse boundaries whose ghosts no node reads, unless another boundary at the same place has the same condition.
+
+    Raises
+    ------
+    ResolutionError
+        If there is such a boundary.
+    """
+    numbering, nodes, inner = layout.numbering, layout.numbering.nodes, layout.numbering.inner
+    is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
+    for start in range(0, extension.indptr[nodes], TABLE_CHUNK_ENTRIES):
+        is_read[extension.indices[start : min(start + TABLE_CHUNK_ENTRIES, extension.indptr[nodes])]] = True
+    for start in range(0, inner, TABLE_CHUNK_ENTRIES):
+        is_neighbour[neighbours[start : min(start + TABLE_CHUNK_ENTRIES, inner)]] = True
+    repeated = {strip.second for strip in layout.strips if strip.coincide}
+    repeated |= {strip.boundary for strip in layout.rim_strips if strip.on_rim}
+    for number in range(len(layout.ghosts)):
+        used = is_read[numbering.unknowns_of(number)].any() or is_neighbour[numbering.rows_of(number)].any()
+        if not used and number not in repeated:
+            raise ResolutionError(_without_effect(layout, number))
+
+
+def _without_effect(layout: Layout, number: int) -> str:
+    """Return the error of a boundary that the lattice does not resolve."""
+    boundary, spacing = layout.boundaries.on_lattice[number], layout.lattice.spacing
+    extent = float(np.linalg.norm(np.ptp(boundary.source.bounds, axis=0)))
+    middle = place(layout.lattice.to_scene(boundary.samples.mean(axis=0)[None])[0])
+    resolved = min(RESOLVED_EXTENT_SHARE * extent, 0.5 * spacing) or 0.5 * spacing
+    return (
+        f"spacing={spacing:g} is too coarse for boundary {layout.boundaries.definitions[number].name!r} near {middle}, "
+        f"{extent:.3g} in extent: it would have no effect; use {resolved:.2g} or less."
+    )
+
+
+# Boundaries
+
+
+def _check_fluxes_at_points(layout: Layout) -> None:
+    for boundary, on_lattice in zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True):
+        conditions = map(boundary.condition, SIDES)
+        kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
+        if on_lattice.has_sides or not kinds:
+            continue
+        raise SceneError(
+            f"boundary {boundary.name!r}: a {' or '.join(sorted(kinds))} condition at a point of a surface, or a point "
+            "or curve of a solid, has no effect: what flows through so little vanishes with the spacing; if a point "
+            "source is meant, let f be a narrow bump with its strength as the integral, or use a small circle or tube."
+        )
+
+
+def _check_same_place(layout: Layout, scene: Scene) -> None:
+    for strip in layout.strips:
+        if strip.coincide and _contradict(layout, strip, scene.problem.start_time):
+            names = [layout.boundaries.definitions[number].name for number in (strip.first, strip.second)]
+            raise SceneError(
+                f"boundaries {names[0]!r} and {names[1]!r} lie at the same place, near {place(strip.point)}, and hold "
+                "different conditions; keep one of them, with `left` and `right` where its sides differ."
+            )
+
+
+def _contradict(layout: Layout, strip: Strip, time: float | None) -> bool:
+    first, second = (layout.boundaries.definitions[number] for number in (strip.first, strip.second))
+    return any(
+        not _equivalent(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
+        for a, b in zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
+    )
+
+
+def _equivalent(condition: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
+    """Return whether two conditions prescribe the same at ``points`` (k, d) of the scene."""
+    if same_condition(condition, other):
+        return True
+    first, second, incomparable = condition.law, other.law, (Interface, Nonlinear)
+    if type(first) is not type(second) or isinstance(first, incomparable) or isinstance(second, incomparable):
+        return False
+    if first.alpha != second.alpha:
+        return False
+    data = [[law.beta, *(datum for _, datum in data_of(law))] for law in (first, second)]
+    for a, b in zip(*data, strict=True):
+        if a is b:
+            continue
+        pair = [evaluate_data(data, points, channels, "a condition", time) for data in (a, b)]
+        if np.abs(pair[0] - pair[1]).max() > DIFFERENT_DATA_SHARE * np.abs(pair).max():
+            return False
+    return True
+
+
+def _check_laws(scene: Scene, layout: Layout) -> None:
+    """Refuse mixed laws whose beta vanishes, and conductivities that are not the problem's diffusivity."""
+    for label, condition, points in _condition_points(scene, layout):
+        law = condition.law
+        if isinstance(law, Mixed) and len(points) and not np.any(beta_at(law, points, label)):
+            kind = condition.kind.capitalize()
+            raise InputError(f"beta of {kind} of {label} is zero at all {len(points)} points; use Neumann.")
+    diffusivity = scene.problem.terms().diffusivity
+    for boundary, view in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
+        law = boundary.condition("left").law
+        if isinstance(law, Interface):
+            check_conductivities(f"boundary {boundary.name!r}", law, diffusivity, view, layout.lattice)
+
+
+def _condition_points(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floats]]:
+    """Yield each condition with its label and the points (n, d) at which it is read, in the scene's coordinates."""
+    to_scene, feet = layout.lattice.to_scene, layout.band.feet
+    for boundary, view, ghosts in zip(scene.boundaries, layout.boundaries.side_views, layout.ghosts, strict=True):
+        foot = view.foot[np.searchsorted(view.rows, ghosts.nodes)]
+        if same_condition(boundary.condition("left"), boundary.condition("right")):
+            yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)
+            continue
+        for side in SIDES:
+            on_side = ghosts.carries_left == (side == "left")
+            yield f"boundary {boundary.name!r}", boundary.condition(side), to_scene(foot[on_side])
+    loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
+    conditions = [edge_condition(scene.edge, loop) for loop in loops]
+    for condition in {id(condition): condition for condition in conditions}.values():
+        chosen = [loop for loop, other in zip(loops, conditions, strict=True) if other is condition]
+        yield EDGE_CONDITION, condition, to_scene(feet.points[np.isin(feet.edge, chosen)])
+
+
+# Rims and the edge
+
+
+def _check_rims(layout: Layout, scene: Scene) -> None:
+    spacing, time = layout.lattice.spacing, scene.problem.start_time
+    for strip in layout.rim_strips:
+        boundary, edge = layout.boundaries.definitions[strip.boundary], edge_condition(scene.edge, strip.loop)
+        conditions = [boundary.condition(side) for side in SIDES]
+        if strip.on_rim and not all(
+            _equivalent(condition, edge, strip.points, layout.channels, time) for condition in conditions
+        ):
+            raise SceneError(
+                f"boundary {boundary.name!r} lies on the manifold's rim, near {place(strip.points[0])}, where the edge "
+                f"holds another condition; give it as `edge=` (loop {strip.loop}) in place of the boundary."
+            )
+        if not strip.on_rim and conditions[0].couples:
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
+                f"{place(strip.points[0])} it runs {strip.width:.3g} from the manifold's rim; use "
+                f"{strip.width / 3:.2g} or less."
+            )
+
+
+def _check_gaps(layout: Layout) -> None:
+    spacing = layout.lattice.spacing
+    for rims in layout.facing_rims:
+        if not rims.local and rims.gap <= BRIDGED_GAP_SPACINGS * spacing:
+            raise ResolutionError(
+                f"spacing={spacing:g} is too coarse for the gap of {rims.gap:.3g} between rims of the manifold near "
+                f"{place(rims.point)}: it would be bridged, and what holds on the rims there would have no effect; use "
+                f"{rims.gap / WIDE_GAP_SPACINGS:.2g} or less, or join the rims."
+            )
+
+
+def _check_edges(scene: Scene, layout: Layout) -> None:
+    """Refuse conditions on loops of the edge that no node lies past."""
+    resolved = np.unique(layout.band.feet.edge[layout.band.feet.edge >= 0]).tolist()
+    if isinstance(scene.edge, Mapping):
+        loops = {whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge}
+        missing = sorted(loops - set(resolved))
+        given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
+    else:
+        no_flux = all(is_zero_neumann(condition.law) for condition in scene.edge_conditions)
+        missing, given = ([] if resolved or no_flux else [0]), "`edge` gives a condition"
+    if not missing:
+        return
+    spacing, known = layout.lattice.spacing, _loops_of_mesh(scene.surface, layout.lattice.spacing)
+    loop_numbers = sorted({*resolved, *(known or ())})
+    loops_named = f"its loops are {', '.join(map(str, loop_numbers))}" if loop_numbers else "it is closed"
+    if known is None:
+        raise SceneError(
+            f"{given}, which the manifold has not at spacing={spacing:g}: {loops_named} as far as the nodes tell; "
+            "leave it out, or use a smaller spacing if the edge is shorter than a few of these."
+        )
+    if missing[0] in known or (known and not isinstance(scene.edge, Mapping)):
+        where = place(known.get(missing[0], next(iter(known.values()))))
+        raise ResolutionError(
+            f"{given}, an edge too short for spacing={spacing:g}: near {where} no node lies past it, and the "
+            "condition would have no effect; use a smaller spacing, or leave it out."
+        )
+    raise SceneError(f"{given}, which the manifold has not: {loops_named}; leave it out, or correct the number.")
+
+
+def _loops_of_mesh(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | None:
+    """Return a point (d,) on each loop of the edge, by a mesh of the surface; None where it has no mesh."""
+    if not isinstance(surface, HasMesh) or surface.manifold_dim == surface.dim == 3:
+        return None
+    points, cells = surface.mesh(spacing)
+    triangles, segments = with_corners(cells, 3), with_corners(cells, 2)
+    edges = outward_edges(points, triangles)
+    single = np.flatnonzero(edges.outward.any(axis=1))
+    a, b = points[edges.ends[single, 0]], points[edges.ends[single, 1]]
+    beyond = [0.5 * (a + b) + PAST_EDGE_CELLS * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]
+    ends = np.concatenate([segments, segments[:, ::-1]])
+    ends = ends[np.bincount(segments.ravel(), minlength=len(points))[ends[:, 0]] == 1]
+    beyond.append(points[ends[:, 0]] + PAST_EDGE_CELLS * (points[ends[:, 0]] - points[ends[:, 1]]))
+    feet = surface.closest_point(np.concatenate(beyond))
+    loops, first = np.unique(feet.edge, return_index=True)
+    return {int(loop): feet.points[row] for loop, row in zip(loops, first, strict=True) if loop >= 0}
+
+
+# Waves. A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and
+# 5, ten times as much for degrees 2 and 4 (measured on circles and arcs with all conditions). An undamped scheme lets
+# such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped therefore, and the implicit
+# scheme damps waves that its step does not resolve.
+
+
+def check_waves(scene: Scene, layout: Layout) -> None:
+    """Refuse waves that would grow without bound.
+
+    Raises
+    ------
+    InputError
+        If the degree is one with which waves grow.
+    ResolutionError
+        If the step is too long for leapfrog, or too short for the implicit scheme.
+    """
+    if not isinstance(scene.problem, Wave):
+        return
+    wave = scene.problem.with_scheme(explicit_steps=True)
+    degree, spacing, dim = layout.band.degree, layout.lattice.spacing, layout.lattice.dim
+    shortest = IMPLICIT_LEAST_SPACINGS * spacing / wave.speed
+    longest = LEAPFROG_MOST_SPACINGS * spacing / (wave.speed * math.sqrt(dim))
+    if wave.scheme == "implicit" and wave.step < shortest:
+        raise ResolutionError(
+            f"step={wave.step:g} is too short for the implicit scheme, which would not damp the waves that the spacing "
+            f"does not resolve, and they grow; use at least {shortest:.3g}, or scheme 'leapfrog'."
+        )
+    if wave.scheme == "leapfrog" and degree % 2 == 0:
+        raise InputError(
+            f"degree={degree} does not go with leapfrog: interpolation of even degree gives the operator complex "
+            "eigenvalues, under which waves grow without bound; use degree 3, or scheme 'implicit'."
+        )
+    if wave.scheme == "leapfrog" and min(wave.step, wave.duration) > longest:
+        raise ResolutionError(
+            f"step={wave.step:g} is too long for leapfrog at spacing={spacing:g}; use at most {longest:.3g}, or scheme "
+            "'implicit'."
+        )

@@ -1,0 +1,297 @@
+"""Boundaries that meet: two that cross with different data, two side by side, and one whose own sides mix.
+
+The sides of a curve mix around open ends, between flanks of a sharp tip, and on short rings.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations, product
+
+import numpy as np
+
+from cpmkit.errors import place
+from cpmkit.forms.collocation.ghosts.ghost_geometry import ALONGSIDE_COSINE, INSIDE_SIDE_SPACINGS
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
+from cpmkit.grid.lattice import Lattice
+from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
+from cpmkit.scene.conditions import same_condition
+from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.laws import Value
+
+#: Pairs of boundaries within so many spacings are examined.
+MEETING_SPACINGS = 4.0
+#: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
+STRIP_SPACINGS = 1.0
+#: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
+SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
+#: Data that differ by more than this share of their size are different.
+DIFFERENT_DATA_SHARE = 1e-6
+#: An end this many spacings from another boundary is closed by it.
+CLOSED_END_SPACINGS = 0.5
+#: Conormals at feet of one side face each other below this cosine: the angle is below 45 degrees, or the flanks run
+#: side by side. Nodes within so many spacings of the boundary are examined.
+FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
+#: The conormals of a ring around a limb have a mean at least this long; those of a loop on a flat place cancel.
+LEAST_MEAN_CONORMAL = 0.7
+#: On rings of so many spacings the sides are separate (around a finger of a hand: 0.53 of the jump leaks at 7.5, 0.002
+#: at 11 spacings).
+LEAST_RING_SPACINGS = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class SectorJump:
+    """Two boundaries that cross with different data in the sectors around.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the boundaries.
+    point : (d,) float64
+        Where, in the scene's coordinates.
+    jump : float
+        The largest difference of the two boundaries' values in one sector.
+    """
+
+    first: int
+    second: int
+    point: Floats
+    jump: float
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """Two boundaries that run side by side, nearer than a spacing.
+
+    Attributes
+    ----------
+    first, second : int
+        Numbers of the boundaries.
+    point : (d,) float64
+        Where they are nearest, in the scene's coordinates.
+    width : float
+        Their least distance.
+    coincide : bool
+        True where they are at the same place.
+    reversed : bool
+        True where the left of the first is on the right of the second.
+    """
+
+    first: int
+    second: int
+    point: Floats
+    width: float
+    coincide: bool = False
+    reversed: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class MixedSides:
+    """A place where the two sides of a boundary mix.
+
+    Attributes
+    ----------
+    kind : "tip", "flanks" or "ring"
+        An open end with different values on its sides; flanks of one curve that face each other; a short closed curve
+        around a limb.
+    boundary : int
+        Its number.
+    point : (d,) float64
+        In the scene's coordinates.
+    size : float
+        Of flanks their distance, of a ring its length; 0 of a tip.
+    more : int
+        How many more such places the boundary has.
+    """
+
+    kind: str
+    boundary: int
+    point: Floats
+    size: float
+    more: int = 0
+
+    def warning(self, name: str, spacing: float) -> str:
+        """Return the warning for the boundary ``name``."""
+        where = f"near {place(self.point)}"
+        if self.kind == "tip":
+            more = f" and at {self.more} more ends" if self.more > 1 else " and at its other end" if self.more else ""
+            return (
+                f"Boundary {name!r} ends {where}{more} with different values on its sides: within about a spacing, "
+                f"{spacing:.2g}, of the end they run into each other; give both sides one value there, or a smaller "
+                "spacing."
+            )
+        if self.kind == "flanks":
+            return (
+                f"Boundary {name!r} comes back to itself {where}, its flanks {self.size:.2g} apart, "
+                f"{self.size / spacing:.2g} spacings, or less: the values of the other side show between them; a "
+                f"spacing of {min(self.size / 3, spacing / 2):.2g} confines that to a shorter piece."
+            )
+        return (
+            f"Boundary {name!r} is a closed curve of {self.size / spacing:.2g} spacings around a limb {where}: its two "
+            f"sides mix; a spacing of {self.size / LEAST_RING_SPACINGS:.2g} separates them."
+        )
+
+
+# Two boundaries
+
+
+def find_meetings(
+    boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
+) -> tuple[list[SectorJump], list[Strip]]:
+    """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
+    crossings: list[SectorJump] = []
+    strips: list[Strip] = []
+    with_sides = [number for number, boundary in enumerate(boundaries.on_lattice) if boundary.has_sides]
+    thinned = {number: _one_per_cell(boundaries.side_views[number], lattice.spacing) for number in with_sides}
+    for first, second in combinations(with_sides, 2):
+        pairs = _feet_beside(boundaries.on_lattice[second], thinned[first], lattice.spacing)
+        if pairs is None:
+            continue
+        feet, distance, signed, along = pairs
+        aligned = np.abs(along) > ALONGSIDE_COSINE
+        crossing = _crossing_point(feet, signed, aligned, lattice.spacing)
+        if crossing is not None:
+            point = lattice.to_scene(crossing[None])
+            jump = _largest_jump(boundaries.definitions[first], boundaries.definitions[second], point, channels, time)
+            if jump > 0:
+                crossings.append(SectorJump(first, second, point[0], jump))
+        aligned_rows = np.flatnonzero((distance < STRIP_SPACINGS * lattice.spacing) & aligned)
+        if len(aligned_rows):
+            nearest = aligned_rows[distance[aligned_rows].argmin()]
+            point = lattice.to_scene(feet[nearest][None])[0]
+            same = np.count_nonzero(aligned & (distance < SAME_PLACE_SPACINGS * lattice.spacing))
+            coincide = bool(same >= min(SAME_PLACE_SAMPLES, len(distance)))
+            strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
+    return crossings, strips
+
+
+def _one_per_cell(view: SideView, spacing: float) -> SideView:
+    """Return one entry of a view for each cell of half a spacing that its feet lie in."""
+    _, first = np.unique(np.floor(view.foot / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
+    return view.take(np.sort(first))
+
+
+def _feet_beside(
+    other: BoundaryOnLattice, side_view: SideView, spacing: float
+) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
+    seen = other.side_view(side_view.foot, MEETING_SPACINGS * spacing, spacing)
+    inside = ~seen.end & ~side_view.end[seen.rows]
+    if not inside.any():
+        return None
+    rows = seen.rows[inside]
+    along = np.sum(side_view.conormal[rows] * seen.conormal[inside], axis=1)
+    return side_view.foot[rows], seen.distance[inside], seen.signed[inside], along
+
+
+def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
+    """Return where a boundary's points ``feet`` change the side of another boundary; None where they do not.
+
+    A point on both, where they are not ``aligned``, counts to both sides.
+    """
+    from scipy.spatial import cKDTree
+
+    on_both = ~aligned & (np.abs(signed) <= INSIDE_SIDE_SPACINGS * spacing)
+    left, right = (feet[on_both | (sign * signed > INSIDE_SIDE_SPACINGS * spacing)] for sign in (1, -1))
+    if not len(left) or not len(right):
+        return None
+    apart, partner = cKDTree(left).query(right)
+    nearest = int(np.argmin(apart))
+    if apart[nearest] > spacing:
+        return None
+    return np.asarray(0.5 * (right[nearest] + left[partner[nearest]]))
+
+
+def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
+    """Return the largest difference, in one of the four sectors, of the values that two boundaries prescribe there."""
+    values: list[list[Floats]] = [[], []]
+    for of_boundary, boundary in zip(values, (first, second), strict=True):
+        for side in SIDES:
+            law = boundary.condition(side).law
+            if isinstance(law, Value):
+                of_boundary.append(evaluate_data(law.datum, point, channels, f"boundary {boundary.name!r}", time))
+    size = max((float(np.abs(value).max()) for of_boundary in values for value in of_boundary), default=0.0)
+    worst = max((float(np.abs(a - b).max()) for a, b in product(*values)), default=0.0)
+    return worst if worst > DIFFERENT_DATA_SHARE * size else 0.0
+
+
+# One boundary whose sides mix
+
+
+def find_mixed_sides(
+    boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
+) -> list[MixedSides]:
+    """Return where the sides of boundaries with unlike sides mix."""
+    places: list[MixedSides] = []
+    for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
+        alike = same_condition(boundary.condition("left"), boundary.condition("right"))
+        if on_lattice.has_sides and on_lattice.oriented.dimension > 1 and not alike:
+            places += _tips(number, boundaries, lattice, channels, time)
+            places += _flanks(number, boundaries, lattice)
+            places += _ring(number, boundaries, lattice)
+    return places
+
+
+def _tips(
+    number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None
+) -> list[MixedSides]:
+    """Return the open ends of a boundary with different values on its sides."""
+    view, boundary, h = boundaries.side_views[number], boundaries.definitions[number], lattice.spacing
+    ends = view.foot[view.end]
+    if not len(ends):
+        return []
+    ends = ends[np.unique(np.round(ends / h).astype(np.int64), axis=0, return_index=True)[1]]
+    for index, other in enumerate(boundaries.on_lattice):
+        if index != number:
+            ends = ends[other.source.closest_point(ends).distance > CLOSED_END_SPACINGS * h]
+    places = lattice.to_scene(ends)
+    left, right = (boundary.condition(side).law for side in SIDES)
+    if len(places) and isinstance(left, Value) and isinstance(right, Value):
+        values = [evaluate_data(law.datum, places, channels, boundary.name, time) for law in (left, right)]
+        jump = np.abs(values[0] - values[1]).max(axis=1)
+        places = places[jump > DIFFERENT_DATA_SHARE * np.abs(values).max()]
+        if len(places):
+            return [MixedSides("tip", number, places[0], 0.0, len(places) - 1)]
+    return []
+
+
+def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[MixedSides]:
+    """Return where a boundary faces itself: there the feet of neighbouring nodes jump from flank to flank.
+
+    It is looked for among feet of the boundary, at whatever place of the lattice it lies.
+    """
+    from scipy.spatial import cKDTree
+
+    view, h = boundaries.side_views[number], lattice.spacing
+    close = view.take((view.distance < FLANK_SEARCH_SPACINGS * h) & ~view.end)
+    if not len(close.rows):
+        return []
+    first, second = cKDTree(close.foot).query_pairs(2 * FLANK_SEARCH_SPACINGS * h, output_type="ndarray").T
+    facing = np.sum(close.conormal[first] * close.conormal[second], axis=1) < FACING_FLANKS_COSINE
+    first, second = first[facing], second[facing]
+    chord = close.foot[second] - close.foot[first]
+    into = [np.sum(chord * close.conormal[first], axis=1), -np.sum(chord * close.conormal[second], axis=1)]
+    width = np.linalg.norm(chord, axis=1)
+    opposite = (np.sign(into[0]) == np.sign(into[1])) & (np.abs(into).min(axis=0) > 0.5 * width)
+    if not opposite.any():
+        return []
+    first, second, width = first[opposite], second[opposite], width[opposite]
+    widest = int(width.argmax())
+    middle = 0.5 * (close.foot[first[widest]] + close.foot[second[widest]])
+    return [MixedSides("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
+
+
+def _ring(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[MixedSides]:
+    """Return the boundary if it is a short closed curve around a limb."""
+    boundary, view = boundaries.on_lattice[number], boundaries.side_views[number]
+    is_curve_on_surface = boundary.source.manifold_dim == 1 and boundary.oriented.dimension == 2
+    if not is_curve_on_surface or not len(view.rows) or view.end.any():
+        return []
+    if (boundary.source.closest_point(boundary.samples).edge >= 0).any():
+        return []
+    centre = boundary.samples.mean(axis=0)
+    length = 2 * np.pi * float(np.linalg.norm(boundary.samples - centre, axis=1).mean())
+    around = np.linalg.norm(view.conormal.mean(axis=0)) >= LEAST_MEAN_CONORMAL
+    if length >= LEAST_RING_SPACINGS * lattice.spacing or not around:
+        return []
+    return [MixedSides("ring", number, lattice.to_scene(centre[None])[0], length)]
