@@ -110,9 +110,9 @@ def _connected_over_crease(
         share = 1 / (1 - cosine**2)
         along_a, along_b = share * (height_a - cosine * height_b), share * (height_b - cosine * height_a)
         crease = middle + along_a[:, None] * normal_a + along_b[:, None] * normal_b
-        near = norms(crease - middle) < 1.5 * length
+        crease_is_close = norms(crease - middle) < 1.5 * length
     known = (normal_a != 0).any(axis=1) & (normal_b != 0).any(axis=1)
-    rows = np.flatnonzero(known & near & (1 - cosine**2 > 0.3**2))
+    rows = np.flatnonzero(known & crease_is_close & (1 - cosine**2 > 0.3**2))
     a, b, normal_a, normal_b, length = a[rows], b[rows], normal_a[rows], normal_b[rows], length[rows]
     closest = source.closest_point(crease[rows]).points
     meets = norms(closest - crease[rows]) <= CREASE_DISTANCE * length + position_error

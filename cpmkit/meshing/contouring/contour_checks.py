@@ -121,8 +121,8 @@ def _area_by_nodes(nodes: LatticeNodes) -> float:
     Integration over curves and surfaces defined by the closest point mapping (2016).
     """
     s = nodes.spacing
-    near = nodes.distance[(nodes.distance < s) & ~nodes.on_rim]
-    return float((1 + np.cos(np.pi * near / s)).sum() * 0.5 * s**2)
+    distances = nodes.distance[(nodes.distance < s) & ~nodes.on_rim]
+    return float((1 + np.cos(np.pi * distances / s)).sum() * 0.5 * s**2)
 
 
 @dataclass(frozen=True, eq=False)

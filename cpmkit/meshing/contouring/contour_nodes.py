@@ -97,10 +97,10 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
     moved = positions[on_surface] + NORMAL_DISTANCE * spacing * np.array([0.1717, 0.2203, 0.2411])
     normals[on_surface] = unit(moved - source.closest_point(moved).points)
     if source.noise:
-        near = np.flatnonzero(distance < NORMAL_NOISES * source.noise)
-        closest, better = closest_points_and_normals(source, positions[near], normals[near], spacing)
-        below = dots(better, positions[near] - closest) < 0
-        normals[near] = np.where(below[:, None], -better, better)
+        uncertain = np.flatnonzero(distance < NORMAL_NOISES * source.noise)
+        closest, better = closest_points_and_normals(source, positions[uncertain], normals[uncertain], spacing)
+        below = dots(better, positions[uncertain] - closest) < 0
+        normals[uncertain] = np.where(below[:, None], -better, better)
     on_rim, corner_nodes = answer.edge >= 0, corner_nodes.reshape(-1, 8)
     cell_is_nonplanar = _nonplanar_cells(positions, answer.points, normals, distance, on_rim, corner_nodes, spacing)
     nonplanar = np.zeros((len(table), 3), dtype=bool)

@@ -83,9 +83,9 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]
     if not fillings:
         return cells, 0
     centres = vertices[np.concatenate(fillings)].mean(axis=1)
-    near = norms(rims.source.closest_point(centres).points - centres) <= rims.spacing
+    is_close = norms(rims.source.closest_point(centres).points - centres) <= rims.spacing
     last = np.cumsum([len(filling) for filling in fillings])
-    accepted = [filling for filling, ok in zip(fillings, np.split(near, last[:-1]), strict=True) if ok.all()]
+    accepted = [filling for filling, ok in zip(fillings, np.split(is_close, last[:-1]), strict=True) if ok.all()]
     return np.concatenate([cells, *accepted]), len(accepted)
 
 

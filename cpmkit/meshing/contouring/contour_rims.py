@@ -57,10 +57,10 @@ class RimTest:
         """
         answer = self.source.closest_point(points + reach[:, None] * outward)
         closest = answer.points
-        near = norms(closest - points) <= 2.0 * self.spacing
+        is_close = norms(closest - points) <= 2.0 * self.spacing
         if self.by_edge_numbers:
-            return closest, np.asarray(near & (answer.edge >= 0))
-        stays = near & (dots(closest - points, outward) < (1 - 0.25 * RIM_STAYS) * reach)
+            return closest, np.asarray(is_close & (answer.edge >= 0))
+        stays = is_close & (dots(closest - points, outward) < (1 - 0.25 * RIM_STAYS) * reach)
         for side in (-0.7, 0.7):  # moved across the surface by that share of the way
             rows = np.flatnonzero(stays)
             direction = outward[rows] + side * normals[rows]
@@ -79,14 +79,14 @@ class RimTest:
 
     def of_edges(self, vertices: Floats, edges: OpenEdges) -> Bools:
         """Return which open edges (b,) lie beside a rim."""
-        beside = np.zeros(len(edges.edge), dtype=bool)
+        at_rim = np.zeros(len(edges.edge), dtype=bool)
         normals = edges.normals(vertices)
         for reach in (0.05, 1.2, 2.0):  # spacings: a rim may be nearer than the next one beyond a gap
-            rows = np.flatnonzero(~beside)
+            rows = np.flatnonzero(~at_rim)
             if len(rows):
                 way = np.full(len(rows), reach * self.spacing)
-                beside[rows] = self.project(edges.middles[rows], edges.conormals[rows], normals[rows], way)[1]
-        return beside
+                at_rim[rows] = self.project(edges.middles[rows], edges.conormals[rows], normals[rows], way)[1]
+        return at_rim
 
 
 def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:

@@ -172,9 +172,11 @@ def _self_crossings(source: LocalSource, trace: Trace, spacing: float) -> tuple[
             along[0, nearer], along[1, nearer] = (end_i - start_i)[nearer], (end_j - start_j)[nearer]
     directions = unit(along[0]), unit(along[1])
     parallel = np.abs(dots(*directions)) >= 0.98
-    near = (best < NEAR_CHORDS * spacing) & ~parallel
-    i, j, best = i[near], j[near], best[near]
-    points, miss = _meeting_points(source, on_i[near], on_j[near], directions[0][near], directions[1][near])
+    is_close = (best < NEAR_CHORDS * spacing) & ~parallel
+    i, j, best = i[is_close], j[is_close], best[is_close]
+    points, miss = _meeting_points(
+        source, on_i[is_close], on_j[is_close], directions[0][is_close], directions[1][is_close]
+    )
     crossing = np.minimum(miss, best) < max(5e-3 * spacing, 5.0 * source.noise)
     return i[crossing], j[crossing], points[crossing]
 
@@ -228,8 +230,8 @@ def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
-    near = KDTree(vertices[old:]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
-    graph = coo_array((np.ones(near.nnz), (near.row + old, near.col)), shape=(len(vertices),) * 2)
+    pairs = KDTree(vertices[old:]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
+    graph = coo_array((np.ones(pairs.nnz), (pairs.row + old, pairs.col)), shape=(len(vertices),) * 2)
     count, group = connected_components(graph, directed=False)
     representative = np.empty(count, dtype=np.int64)
     order = np.arange(len(vertices))[::-1]
@@ -292,8 +294,8 @@ def _distances_from_chords(
     from scipy.spatial import KDTree
 
     far = 0.5 * float(norms(stops - starts).max()) + reach
-    near = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
-    row, chord = near.row, near.col
+    pairs = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
+    row, chord = pairs.row, pairs.col
     if owners is not None:
         other = owners[0][row] != owners[1][chord]
         row, chord = row[other], chord[other]

@@ -179,5 +179,5 @@ def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:
     met = np.unique(cells_of(vertices))
     for axis in range(3):
         met = nodes.codes.dilate(met, axis, range(-1, 2))
-    near = nodes.closest[nodes.distance <= nodes.spacing]
-    return np.asarray(near[find(met, cells_of(near)) < 0])
+    closest_points = nodes.closest[nodes.distance <= nodes.spacing]
+    return np.asarray(closest_points[find(met, cells_of(closest_points)) < 0])

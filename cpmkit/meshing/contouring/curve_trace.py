@@ -279,8 +279,8 @@ def _add_corners(
     corners = segments[turned]
     group = np.repeat(np.arange(len(turned)), 2)
     meeting = _nearest_to_lines(vertices[corners.ravel()], tangents[corners.ravel()], group)
-    near = norms(meeting - middle[turned]) < length[turned]
-    meeting = np.where(near[:, None], meeting, middle[turned])
+    is_close = norms(meeting - middle[turned]) < length[turned]
+    meeting = np.where(is_close[:, None], meeting, middle[turned])
     new = len(vertices) + np.arange(len(turned))
     vertices = np.concatenate([vertices, source.closest_point(meeting).points])
     halves = np.concatenate([np.stack([corners[:, end], new], axis=1) for end in range(2)])

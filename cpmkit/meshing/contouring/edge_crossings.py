@@ -102,7 +102,7 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
     more with an odd number of crossings are searched again in short steps.
     """
     tail, head, axis = _candidate_edges(nodes, 2 * NEAR_NOISES * source.noise)
-    s, near = nodes.spacing, _ranges(source, nodes.spacing)[0]
+    s, near_share = nodes.spacing, _ranges(source, nodes.spacing)[0]
     along = np.eye(3)[axis]
     t, normal = np.full(len(tail), np.nan), np.zeros((len(tail), 3))
     planar = ~nodes.nonplanar[tail, axis]
@@ -116,7 +116,7 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
     t[grazing] = s * nodes.distance[tail[grazing]] / (nodes.distance[tail[grazing]] + nodes.distance[head[grazing]])
     normal[grazing] = nodes.normals[tail[grazing]]
     explained = _head_explained(nodes, head[rows], along[rows], t[rows], normal[rows])
-    none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < near * s) & ~nodes.on_rim[head[rows]])
+    none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < near_share * s) & ~nodes.on_rim[head[rows]])
     none_left &= source.noise == 0  # where closest points are noisy, rays along the surface may pass it
     back = rows[~explained & ~none_left & ~planar[rows]]
     reach = np.where(np.isnan(t[back]), s, s - t[back] + APART_SHARE * s)
@@ -169,24 +169,24 @@ def _cross_plane(
     The root of the Hermite cubic of the signed distance between the ends is corrected by one query beside it. The
     position is NaN where that query contradicts the plane.
     """
-    s, (near, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
+    s, (near_share, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
     d0, d1 = nodes.distance[tail] / s, -nodes.distance[head] / s
     m0, m1 = dots(nodes.normals[tail], along), -dots(nodes.normals[head], along)
-    beside = max(0.01, OFFSET_NOISES * source.noise / s) / np.maximum(np.abs(m0), 0.1)
+    offset = max(0.01, OFFSET_NOISES * source.noise / s) / np.maximum(np.abs(m0), 0.1)
     a, b = 2 * d0 - 2 * d1 + m0 + m1, -3 * d0 + 3 * d1 - 2 * m0 - m1
     low, high = np.zeros(len(tail)), np.ones(len(tail))
     for _ in range(16):  # bisection: Newton's steps diverge where the edge grazes the surface
         t = 0.5 * (low + high)
         before = ((a * t + b) * t + m0) * t + d0 > 0
         low, high = np.where(before, t, low), np.where(before, high, t)
-    target = np.maximum(low - beside, 0.0) * s
+    target = np.maximum(low - offset, 0.0) * s
     there = _observe(source, nodes.positions[tail] + target[:, None] * along, nodes.normals[tail], s)
     slope = dots(there.normal, along)
     with np.errstate(all="ignore"):
         t = target - there.distance / slope
     good = there.interior & (np.abs(slope) > GRAZING_SINE)
-    good &= np.abs(t - target) < np.maximum(4 * end_share, 2 * beside) * s
-    good &= (t > -near * s) & (t < (1 + near) * s) & (np.abs(dots(there.normal, nodes.normals[tail])) > 0.7)
+    good &= np.abs(t - target) < np.maximum(4 * end_share, 2 * offset) * s
+    good &= (t > -near_share * s) & (t < (1 + near_share) * s) & (np.abs(dots(there.normal, nodes.normals[tail])) > 0.7)
     return np.where(good, np.clip(t, 0.0, s), np.nan), there.normal
 
 
@@ -197,10 +197,10 @@ def _march_edges(
 
     The march ends before the crossings that a march from the head finds.
     """
-    s, (near, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
+    s, (near_share, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
     first = Observation(nodes.distance[tail], nodes.normals[tail], ~nodes.on_rim[tail])
     ahead = nodes.distance[head]
-    head_is_near = (ahead < near * s) & ~nodes.on_rim[head]
+    head_is_near = (ahead < near_share * s) & ~nodes.on_rim[head]
     stop = np.where(head_is_near, (1 - end_share) * s, np.minimum(s, s - ahead + end_share * s))
     return _march(source, nodes.positions[tail], along, s, first, np.minimum(stop, reach))
 
@@ -239,16 +239,16 @@ def _march(
     low = np.zeros(len(start))  # the ray meets nothing before
     t, base_t, follows_plane = np.zeros(len(start)), np.zeros(len(start)), np.ones(len(start), dtype=bool)
     now, base = first.take(rows), first.take(rows)
-    near, end_share = _ranges(source, length)
-    start_is_near = first.interior & (first.distance < near * length)
+    near_share, end_share = _ranges(source, length)
+    start_is_near = first.interior & (first.distance < near_share * length)
     floor = np.zeros(len(start))
     for _ in range(40):  # a limit; rays end at hits or at their stops
         slope = dots(now.normal, along[rows])
         steep = np.abs(slope) >= GRAZING_SINE
         with np.errstate(all="ignore"):
             target = np.where(steep, t - now.distance / slope, np.nan)
-        ready = now.interior & (now.distance < near * length) & (np.abs(target - t) <= end_share * length)
-        arrived = ready & (target >= np.maximum(low - near * length, floor[rows])) & (target <= stop[rows])
+        ready = now.interior & (now.distance < near_share * length) & (np.abs(target - t) <= end_share * length)
+        arrived = ready & (target >= np.maximum(low - near_share * length, floor[rows])) & (target <= stop[rows])
         hit[rows[arrived]], normal[rows[arrived]] = target[arrived], now.normal[arrived]
         normal[rows[arrived]] *= -np.sign(slope[arrived])[:, None]
         tries_plane = newton & follows_plane & (target > low) & (target <= stop[rows]) & now.interior

@@ -102,8 +102,8 @@ def _start_points(source: LocalSource, cell: Ints, axis: Ints, spacing: float) -
     signs = np.stack(np.meshgrid(*[[-1.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
     for halving in range(HALVINGS + 1):
         answer = source.closest_point(centre)
-        near = answer.distance <= 0.5 * side * np.sqrt(dim - 1) * (1 + SAME_SHARE) + SAME_NOISES * source.noise
-        centre, owner = centre[near], owner[near]
+        is_close = answer.distance <= 0.5 * side * np.sqrt(dim - 1) * (1 + SAME_SHARE) + SAME_NOISES * source.noise
+        centre, owner = centre[is_close], owner[is_close]
         if halving == HALVINGS:
             break
         side *= 0.5
@@ -112,7 +112,7 @@ def _start_points(source: LocalSource, cell: Ints, axis: Ints, spacing: float) -
         is_part = signs[:, axis[owner]] > 0
         centre = (centre + shift)[is_part]
         owner = np.broadcast_to(owner, is_part.shape)[is_part]
-    return answer.points[near], owner
+    return answer.points[is_close], owner
 
 
 def _step_to_planes(

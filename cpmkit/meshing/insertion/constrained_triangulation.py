@@ -167,8 +167,8 @@ class ConstrainedTriangulation:
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:
             for p, q in _edges(net.corners(waiting.pop())):
-                near = interpolate(net.at(p), net.at(q), nearest_share(place, net.at(p), net.at(q)))
-                if distance(place, near) < reach and edge_key(p, q) not in edges:
+                nearest_point = interpolate(net.at(p), net.at(q), nearest_share(place, net.at(p), net.at(q)))
+                if distance(place, nearest_point) < reach and edge_key(p, q) not in edges:
                     edges.add(edge_key(p, q))
                     fresh = set(net.cells_of_edge(p, q)) - seen
                     seen |= fresh

@@ -234,5 +234,5 @@ class CurveTracer:
             return None
         gap = norms(self._points[:old] - place)
         is_along = np.abs(self._directions[:old] @ direction) > 0.8
-        near = (gap < 0.7 * self.step) & (is_along | turned)
-        return int(np.argmin(np.where(near, gap, np.inf))) if near.any() else None
+        is_met = (gap < 0.7 * self.step) & (is_along | turned)
+        return int(np.argmin(np.where(is_met, gap, np.inf))) if is_met.any() else None

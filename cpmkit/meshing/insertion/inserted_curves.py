@@ -79,28 +79,28 @@ def refine_curve(
         both neighbours do.
     earlier : sequence of InsertionPolyline
     """
-    points, given = curve.loop, np.arange(len(curve.loop)) % len(curve.points)
-    partners = curve.partners[given]
+    points, original_rows = curve.loop, np.arange(len(curve.loop)) % len(curve.points)
+    partners = curve.partners[original_rows]
     for row in np.flatnonzero(partners[:, 0] >= 0).tolist():
         partners[row, 1] = earlier[partners[row, 0]].rows[partners[row, 1]]
     parallel = [_parallel_points(points[k : k + 2], partners[k : k + 2], earlier) for k in range(len(points) - 1)]
     at = np.repeat(np.arange(1, len(points)), [len(places) for places, _ in parallel])
     points = np.insert(points, at, np.concatenate([places for places, _ in parallel]), axis=0)
     partners = np.insert(partners, at, np.concatenate([pairs for _, pairs in parallel]), axis=0)
-    on, given = (np.insert(values, at, -1) for values in (on, given))
+    on, original_rows = (np.insert(values, at, -1) for values in (on, original_rows))
     size = search.local_size(points)
     while True:
         chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
         long = np.flatnonzero(chord > LONGEST_PIECE * np.minimum(size[:-1], size[1:]))
         if not len(long):
             whole = slice(len(points) - curve.closed)
-            rows = np.flatnonzero(given[whole] >= 0)
+            rows = np.flatnonzero(original_rows[whole] >= 0)
             return InsertionPolyline(points[whole], curve.closed, on[whole], partners[whole], len(earlier), rows)
         middle = 0.5 * (points[long] + points[long + 1])
         points = np.insert(points, long + 1, middle, axis=0)
         size = np.insert(size, long + 1, search.local_size(middle))
         both = np.where(on[long] == on[long + 1], on[long], -1)
-        on, given = np.insert(on, long + 1, both), np.insert(given, long + 1, -1)
+        on, original_rows = np.insert(on, long + 1, both), np.insert(original_rows, long + 1, -1)
         partners = np.insert(partners, long + 1, -1, axis=0)
 
 

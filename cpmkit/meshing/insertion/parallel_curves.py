@@ -67,13 +67,13 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
     reach : float
         The distance within which the curves are near.
     """
-    near = norms(off) < reach
-    stretch = np.cumsum(np.diff(near, prepend=near[:1]))
+    is_close = norms(off) < reach
+    stretch = np.cumsum(np.diff(is_close, prepend=is_close[:1]))
     ways = np.append(np.repeat(chords, SEGMENT_POINTS, axis=0), chords[-1:], axis=0)
     ways, off = unit(in_three_dimensions(ways)), in_three_dimensions(off)
-    crosses = (dots(off[1:], _rotate(off[:-1], ways[:-1], ways[1:])) < 0) & near[1:] & near[:-1]
+    crosses = (dots(off[1:], _rotate(off[:-1], ways[:-1], ways[1:])) < 0) & is_close[1:] & is_close[:-1]
     crossings = np.bincount(stretch[1:], crosses, minlength=stretch[-1] + 1)
-    return np.asarray(near & (crossings[stretch] >= 3))
+    return np.asarray(is_close & (crossings[stretch] >= 3))
 
 
 def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:

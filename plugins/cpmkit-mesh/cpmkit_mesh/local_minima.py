@@ -105,9 +105,12 @@ def merge_nearest(nearest: Nearest, radius: float, minima: LocalMinima) -> Local
 
     Of several triangles that share the nearest point, the search for it may name another one than the minima do.
     """
-    near = np.flatnonzero(nearest.distance <= radius)
-    rows, is_other = np.concatenate([near, minima.rows]), np.repeat([False, True], [len(near), len(minima.rows)])
-    both = [(getattr(nearest, name)[near], getattr(minima.points, name)) for name in nearest.__dataclass_fields__]
+    in_reach = np.flatnonzero(nearest.distance <= radius)
+    rows, is_other = (
+        np.concatenate([in_reach, minima.rows]),
+        np.repeat([False, True], [len(in_reach), len(minima.rows)]),
+    )
+    both = [(getattr(nearest, name)[in_reach], getattr(minima.points, name)) for name in nearest.__dataclass_fields__]
     points = Nearest(*[np.concatenate(pair) for pair in both])
     order = np.lexsort((points.distance, is_other, rows))
     return LocalMinima(rows[order], points.take(order), minima.measured)

@@ -73,10 +73,10 @@ def _approach(vertices: Floats, faces: Ints, others: Ints, distance: float) -> A
         least = int(np.argmin(gap))
         if gap[least] <= distance:
             return Approach(float(gap[least]), middle[least])
-        near = gap - 0.5 * np.linalg.norm(end - start, axis=1) <= distance
-        if not near.any():
+        is_close = gap - 0.5 * np.linalg.norm(end - start, axis=1) <= distance
+        if not is_close.any():
             return None
-        start, end = start[near], end[near]
+        start, end = start[is_close], end[is_close]
     return Approach(float(gap[least]), middle[least])
 
 
@@ -94,7 +94,7 @@ def _candidate_edges(vertices: Floats, faces: Ints, corners: Floats, distance: f
     target = used[inside]
     if not len(target):
         return np.zeros((0, 2), dtype=np.int64)
-    near: Bools = np.zeros(len(vertices), dtype=bool)
-    near[target] = find_nearest(build_tree(corners), vertices[target]).distance <= reach[target]
-    edges = np.sort(np.stack([start, end], axis=1)[near[start] | near[end]], axis=1)
+    is_close: Bools = np.zeros(len(vertices), dtype=bool)
+    is_close[target] = find_nearest(build_tree(corners), vertices[target]).distance <= reach[target]
+    edges = np.sort(np.stack([start, end], axis=1)[is_close[start] | is_close[end]], axis=1)
     return np.unique(edges, axis=0)

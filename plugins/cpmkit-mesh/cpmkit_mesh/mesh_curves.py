@@ -106,7 +106,7 @@ def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
         vertices=mesh.vertices[vertices],
         segments=chains.segments(),
         ends=chains.ends(),
-        given=mesh.given_vertices[vertices],
+        given_index=mesh.given_vertices[vertices],
         value_count=mesh.value_count,
         given_points=mesh.given_mesh[0],
     )

@@ -46,7 +46,7 @@ class Polyline:
         segment and ends at most one.
     ends : (k,) int64
         The value of ``edge`` at each vertex: 0 where an open chain starts, 1 where it ends, -1 elsewhere.
-    given : (k,) int64
+    given_index : (k,) int64
         The number of each vertex among the points that the user gave.
     value_count : int
         How many points the user gave: the rows that :meth:`interpolate` expects.
@@ -57,7 +57,7 @@ class Polyline:
     vertices: Floats
     segments: Ints
     ends: Ints
-    given: Ints
+    given_index: Ints
     value_count: int
     given_points: Floats
 
@@ -111,7 +111,7 @@ class Polyline:
         """Return ``values`` (value_count, ...) at the user's points interpolated along the segments at ``feet``."""
         segment, t = self._locate(feet)
         values = one_row_each(values, self.value_count, "points")
-        ends = self.given[self.segments[segment]]
+        ends = self.given_index[self.segments[segment]]
         t = t.reshape(-1, *(1,) * (values.ndim - 1))
         return (1.0 - t) * values[ends[:, 0]] + t * values[ends[:, 1]]
 
@@ -130,7 +130,7 @@ class Polyline:
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:
         """The points (value_count, d) that the user gave, and the segments (m, 2) between them."""
-        return self.given_points, self.given[self.segments]
+        return self.given_points, self.given_index[self.segments]
 
     def translated(self, offset: Floats, /) -> Polyline:
         """Return the polyline translated by ``offset`` (d,)."""

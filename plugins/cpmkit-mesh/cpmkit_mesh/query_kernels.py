@@ -43,20 +43,20 @@ def nearest(x, start, stop, boxes, nodes, frames, shape, slot, local, point, dis
                 continue
             node = waiting_node[waiting]
             while nodes[node, 0] == 0:
-                near = nodes[node, 1]
-                far = near + np.uint64(1)
-                near_square = _box_square(px, py, pz, boxes, near)
-                far_square = _box_square(px, py, pz, boxes, far)
+                near_node = nodes[node, 1]
+                far_node = near_node + np.uint64(1)
+                near_square = _box_square(px, py, pz, boxes, near_node)
+                far_square = _box_square(px, py, pz, boxes, far_node)
                 if far_square < near_square:
-                    near, far = far, near
+                    near_node, far_node = far_node, near_node
                     near_square, far_square = far_square, near_square
                 if far_square < best:
-                    waiting_node[waiting] = far
+                    waiting_node[waiting] = far_node
                     waiting_square[waiting] = far_square
                     waiting += 1
                 if near_square >= best:
                     break
-                node = near
+                node = near_node
             else:
                 first = nodes[node, 1]
                 for s in range(first, first + nodes[node, 0]):

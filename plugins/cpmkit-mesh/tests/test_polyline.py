@@ -54,7 +54,7 @@ def test_ends_of_an_open_polyline_are_its_edge():
         (SQUARE[[0, 0, 1, 2, 2, 2, 3, 4]], None, 4, True),
     ],
 )
-def test_a_polyline_closes_where_it_is_told_or_where_it_returns(points, closed, vertices, answer):
+def test_a_polyline_is_closed_on_request_or_where_it_returns(points, closed, vertices, answer):
     line = polyline(points=points, closed=closed)
     assert line.closed is answer
     assert line.mesh(1.0)[0].shape == (vertices, 2)

@@ -36,7 +36,7 @@ def test_a_line_that_returns_is_closed_and_rows_of_two_are_in_the_plane(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("name", "text", "told"),
+    ("name", "text", "message"),
     [
         ("a.csv", "", "'a.csv' is no polyline: it holds no point"),
         ("a.csv", "x,y,z\n0,0,0\n", "line 1 holds something else than numbers"),
@@ -49,8 +49,8 @@ def test_a_line_that_returns_is_closed_and_rows_of_two_are_in_the_plane(tmp_path
         ("nowhere.csv", None, "no file"),
     ],
 )
-def test_what_is_no_polyline_is_refused(tmp_path, name, text, told):
+def test_what_is_no_polyline_is_refused(tmp_path, name, text, message):
     if text is not None:
         (tmp_path / name).write_text(text)
-    with pytest.raises(InputError, match=told):
+    with pytest.raises(InputError, match=message):
         polyline(file=tmp_path / name)

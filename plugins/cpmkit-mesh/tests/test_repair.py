@@ -1,4 +1,4 @@
-"""What rounding did to a mesh is undone, and told; real detail is left alone."""
+"""Effects of rounding on a mesh are repaired, with a warning; real detail stays."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def soup(points, faces, noise):
     return corners + noise * rng.uniform(-1, 1, corners.shape), np.arange(len(corners)).reshape(-1, 3)
 
 
-def told(mesh, spacing=0.1):
+def warnings_of(mesh, spacing=0.1):
     advice = mesh.advice(spacing)
     return " ".join((*advice.warnings, *advice.closest_point_warnings))
 
@@ -42,7 +42,7 @@ def test_a_triangle_without_area_along_a_rim_changes_nothing(extra):
     points, faces = square()
     mesh = triangles(vertices=points, faces=np.concatenate([faces, extra]))
     assert_same_surface(mesh, triangles(vertices=points, faces=faces))
-    assert f"{len(extra)} triangles of the mesh have their corners on a line, the first near (0, " in told(mesh)
+    assert f"{len(extra)} triangles of the mesh have their corners on a line, the first near (0, " in warnings_of(mesh)
 
 
 @pytest.mark.parametrize("flipped", [False, True])
@@ -58,7 +58,7 @@ def test_a_triangle_without_area_inside_leaves_no_gap(flipped):
     assert mesh.adjacency.consistent
     assert (mesh.adjacency.neighbours != -1).all()
     assert_same_surface(mesh, triangles(vertices=points, faces=faces))
-    assert "1 triangles of the mesh have their corners on a line" in told(mesh)
+    assert "1 triangles of the mesh have their corners on a line" in warnings_of(mesh)
     feet = mesh.closest_point(points + 0.01)
     np.testing.assert_allclose(mesh.interpolate(np.concatenate([points, points[[a]]]) * 0 + 1.0, feet), 1.0)
 
@@ -74,17 +74,17 @@ def test_a_mesh_without_area_is_refused(vertices):
 
 @pytest.mark.parametrize("noise", [0.0, 1e-16, 1e-10, 1e-7])
 @pytest.mark.parametrize(("scale", "offset"), [(1.0, 0.0), (1e-6, 0.0), (1e6, 1e6)])
-def test_triangles_that_rounding_parted_hang_together(noise, scale, offset):
+def test_triangles_separated_by_rounding_are_joined(noise, scale, offset):
     points, faces = square()
     torn, cells = soup(points, faces, noise)
     mesh = triangles(vertices=scale * torn + offset, faces=cells)
     assert len(mesh.vertices) == len(points)
     assert len(mesh.adjacency.boundary) == 32
     assert len(set(mesh.adjacency.loop)) == 1
-    assert ("were taken for the same" in told(mesh, 0.1 * scale)) or noise < 1e-10
+    assert ("were taken for the same" in warnings_of(mesh, 0.1 * scale)) or noise < 1e-10
 
 
-def test_parted_triangles_solve_as_whole_ones():
+def test_separate_triangles_solve_as_a_whole_mesh():
     points, faces = square()
 
     def f(x):
@@ -112,7 +112,7 @@ def test_sheets_seams_and_corners_that_are_really_there_are_kept(sphere):
     assert len(sizes.vertices) == 2 * len(ball)
 
 
-def test_what_was_left_out_is_told(sphere):
+def test_there_is_a_warning_of_triangles_left_out(sphere):
     points, faces = sphere(1)
     cells = np.concatenate([faces, faces[:2, ::-1], [[0, 0, 1]]])
     mesh = triangles(vertices=np.concatenate([points, [[np.nan, 0, 0], [np.inf, 1, 1]]]), faces=cells)
@@ -144,30 +144,30 @@ def test_places_are_the_users(sphere):
         (flipped, "galerkin", "wound against"),
     ]:
         solution = ck.solve(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form=form)
-        (told,) = [text for text in solution.warnings if says in text]
-        place = [float(x) for x in told.split("near (")[1].split(")")[0].split(",")]
+        (warning,) = [text for text in solution.warnings if says in text]
+        place = [float(x) for x in warning.split("near (")[1].split(")")[0].split(",")]
         assert min(place) >= 100
         assert max(place) <= 101
 
 
-def test_pieces_are_counted_and_where_they_meet_is_told(sphere):
+def test_components_are_counted_and_there_is_a_warning_where_they_touch(sphere):
     points, faces = sphere(2)
 
     def pair(*offset):
         both = np.concatenate([points, points + offset])
         return triangles(vertices=both, faces=np.concatenate([faces, faces + len(points)]))
 
-    assert told(triangles(vertices=points, faces=faces)) == ""
-    assert told(pair(3, 0, 0)) == "The mesh has 2 pieces that share no edge; each is solved by itself."
+    assert warnings_of(triangles(vertices=points, faces=faces)) == ""
+    assert warnings_of(pair(3, 0, 0)) == "The mesh has 2 pieces that share no edge; each is solved by itself."
     for offset in [(1.3, 0.2, 0.1), (2.0, 0, 0), (2.04, 0, 0)]:
-        text = told(pair(*offset))
+        text = warnings_of(pair(*offset))
         assert text.startswith(
             "The mesh has 2 pieces that share no edge; each is solved by itself. Pieces of the mesh meet"
         )
         place = np.array([float(x) for x in text.split("near (")[1].split(")")[0].split(",")])
         assert abs(np.linalg.norm(place) - 1) < 0.15
         assert abs(np.linalg.norm(place - offset) - 1) < 0.15
-    assert "meet" not in told(pair(2.2, 0, 0))
+    assert "meet" not in warnings_of(pair(2.2, 0, 0))
 
 
 def test_large_triangles_that_pass_through_each_other_meet():
@@ -176,7 +176,7 @@ def test_large_triangles_that_pass_through_each_other_meet():
     corners = np.concatenate([5 * flat, 5 * flat[:, [2, 0, 1]] + [0.3, 0, 0], 5 * flat + [0, 0, 9]])
     cells = np.array([[0, 1, 2], [0, 2, 3]])
     mesh = triangles(vertices=corners, faces=np.concatenate([cells, cells + 4, cells + 8]))
-    assert "The mesh has 3 pieces" in told(mesh)
-    assert abs(float(told(mesh).split("near (")[1].split(",")[0]) - 0.3) < 0.05
+    assert "The mesh has 3 pieces" in warnings_of(mesh)
+    assert abs(float(warnings_of(mesh).split("near (")[1].split(",")[0]) - 0.3) < 0.05
     parallel = np.concatenate([5 * flat, 5 * flat + [0, 0, 0.3]])
-    assert "meet" not in told(triangles(vertices=parallel, faces=np.concatenate([cells, cells + 4])))
+    assert "meet" not in warnings_of(triangles(vertices=parallel, faces=np.concatenate([cells, cells + 4])))

@@ -1,4 +1,4 @@
-"""Faces that are wound against most of their piece are turned, which is told; what has one side only stays so."""
+"""Faces wound against most of their component are flipped, with a warning; one-sided components stay."""
 
 import numpy as np
 import pytest
@@ -39,8 +39,8 @@ def test_what_most_faces_call_left_is_left(sphere, share):
     cut = ck.Boundary("ring", ring, left=ck.Dirichlet(1.0), right=ck.Dirichlet(0.0))
     solution = ck.solve(ck.Scene(mesh, ck.Laplace(), [cut]), 0.25)
     np.testing.assert_allclose(solution.evaluate([[0, 0, 1.0], [0, 0, -1]]), [1, 0], atol=1e-6)
-    (told,) = [text for text in solution.warnings if "wound" in text]
-    assert told.startswith(f"{max(1, round(share * 512))} of 512 triangles of the mesh were wound against most")
+    (warning,) = [text for text in solution.warnings if "wound" in text]
+    assert warning.startswith(f"{max(1, round(share * 512))} of 512 triangles of the mesh were wound against most")
 
 
 def test_one_reversed_face_changes_nothing_but_the_warning(sphere):

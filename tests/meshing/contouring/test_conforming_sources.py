@@ -64,14 +64,14 @@ def holds(case, words):
 
 def cases(dimension):
     """Return the cases of this dimension that are not slow."""
-    found = [case for case in CASES if not holds(case, (*LEFT_OUT, *SLOW))]
-    return [case for case in found if source_of(case).manifold_dim == dimension and source_of(case).dim > dimension]
+    selected = [case for case in CASES if not holds(case, (*LEFT_OUT, *SLOW))]
+    return [case for case in selected if source_of(case).manifold_dim == dimension and source_of(case).dim > dimension]
 
 
 def table(values, case, default):
     """Return the entry of the longest key that the case's name holds."""
-    found = [key for key in values if key in str(case)]
-    return values[max(found, key=len)] if found else default
+    selected = [key for key in values if key in str(case)]
+    return values[max(selected, key=len)] if selected else default
 
 
 def drawn_size(source, case, spacing):

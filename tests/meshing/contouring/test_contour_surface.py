@@ -190,14 +190,14 @@ def test_a_thin_surface_is_one_piece(spacing, thin):
     solution = ck.solve(ck.Scene(surface, ck.ScreenedPoisson("x")), spacing, form="galerkin", estimate=False)
     dof_map = solution.discretized.space.dof_map
     assert components(len(dof_map.cells), dof_map.touching)[0] == 1
-    told = any("pieces of the triangulation by closest points" in text for text in solution.warnings)
-    assert told == (spacing < 0.2)  # the first is right as it is
+    has_warning = any("pieces of the triangulation by closest points" in text for text in solution.warnings)
+    assert has_warning == (spacing < 0.2)  # the first is right as it is
     assert np.abs(solution.evaluate(at) - fine).max() < 0.15 * np.ptp(fine)
 
 
 @pytest.mark.parametrize("angle", [40, 60, 75])
 def test_a_sharp_fold_is_one_piece(angle):
-    """Two leaves at an acute angle were parted along the whole crease: the gap over it shrinks by a tenth a halving."""
+    """Two leaves at an acute angle were separated along the crease: the gap shrinks by a tenth in a bisection."""
     leaves = Rectangles((leaf(0.0, 1.0, 0.8), leaf(np.radians(angle), 1.0, 0.8)))
     turned = Moved(leaves, TURN, np.zeros(3))
     mesh, report, _ = contoured(BareSurface(turned), 0.1)
@@ -222,12 +222,12 @@ def test_two_sheets_that_cross_stay_joined(angle):
     assert (topology(mesh)[0], topology(mesh)[2], report.defects.severity) == (1, 1, 0)
 
 
-def test_specks_are_left_out():
+def test_isolated_components_are_left_out():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [3, 0.3, 0], [3.3, 0, 0], [5, 5, 5]])
     cells = np.array([[0, 1, 2], [3, 4, 5], [6, 6, 6]])
-    kept, count = remove_isolated_components(vertices, cells, 1.0)
-    np.testing.assert_array_equal(kept, cells[:1])
+    remaining, count = remove_isolated_components(vertices, cells, 1.0)
+    np.testing.assert_array_equal(remaining, cells[:1])
     assert count == 2
-    kept, count = remove_isolated_components(vertices, cells[1:], 1.0)  # nothing else is there
-    np.testing.assert_array_equal(kept, cells[1:])
+    remaining, count = remove_isolated_components(vertices, cells[1:], 1.0)  # nothing else is there
+    np.testing.assert_array_equal(remaining, cells[1:])
     assert count == 0

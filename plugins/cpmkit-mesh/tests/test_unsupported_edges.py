@@ -22,7 +22,7 @@ def warnings(mesh, **keys):
     ],
     ids=["box", "capsule", "terrain"],
 )
-def test_flat_faces_beside_narrow_turns_are_told_with_what_to_do(mesh, percent):
+def test_there_is_a_warning_of_flat_faces_beside_narrow_turns(mesh, percent):
     (text,) = warnings(mesh)
     assert text.startswith(f"{percent}% of the mesh's area ")
     assert "closest = 'faceted'" in text
@@ -49,8 +49,8 @@ def test_smooth_shapes_and_bodies_with_sharp_edges_are_not(mesh):
 def test_both_forms_say_so_where_a_mesh_was_moved_too(form):
     (vertices, faces), _ = meshes.rounded_box(1, 0.3)
     source = ck.source("moved", of=ck.source("mesh.triangles", vertices=vertices, faces=faces), translation=[5, 0, 0])
-    told = ck.prepare(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form=form).discretized.warnings()
-    assert any("of the mesh's area" in text for text in told)
+    warnings = ck.prepare(ck.Scene(source, ck.ScreenedPoisson(1.0)), 0.2, form=form).discretized.warnings()
+    assert any("of the mesh's area" in text for text in warnings)
 
 
 def above(mesh, inside, height):

@@ -19,7 +19,7 @@ def at_vertices(points, faces):
 def averages(points, faces):
     """Return the normals before they are tilted: averages over the triangles around each vertex."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("cpmkit_mesh.corner_normals.fit_to_chords", lambda *given: given[3])
+        patch.setattr("cpmkit_mesh.corner_normals.fit_to_chords", lambda *arguments: arguments[3])
         normals = np.zeros_like(points)
         normals[faces.ravel()] = corner_normals(points, faces, topology(points, faces)).reshape(-1, 3)
     return normals
@@ -62,19 +62,19 @@ def errors(meshes):
 
 
 def test_normals_of_an_ellipsoid_become_more_than_twice_as_accurate(sphere):
-    found = errors([ellipsoid(*sphere(level)) for level in (3, 4, 5, 6)])
-    assert (found[:, 0] > 2.5 * found[:, 1]).all()
+    tilted = errors([ellipsoid(*sphere(level)) for level in (3, 4, 5, 6)])
+    assert (tilted[:, 0] > 2.5 * tilted[:, 1]).all()
 
 
 def test_normals_of_scattered_vertices_become_more_accurate():
-    found = errors([ellipsoid(*scattered(count)) for count in (600, 2400, 9600)])
-    assert (found[:, 0] > 1.5 * found[:, 1]).all()
+    tilted = errors([ellipsoid(*scattered(count)) for count in (600, 2400, 9600)])
+    assert (tilted[:, 0] > 1.5 * tilted[:, 1]).all()
 
 
 def test_normals_of_an_open_patch_become_more_accurate_and_stay_of_second_order():
-    found = errors([wave(count) for count in (9, 17, 33, 65)])
-    assert (found[:, 0] > 1.3 * found[:, 1]).all()
-    assert np.log2(found[:-1] / found[1:]).min() > 2
+    tilted = errors([wave(count) for count in (9, 17, 33, 65)])
+    assert (tilted[:, 0] > 1.3 * tilted[:, 1]).all()
+    assert np.log2(tilted[:-1] / tilted[1:]).min() > 2
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])

@@ -86,9 +86,9 @@ def test_feet_are_the_minima_that_a_search_of_all_triangles_finds(sphere, cap):
         rows, feet = mesh.local_minima(x, 0.8)
         for row in range(len(x)):
             points, distance = all_minima(mesh, x[row], 0.8)
-            own = rows == row
-            np.testing.assert_allclose(feet.distance[own], distance, atol=1e-12)
-            apart = np.linalg.norm(feet.points[own][:, None] - points, axis=2)
+            of_sheet = rows == row
+            np.testing.assert_allclose(feet.distance[of_sheet], distance, atol=1e-12)
+            apart = np.linalg.norm(feet.points[of_sheet][:, None] - points, axis=2)
             assert (apart.min(axis=0, initial=1.0) < 1e-7).all()
 
 
@@ -135,11 +135,11 @@ def test_the_first_foot_is_the_closest_point_to_the_last_digit(troublesome):
         mesh = triangles(vertices=points, faces=faces, closest=closest)
         x = np.random.default_rng(3).uniform(*mesh.bounds, (2000, 3))
         nearest, (rows, feet) = mesh.closest_point(x), mesh.local_minima(x, 60.0)
-        near = np.flatnonzero(nearest.distance <= 60)
-        first = np.searchsorted(rows, near)
-        np.testing.assert_array_equal(np.unique(rows), near)
+        in_reach = np.flatnonzero(nearest.distance <= 60)
+        first = np.searchsorted(rows, in_reach)
+        np.testing.assert_array_equal(np.unique(rows), in_reach)
         for name in ("points", "distance", "edge", "element", "local"):
-            np.testing.assert_array_equal(getattr(feet, name)[first], getattr(nearest, name)[near])
+            np.testing.assert_array_equal(getattr(feet, name)[first], getattr(nearest, name)[in_reach])
 
 
 def test_answers_do_not_depend_on_the_number_of_threads(monkeypatch, sphere):
@@ -179,12 +179,12 @@ def test_thin_parts_of_a_fish_have_a_foot_on_each_side(real_mesh):
     nearest = mesh.closest_point(below)
     thin = np.einsum("nk,nk->n", mesh.normals(nearest), normals) < -0.9
     assert thin.sum() > 300
-    rows, found = mesh.local_minima(below[thin], 0.031 * size)
-    own = np.linalg.norm(found.points - middle[thin][rows], axis=1) < 0.004 * size
-    assert len(np.unique(rows[own])) > 0.9 * thin.sum()
+    rows, minima = mesh.local_minima(below[thin], 0.031 * size)
+    of_sheet = np.linalg.norm(minima.points - middle[thin][rows], axis=1) < 0.004 * size
+    assert len(np.unique(rows[of_sheet])) > 0.9 * thin.sum()
 
 
-def test_feet_pass_through_motions_and_unions_and_are_asked_from_the_lattice(sphere):
+def test_local_minima_of_moved_meshes_and_unions_from_the_lattice(sphere):
     points, faces = sphere(2)
     ball = triangles(vertices=points, faces=faces)
     flipped = ck.source("moved", of=ball, rotation=[0.3, -1.1, 0.7], translation=[4.0, -2.0, 7.0], scale=3.0)

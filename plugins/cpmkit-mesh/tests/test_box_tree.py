@@ -56,20 +56,22 @@ def test_distances_equal_those_of_all_triangles(scale, offset):
     corners = soup(rng, 600) * scale + offset
     x = np.concatenate([rng.uniform(-1.5, 1.5, (400, 3)), rng.uniform(-30, 30, (100, 3))]) * scale + offset
     x = np.concatenate([x, corners.reshape(-1, 3)[:100], corners.mean(axis=1)[:100]])
-    found = find_nearest(build_tree(corners), x)
+    nearest_points = find_nearest(build_tree(corners), x)
     size = max(scale, offset / 100)
-    np.testing.assert_allclose(found.distance, brute_force(x, corners), rtol=1e-12, atol=1e-12 * size)
+    np.testing.assert_allclose(nearest_points.distance, brute_force(x, corners), rtol=1e-12, atol=1e-12 * size)
 
 
 def test_a_record_is_consistent_with_itself():
     rng = np.random.default_rng(2)
     corners, x = soup(rng, 500), rng.uniform(-1.5, 1.5, (2000, 3))
     tree = build_tree(corners)
-    found = find_nearest(tree, x)
-    local = np.column_stack([1 - found.local.sum(axis=1), found.local])
+    nearest_points = find_nearest(tree, x)
+    local = np.column_stack([1 - nearest_points.local.sum(axis=1), nearest_points.local])
     assert local.min() >= -1e-15
-    np.testing.assert_allclose(np.einsum("nc,nck->nk", local, corners[tree.order[found.slot]]), found.point, atol=1e-14)
-    np.testing.assert_allclose(np.linalg.norm(x - found.point, axis=1), found.distance, rtol=1e-15)
+    np.testing.assert_allclose(
+        np.einsum("nc,nck->nk", local, corners[tree.order[nearest_points.slot]]), nearest_points.point, atol=1e-14
+    )
+    np.testing.assert_allclose(np.linalg.norm(x - nearest_points.point, axis=1), nearest_points.distance, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -30,9 +30,9 @@ def test_feet_are_those_of_a_mesh_made_there(offset):
 
 
 def test_smooth_feet_near_the_mesh_too():
-    offset, near = np.array([0.3, -0.1, 0.2]), BALL.vertices[:200] * 1.05 + 0.01
-    moved = ball("smooth").translated(offset).closest_point(near + offset)
-    np.testing.assert_allclose(moved.points, ball("smooth", offset).closest_point(near + offset).points, atol=1e-13)
+    offset, queries = np.array([0.3, -0.1, 0.2]), BALL.vertices[:200] * 1.05 + 0.01
+    moved = ball("smooth").translated(offset).closest_point(queries + offset)
+    np.testing.assert_allclose(moved.points, ball("smooth", offset).closest_point(queries + offset).points, atol=1e-13)
 
 
 def test_one_tree_is_built_however_often_a_mesh_is_moved(monkeypatch):

@@ -96,10 +96,12 @@ def test_needles_do_not_look_like_creases():
 
 
 def test_edges_at_which_three_triangles_meet_are_reported():
-    found = warned(tee(), 0.1, crease_angle=170)
-    assert len(found) == 1
-    assert found[0].startswith("4 edges of the mesh are shared by three or more triangles, the first near (0, ")
-    assert triangles(vertices=tee()[0], faces=tee()[1]).own_warnings(0.1) == found
+    warnings_found = warned(tee(), 0.1, crease_angle=170)
+    assert len(warnings_found) == 1
+    assert warnings_found[0].startswith(
+        "4 edges of the mesh are shared by three or more triangles, the first near (0, "
+    )
+    assert triangles(vertices=tee()[0], faces=tee()[1]).own_warnings(0.1) == warnings_found
 
 
 @pytest.mark.parametrize("closest", ["smooth", "faceted"])
@@ -108,15 +110,15 @@ def test_sheets_that_branch_at_an_edge_stay_flat_there(closest):
     points, faces = [], []
     for angle in 0.3 + 2 * np.pi / 3 * np.arange(3):
         sheet, cells = ridge(0.0, 0.5)
-        kept = np.flatnonzero(sheet[:, 0] >= 0)
+        remaining = np.flatnonzero(sheet[:, 0] >= 0)
         number = np.full(len(sheet), -1)
-        number[kept] = sum(map(len, points)) + np.arange(len(kept))
-        points.append(sheet[kept] @ [[np.cos(angle), np.sin(angle), 0], [0, 0, 1], [0, 0, 0]])
+        number[remaining] = sum(map(len, points)) + np.arange(len(remaining))
+        points.append(sheet[remaining] @ [[np.cos(angle), np.sin(angle), 0], [0, 0, 1], [0, 0, 0]])
         faces.append(number[cells][(number[cells] >= 0).all(axis=1)])
     mesh = triangles(vertices=np.concatenate(points), faces=np.concatenate(faces), closest=closest)
     with pytest.warns(ck.CpmkitWarning, match="2 edges of the mesh are shared by three or more triangles"):
-        found = ck.solve(ck.Scene(mesh, ck.Eigen(count=7)), spacing=0.1).eigenvalues
-    np.testing.assert_allclose(found[1:], np.pi**2 * np.array([0.25, 0.25, 1, 1, 1.25, 1.25]), rtol=2e-3)
+        warnings_found = ck.solve(ck.Scene(mesh, ck.Eigen(count=7)), spacing=0.1).eigenvalues
+    np.testing.assert_allclose(warnings_found[1:], np.pi**2 * np.array([0.25, 0.25, 1, 1, 1.25, 1.25]), rtol=2e-3)
 
 
 def test_triangles_given_twice_count_once(sphere):

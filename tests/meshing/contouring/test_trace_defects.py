@@ -1,4 +1,4 @@
-"""What is wrong with a trace is found by its laws, and told by place and size."""
+"""Defects of a trace are found, and warnings name their place and size."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ POINTS = np.stack([np.linspace(0, 3, 13), np.zeros(13)], axis=1)
 
 def trace(vertices, segments, ends=(0, 3), gaps=()):
     segments = np.array(segments)
-    feet = vertices[segments].mean(axis=1)
-    return Trace(vertices, segments, feet, np.array(ends), np.reshape(gaps, (-1, 2)).astype(float))
+    midpoints = vertices[segments].mean(axis=1)
+    return Trace(vertices, segments, midpoints, np.array(ends), np.reshape(gaps, (-1, 2)).astype(float))
 
 
 WHOLE = trace(LINE, [[0, 1], [1, 2], [2, 3]])
@@ -31,14 +31,14 @@ def test_a_whole_trace_breaks_none():
 
 
 def test_points_without_a_segment_are_missed_by_their_distance():
-    broken = trace_defects(WHOLE, np.concatenate([POINTS, [[3.0, 0.11], [3.0, 0.09], [3.0, 2.0]]]), 1.0)
-    assert broken.missed.tolist() == [[3.0, 0.11], [3.0, 2.0]]
-    assert broken.missed_distances == pytest.approx([0.11, 2.0])
+    defects = trace_defects(WHOLE, np.concatenate([POINTS, [[3.0, 0.11], [3.0, 0.09], [3.0, 2.0]]]), 1.0)
+    assert defects.missed.tolist() == [[3.0, 0.11], [3.0, 2.0]]
+    assert defects.missed_distances == pytest.approx([0.11, 2.0])
 
 
 def test_a_segment_along_two_others_is_double():
-    broken = trace_defects(trace(LINE, [[0, 1], [1, 2], [2, 3], [1, 3]]), POINTS, 1.0)
-    assert sorted(broken.covered_twice[:, 0]) == [1.5, 2.0, 2.5]
+    defects = trace_defects(trace(LINE, [[0, 1], [1, 2], [2, 3], [1, 3]]), POINTS, 1.0)
+    assert sorted(defects.covered_twice[:, 0]) == [1.5, 2.0, 2.5]
 
 
 def test_strands_at_an_angle_are_not_double():
@@ -58,7 +58,7 @@ def test_ends_that_the_curve_does_not_have_are_gaps():
         ([{"radius": 1.0}, {"radius": 1.001}], r"loose ends at \d+ places where the curve has none, the first near"),
     ],
 )
-def test_what_no_lattice_helps_is_told_by_its_place(members, sentence):
+def test_a_defect_on_every_lattice_is_warned_of_with_its_place(members, sentence):
     circles = [ck.source("analytic.circle", **{"center": [0, 0], **keys}) for keys in members]
     scene = ck.Scene(Bare(ck.source("union", members=circles)), ck.ScreenedPoisson(1.0))
     with pytest.warns(ck.CpmkitWarning, match=sentence):
