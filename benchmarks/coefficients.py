@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 SPHERE = ck.source("analytic.sphere")
 #: Positions of the grid.

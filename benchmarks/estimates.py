@@ -24,8 +24,8 @@ from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.spacing_search import first_spacing
 from cpmkit.errors import CpmkitError
 from cpmkit.facade import Solution
-from cpmkit.protocols import Floats
 from cpmkit.studies.tables import table_row, table_rule
+from cpmkit.types import Floats
 
 #: Spacings over that of a tolerance's first solve.
 SHARES = (1.0, 0.63, 0.4, 0.25, 0.16, 0.1)

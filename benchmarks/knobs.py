@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 SPACINGS = (0.2, 0.1, 0.05)
 DEGREES = (1, 2, 3)

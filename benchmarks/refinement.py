@@ -18,8 +18,8 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
 from cpmkit.facade import Solution
-from cpmkit.protocols import Floats
 from cpmkit.studies.tables import table_row, table_rule
+from cpmkit.types import Floats
 
 SPHERE = ck.source("analytic.sphere")
 CENTRE = np.array([0.6, 0.48, 0.64])

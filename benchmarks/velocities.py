@@ -15,8 +15,8 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.protocols import Floats
 from cpmkit.studies.tables import table_row, table_rule
+from cpmkit.types import Floats
 
 AXIS = np.array([1.0, 2.0, 2.0]) / 3
 SPHERE, CIRCLE = ck.source("analytic.sphere"), ck.source("analytic.circle")

@@ -28,13 +28,13 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.forms.field import Field as Field
     from cpmkit.grid.band import build_band as build_band
     from cpmkit.loading import load as load
+    from cpmkit.manifold.source import ClosestPoints as ClosestPoints
+    from cpmkit.manifold.source import ClosestPointSource as ClosestPointSource
     from cpmkit.picking import pick_line as pick_line
     from cpmkit.plugins import read_mesh as read_mesh
     from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
     from cpmkit.preparing import prepare as prepare
-    from cpmkit.protocols import ClosestPoints as ClosestPoints
-    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
     from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.compound_equations import Biharmonic as Biharmonic
     from cpmkit.scene.compound_equations import Coupled as Coupled
@@ -77,8 +77,8 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "Biharmonic": "scene.compound_equations",
     "Boundary": "scene.boundary",
-    "ClosestPoints": "protocols",
-    "ClosestPointSource": "protocols",
+    "ClosestPoints": "manifold.source",
+    "ClosestPointSource": "manifold.source",
     "ConvergenceError": "errors",
     "Coupled": "scene.compound_equations",
     "CpmkitError": "errors",

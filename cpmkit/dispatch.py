@@ -12,17 +12,18 @@ from cpmkit.families.context import Kept, SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.backend import Backend
 from cpmkit.forms.choice import every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.options import Options, solver_of
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, make_step_solver
 from cpmkit.plugins import call, check_keys, factory, takes
-from cpmkit.protocols import Backend, Floats, Progress, no_progress
 from cpmkit.runtime.options import declared_options, split_options
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats, Progress, no_progress
 
 #: The module that solves each family of equations, and its function.
 FAMILIES = {

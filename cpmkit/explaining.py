@@ -14,18 +14,18 @@ from cpmkit.forms.choice import FORMS, cost_model, every_option, explain_memory_
 from cpmkit.forms.cost_model import CostModel, line_through
 from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
 from cpmkit.forms.options import Options
-from cpmkit.grid.band import check_numbered
+from cpmkit.grid.blocks import check_numbered
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.local_source import largest_dim, localize
-from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
-from cpmkit.protocols import Progress
+from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.runtime.deprecation import deprecated_keywords
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import document_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Progress
 
 #: Without a dry run unknowns and bytes are within this factor of the truth (measured on ten scenes).
 OFF_BY = 2.0
@@ -76,7 +76,7 @@ def explain(
         model = cost_model(scene, target)
         with explain_memory_error(scene, target, solver):
             explained = model.explain(solver, shown) if dry_run or seconds else quick_estimate(model, solver)
-        warnings = (*mixed_joint_sentences(scene.surface, target.spacing), *explained.warnings)
+        warnings = (*mixed_joint_warnings(scene.surface, target.spacing), *explained.warnings)
         explained = replace(explained, warnings=warnings)
         return _with_seconds(explained, scene, target.spacing, shown, dict(options)) if seconds else explained
 

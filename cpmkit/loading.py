@@ -16,9 +16,9 @@ from cpmkit.forms.choice import module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Ints
 from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Ints
 
 #: No inner node of a band is farther from the bounds of the surface than so many spacings.
 MOST_BAND_SPACINGS = 12

@@ -13,10 +13,12 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.facade import Solution
 from cpmkit.files.whole_files import written_whole
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import with_corners
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.messages import install_command
 from cpmkit.scene.surface_input import Surface, as_source
+from cpmkit.types import Floats
 from cpmkit.view.drawing import in_space
 
 #: Neighbouring points of a line that are farther apart than so many steps are not on one stretch of the surface.

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from cpmkit.files.ply_files import ply_vertices as ply_vertices
     from cpmkit.files.ply_files import read_ply as read_ply
     from cpmkit.files.whole_files import write_png as write_png
+    from cpmkit.forms.backend import Backend as Backend
     from cpmkit.forms.contract import Discretized as Discretized
     from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
     from cpmkit.forms.contract import named_sides as named_sides
@@ -44,32 +45,52 @@ if TYPE_CHECKING:
     from cpmkit.formulas.trees import COORDINATES as COORDINATES
     from cpmkit.formulas.trees import FUNCTIONS as FUNCTIONS
     from cpmkit.formulas.trees import formula_tree as formula_tree
-    from cpmkit.grid.band import cell_levels as cell_levels
-    from cpmkit.grid.fitting import needed_spacing as needed_spacing
+    from cpmkit.grid.blocks import cell_levels as cell_levels
+    from cpmkit.grid.spacings import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
     from cpmkit.linear.operators import CsrOperator as CsrOperator
+    from cpmkit.linear.protocols import LinearSolver as LinearSolver
+    from cpmkit.linear.protocols import Operator as Operator
+    from cpmkit.linear.protocols import PreparedSolver as PreparedSolver
+    from cpmkit.linear.protocols import Stiffness as Stiffness
     from cpmkit.linear.residuals import judge as judge
     from cpmkit.linear.solve_report import SolveReport as SolveReport
     from cpmkit.manifold.abilities import MOST_EDGES as MOST_EDGES
+    from cpmkit.manifold.abilities import Advice as Advice
+    from cpmkit.manifold.abilities import HasAdvice as HasAdvice
+    from cpmkit.manifold.abilities import HasCreases as HasCreases
+    from cpmkit.manifold.abilities import HasFacets as HasFacets
+    from cpmkit.manifold.abilities import HasGivenMesh as HasGivenMesh
+    from cpmkit.manifold.abilities import HasLeft as HasLeft
+    from cpmkit.manifold.abilities import HasLocalMinima as HasLocalMinima
+    from cpmkit.manifold.abilities import HasMembers as HasMembers
+    from cpmkit.manifold.abilities import HasMesh as HasMesh
+    from cpmkit.manifold.abilities import HasNormals as HasNormals
+    from cpmkit.manifold.abilities import HasTangents as HasTangents
+    from cpmkit.manifold.abilities import HasTranslation as HasTranslation
+    from cpmkit.manifold.abilities import HasValues as HasValues
     from cpmkit.manifold.abilities import advice_of as advice_of
     from cpmkit.manifold.abilities import edge_limit_of as edge_limit_of
     from cpmkit.manifold.abilities import local_minima_of as local_minima_of
+    from cpmkit.manifold.abilities import members_of as members_of
     from cpmkit.manifold.abilities import warnings_of as warnings_of
-    from cpmkit.manifold.answers import check_source as check_source
     from cpmkit.manifold.chains import Chain as Chain
-    from cpmkit.manifold.chains import chains as chains
+    from cpmkit.manifold.chains import link_chains as link_chains
     from cpmkit.manifold.local_source import LocalSource as LocalSource
     from cpmkit.manifold.local_source import localize as localize
-    from cpmkit.manifold.rotation import as_rotation as as_rotation
-    from cpmkit.manifold.rotation import rotate as rotate
-    from cpmkit.manifold.short_text import source_repr as source_repr
+    from cpmkit.manifold.source import ClosestPoints as ClosestPoints
+    from cpmkit.manifold.source import ClosestPointSource as ClosestPointSource
+    from cpmkit.manifold.source import check_source as check_source
+    from cpmkit.manifold.source import source_repr as source_repr
     from cpmkit.manifold.tangent_space import outward_conormals as outward_conormals
     from cpmkit.manifold.tangent_space import unit_normals as unit_normals
     from cpmkit.manifold.tangent_space import unit_tangents as unit_tangents
-    from cpmkit.manifold.vectors import dots as dots
-    from cpmkit.manifold.vectors import norms as norms
-    from cpmkit.manifold.vectors import unit as unit
+    from cpmkit.manifold.vector_algebra import as_rotation as as_rotation
+    from cpmkit.manifold.vector_algebra import dots as dots
+    from cpmkit.manifold.vector_algebra import norms as norms
+    from cpmkit.manifold.vector_algebra import rotate as rotate
+    from cpmkit.manifold.vector_algebra import unit as unit
     from cpmkit.mesh.mixed_cells import Polyline as Polyline
     from cpmkit.mesh.mixed_cells import chain_segments as chain_segments
     from cpmkit.mesh.mixed_cells import number_edges as number_edges
@@ -78,37 +99,6 @@ if TYPE_CHECKING:
     from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
     from cpmkit.mesh.rectangle import rectangle as rectangle
     from cpmkit.plugins import source as source
-    from cpmkit.protocols import SIDES as SIDES
-    from cpmkit.protocols import Advice as Advice
-    from cpmkit.protocols import Backend as Backend
-    from cpmkit.protocols import Bools as Bools
-    from cpmkit.protocols import BoundarySet as BoundarySet
-    from cpmkit.protocols import ClosestPoints as ClosestPoints
-    from cpmkit.protocols import ClosestPointSource as ClosestPointSource
-    from cpmkit.protocols import CutsItself as CutsItself
-    from cpmkit.protocols import Floats as Floats
-    from cpmkit.protocols import HasAdvice as HasAdvice
-    from cpmkit.protocols import HasCreases as HasCreases
-    from cpmkit.protocols import HasFiniteFeet as HasFiniteFeet
-    from cpmkit.protocols import HasGivenMesh as HasGivenMesh
-    from cpmkit.protocols import HasLeft as HasLeft
-    from cpmkit.protocols import HasLocalMinima as HasLocalMinima
-    from cpmkit.protocols import HasManyEdges as HasManyEdges
-    from cpmkit.protocols import HasMembers as HasMembers
-    from cpmkit.protocols import HasMesh as HasMesh
-    from cpmkit.protocols import HasNormals as HasNormals
-    from cpmkit.protocols import HasTangents as HasTangents
-    from cpmkit.protocols import HasTranslation as HasTranslation
-    from cpmkit.protocols import HasValues as HasValues
-    from cpmkit.protocols import Ints as Ints
-    from cpmkit.protocols import LinearSolver as LinearSolver
-    from cpmkit.protocols import NamesLeft as NamesLeft
-    from cpmkit.protocols import Operator as Operator
-    from cpmkit.protocols import PreparedSolver as PreparedSolver
-    from cpmkit.protocols import Progress as Progress
-    from cpmkit.protocols import Side as Side
-    from cpmkit.protocols import Stiffness as Stiffness
-    from cpmkit.protocols import no_progress as no_progress
     from cpmkit.runtime.arrays import as_colour as as_colour
     from cpmkit.runtime.arrays import as_points as as_points
     from cpmkit.runtime.arrays import as_positions as as_positions
@@ -123,6 +113,7 @@ if TYPE_CHECKING:
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
+    from cpmkit.scene.boundary import BoundarySet as BoundarySet
     from cpmkit.scene.conditions import Condition as Condition
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
     from cpmkit.scene.conditions import Neumann as Neumann
@@ -150,39 +141,44 @@ if TYPE_CHECKING:
     from cpmkit.testing import ConformanceCase as ConformanceCase
     from cpmkit.testing import parametrize_with_laws as parametrize_with_laws
     from cpmkit.testing import run_laws as run_laws
+    from cpmkit.types import SIDES as SIDES
+    from cpmkit.types import Bools as Bools
+    from cpmkit.types import Floats as Floats
+    from cpmkit.types import Ints as Ints
+    from cpmkit.types import Progress as Progress
+    from cpmkit.types import Side as Side
+    from cpmkit.types import no_progress as no_progress
 
 #: The names by what they serve, each with the module that holds it.
 GROUPS: dict[str, dict[str, str]] = {
     "Types": {
-        "Bools": "protocols",
-        "ClosestPointSource": "protocols",
-        "ClosestPoints": "protocols",
-        "Floats": "protocols",
-        "Ints": "protocols",
-        "Progress": "protocols",
-        "Side": "protocols",
+        "Bools": "types",
+        "ClosestPointSource": "manifold.source",
+        "ClosestPoints": "manifold.source",
+        "Floats": "types",
+        "Ints": "types",
+        "Progress": "types",
+        "Side": "types",
     },
     "Abilities of sources": {
-        "Advice": "protocols",
-        "HasAdvice": "protocols",
-        "HasFiniteFeet": "protocols",
-        "HasGivenMesh": "protocols",
-        "HasLeft": "protocols",
-        "HasLocalMinima": "protocols",
-        "HasManyEdges": "protocols",
-        "HasMembers": "protocols",
-        "HasMesh": "protocols",
-        "HasNormals": "protocols",
-        "HasTangents": "protocols",
-        "HasTranslation": "protocols",
-        "HasValues": "protocols",
-        "NamesLeft": "protocols",
+        "Advice": "manifold.abilities",
+        "HasAdvice": "manifold.abilities",
+        "HasGivenMesh": "manifold.abilities",
+        "HasLeft": "manifold.abilities",
+        "HasLocalMinima": "manifold.abilities",
+        "HasMembers": "manifold.abilities",
+        "HasMesh": "manifold.abilities",
+        "HasNormals": "manifold.abilities",
+        "HasTangents": "manifold.abilities",
+        "HasTranslation": "manifold.abilities",
+        "HasValues": "manifold.abilities",
         "MOST_EDGES": "manifold.abilities",
         "advice_of": "manifold.abilities",
         "edge_limit_of": "manifold.abilities",
         "local_minima_of": "manifold.abilities",
-        "CutsItself": "protocols",
-        "HasCreases": "protocols",
+        "HasCreases": "manifold.abilities",
+        "members_of": "manifold.abilities",
+        "HasFacets": "manifold.abilities",
     },
     "Errors": {
         "ConvergenceError": "errors",
@@ -204,9 +200,9 @@ GROUPS: dict[str, dict[str, str]] = {
         "one_row_each": "runtime.arrays",
         "positive": "runtime.arrays",
         "whole": "runtime.arrays",
-        "as_rotation": "manifold.rotation",
+        "as_rotation": "manifold.vector_algebra",
         "as_colour": "runtime.arrays",
-        "check_source": "manifold.answers",
+        "check_source": "manifold.source",
     },
     "Reading and writing files": {
         "PlyLists": "files.ply_files",
@@ -232,14 +228,14 @@ GROUPS: dict[str, dict[str, str]] = {
         "thread_count": "runtime.threads",
     },
     "Vectors and meshes": {
-        "source_repr": "manifold.short_text",
-        "dots": "manifold.vectors",
-        "norms": "manifold.vectors",
-        "unit": "manifold.vectors",
+        "source_repr": "manifold.source",
+        "dots": "manifold.vector_algebra",
+        "norms": "manifold.vector_algebra",
+        "unit": "manifold.vector_algebra",
         "rectangle": "mesh.rectangle",
-        "rotate": "manifold.rotation",
+        "rotate": "manifold.vector_algebra",
         "Chain": "manifold.chains",
-        "chains": "manifold.chains",
+        "link_chains": "manifold.chains",
         "number_edges": "mesh.mixed_cells",
         "rotate_triangles": "mesh.mixed_cells",
         "Polyline": "mesh.mixed_cells",
@@ -251,7 +247,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "outward_conormals": "manifold.tangent_space",
         "unit_normals": "manifold.tangent_space",
         "unit_tangents": "manifold.tangent_space",
-        "cell_levels": "grid.band",
+        "cell_levels": "grid.blocks",
     },
     "Making and solving scenes": {
         "source": "plugins",
@@ -264,8 +260,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "Solution": "facade",
     },
     "Scenes, and the laws of their conditions": {
-        "BoundarySet": "protocols",
-        "SIDES": "protocols",
+        "BoundarySet": "scene.boundary",
+        "SIDES": "types",
         "Condition": "scene.conditions",
         "Data": "scene.data",
         "evaluate_data": "scene.data",
@@ -286,16 +282,16 @@ GROUPS: dict[str, dict[str, str]] = {
         "Scene": "scene.scene",
     },
     "Linear solvers": {
-        "LinearSolver": "protocols",
-        "Operator": "protocols",
-        "PreparedSolver": "protocols",
+        "LinearSolver": "linear.protocols",
+        "Operator": "linear.protocols",
+        "PreparedSolver": "linear.protocols",
         "SolveReport": "linear.solve_report",
         "judge": "linear.residuals",
     },
     "Forms and back ends": {
-        "Backend": "protocols",
-        "Stiffness": "protocols",
-        "no_progress": "protocols",
+        "Backend": "forms.backend",
+        "Stiffness": "linear.protocols",
+        "no_progress": "types",
         "Border": "linear.operators",
         "CsrOperator": "linear.operators",
         "Discretized": "forms.contract",
@@ -307,7 +303,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "DisplayMesh": "solution.display_mesh",
         "edge_support": "mesh.normals_of_mesh",
         "vertex_normals": "mesh.normals_of_mesh",
-        "needed_spacing": "grid.fitting",
+        "needed_spacing": "grid.spacings",
         "warnings_of": "manifold.abilities",
         "conditions_depend_on_time": "forms.contract",
         "named_sides": "forms.contract",

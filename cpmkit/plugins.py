@@ -1,8 +1,4 @@
-"""Finding plugins from metadata, and importing the one that a scene names.
-
-Listing reads the names of entry points and imports nothing. A kind's plugin is imported and
-registered with pluggy when the kind is asked for, and no other plugin is.
-"""
+"""The installed plugins: their kinds are listed from metadata, and one is imported when a scene uses its kind."""
 
 from __future__ import annotations
 
@@ -23,18 +19,19 @@ from cpmkit.runtime.messages import COMBINATIONS, PLUGIN_FAMILIES, did_you_mean,
 from cpmkit.runtime.options import check_key_types
 
 if TYPE_CHECKING:
-    from cpmkit.protocols import ClosestPointSource, Floats, Ints
+    from cpmkit.manifold.source import ClosestPointSource
+    from cpmkit.types import Floats, Ints
 
-Made = TypeVar("Made")
-KINDS_GROUP = "cpmkit.kinds"
-COMMANDS_GROUP = "cpmkit.commands"
-#: Hooks through which plugins hand factories of kinds.
+Product = TypeVar("Product")
+#: Groups of entry points: of kinds, one entry point each, and of commands.
+KINDS_GROUP, COMMANDS_GROUP = "cpmkit.kinds", "cpmkit.commands"
+#: Hooks that return factories of kinds.
 FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
 
 
 @dataclass(frozen=True)
 class InstalledKind:
-    """One kind and the distribution that offers it, read from metadata alone."""
+    """A kind and the distribution that declares it, read from metadata."""
 
     kind: str
     distribution: str
@@ -43,7 +40,7 @@ class InstalledKind:
 
 
 def manager() -> pluggy.PluginManager:
-    """Return the one plugin manager of the process, made at the first call."""
+    """Return the plugin manager of the process, created at the first call."""
     global _manager
     if _manager is None:
         _manager = pluggy.PluginManager("cpmkit")
@@ -55,15 +52,15 @@ _manager: pluggy.PluginManager | None = None
 
 
 def installed_kinds() -> list[InstalledKind]:
-    """Return every kind that an installed distribution declares, sorted, importing none of them."""
-    found = []
+    """Return every kind that an installed distribution declares, sorted, without imports."""
+    kinds = []
     for point in entry_points(group=KINDS_GROUP):
         name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
-        found.append(InstalledKind(point.name, name, version, point.value))
-    return sorted(found, key=lambda kind: kind.kind)
+        kinds.append(InstalledKind(point.name, name, version, point.value))
+    return sorted(kinds, key=lambda kind: kind.kind)
 
 
-def _unknown_kind(kind: str) -> str:
+def _unknown_kind_message(kind: str) -> str:
     kinds = [installed.kind for installed in installed_kinds()]
     missing = f"No plugin provides the kind {shown(kind)}"
     last_words = {name.rpartition(".")[2]: name for name in kinds}
@@ -72,9 +69,9 @@ def _unknown_kind(kind: str) -> str:
         word = meant.split("'")[1]
         return f"{missing}; did you mean {last_words.get(word, word)!r}? `cpmkit plugins` lists those installed."
     family = kind.partition(".")[0]
-    near = [name for name in kinds if name.startswith(family + ".")]
-    if near:
-        return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(near)}."
+    relatives = [name for name in kinds if name.startswith(family + ".")]
+    if relatives:
+        return f"{missing}{meant}. Kinds of the family {family!r}: {', '.join(relatives)}."
     listed = ", ".join(kinds) or "none"
     extra = "combinations" if family in COMBINATIONS else family
     advice = f" {install_command(extra)} adds the family {family!r}." if extra in PLUGIN_FAMILIES else ""
@@ -82,7 +79,7 @@ def _unknown_kind(kind: str) -> str:
 
 
 def load(kind: str) -> Any:
-    """Import and register the plugin that offers ``kind``; return it.
+    """Import, register and return the plugin that offers ``kind``.
 
     Raises
     ------
@@ -101,11 +98,11 @@ def load(kind: str) -> Any:
 
 
 def _point(kind: str) -> EntryPoint:
-    """Return where the plugin of ``kind`` is; the metadata of all that is installed are read at its first use alone."""
+    """Return the entry point of ``kind``; the metadata of installed distributions are read at its first use only."""
     if kind not in _points:
         point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
         if point is None:
-            raise PluginError(_unknown_kind(kind))
+            raise PluginError(_unknown_kind_message(kind))
         _points[kind] = point
     return _points[kind]
 
@@ -114,12 +111,12 @@ _points: dict[str, EntryPoint] = {}
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
-    """Return the factory of ``kind`` that its plugin hands to ``hook``.
+    """Return the factory of ``kind`` from the hook ``hook`` of its plugin.
 
     Raises
     ------
     PluginError
-        If the kind is unknown, or its plugin does not offer it through this hook.
+        If the kind is unknown, or not among the kinds that its plugin returns from this hook.
     """
     plugin = load(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
@@ -131,12 +128,12 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
 
 
 def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
-    """Return the factory that an installed plugin offers for ``kind`` through whatever hook, and the hook.
+    """Return the first hook from which the plugin of ``kind`` returns it, and its factory.
 
     Raises
     ------
     PluginError
-        If none is installed, or its plugin offers it through none of them.
+        If no such plugin is installed, or it returns the kind from no hook.
     """
     load(kind)
     for hook in FACTORY_HOOKS:
@@ -145,24 +142,26 @@ def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
     raise PluginError(f"The kind {kind!r} is offered through none of the hooks {', '.join(FACTORY_HOOKS)}.")
 
 
-def call(make: Callable[..., Made], what: str, table: Mapping[str, Any]) -> Made:
-    """Call a factory with a table of keyword arguments; answer a wrong key with the accepted ones.
+def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
+    """Return the result of a factory for a table of keyword arguments, after a check of its keys and types.
+
+    ``label`` names the table in messages.
 
     Raises
     ------
     SceneError
         If a key is unknown, a required one is missing, or a value is not of the plain type that it declares.
     """
-    check_keys(make, what, table)
+    check_keys(make, label, table)
     accepted = _accepted(make)
     missing = [name for name, p in accepted.items() if p.default is p.empty and name not in table]
     if missing:
-        raise SceneError(f"{what} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
-    check_key_types(make, what, table)
+        raise SceneError(f"{label} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
+    check_key_types(make, label, table)
     return make(**table)
 
 
-def check_keys(make: Callable[..., Any], what: str, keys: Iterable[str], also: Sequence[str] = ()) -> None:
+def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], further_keys: Sequence[str] = ()) -> None:
     """Refuse ``keys`` that a factory does not take; those of ``also`` are taken by whoever calls it.
 
     Raises
@@ -170,15 +169,15 @@ def check_keys(make: Callable[..., Any], what: str, keys: Iterable[str], also: S
     SceneError
         Naming the first, those accepted, and the one that may be meant.
     """
-    check_accepted(what, sorted(keys), (*also, *_accepted(make)))
+    check_accepted(label, sorted(keys), (*further_keys, *_accepted(make)))
 
 
-def check_accepted(what: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
+def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
     """Refuse ``keys`` that are not ``accepted``, as :func:`check_keys` does."""
     unknown = next((key for key in keys if key not in accepted), None)
     if unknown is not None:
         raise SceneError(
-            f"{what} has the unknown key {shown(unknown)}{did_you_mean(unknown, accepted)}; "
+            f"{label} has the unknown key {shown(unknown)}{did_you_mean(unknown, accepted)}; "
             + (f"accepted are {', '.join(accepted)}." if accepted else "it takes no further keys.")
         )
 
@@ -189,27 +188,27 @@ def _accepted(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
 
 
 def takes(make: Callable[..., Any], key: str) -> bool:
-    """Tell whether a factory accepts ``key``."""
+    """Return whether ``key`` is a parameter of a factory."""
     return key in inspect.signature(make).parameters
 
 
 def source(kind: str, **keys: Any) -> ClosestPointSource:
-    """Make a closest point source of an installed kind, e.g. ``source("analytic.sphere", radius=2)``.
+    """Return a closest point source of an installed kind, e.g. ``source("analytic.sphere", radius=2)``.
 
     Parameters
     ----------
     kind : str
         A name that ``cpmkit plugins`` lists.
     **keys
-        The factory's keyword arguments, the same as a scene file's keys. A ``file`` is looked for in the
-        working directory, in the folder that ``CPMKIT_DATA`` names and in the user's cache.
+        The factory's keyword arguments, the same as a scene file's keys. A ``file`` is searched in the working
+        directory, in the folder ``CPMKIT_DATA`` and in the user's cache.
 
     Raises
     ------
     PluginError
         If no installed plugin offers the kind.
     InputError
-        If a key is unknown, missing or holds what is not accepted, or a file is in none of these places.
+        If a key is unknown or missing, its value is not accepted, or a file is in none of these places.
 
     Examples
     --------
@@ -223,8 +222,8 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
     make = factory(kind)
     if isinstance(keys.get("file"), str | Path):
         keys["file"] = str(find_file(keys["file"]))
-    made: ClosestPointSource = call(make, f"The kind {kind!r}", keys)
-    return made
+    result: ClosestPointSource = call(make, f"The kind {kind!r}", keys)
+    return result
 
 
 def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
@@ -233,7 +232,7 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
     Parameters
     ----------
     file : path
-        Found as :func:`cpmkit.source` finds files.
+        Searched in the same places as a ``file`` of :func:`cpmkit.source`.
 
     Returns
     -------
@@ -258,14 +257,14 @@ def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
     Parameters
     ----------
     file : path
-        Found as :func:`cpmkit.source` finds files.
+        Searched in the same places as a ``file`` of :func:`cpmkit.source`.
 
     Returns
     -------
     coordinates : (k, 2) float64
         u to the right and v upwards.
     corners : (m, 3) int64
-        Those of the corners of each triangle of :func:`cpmkit.read_mesh`, in its order.
+        Numbers of the coordinates at the corners of each triangle of :func:`cpmkit.read_mesh`, in its order.
 
     Raises
     ------
@@ -274,5 +273,5 @@ def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
     PluginError
         If the mesh plugin is not installed.
     """
-    found: tuple[Any, Any] = load("mesh.triangles").read_texture_coordinates(find_file(file))
-    return found
+    coordinates: tuple[Any, Any] = load("mesh.triangles").read_texture_coordinates(find_file(file))
+    return coordinates

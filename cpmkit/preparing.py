@@ -18,13 +18,13 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean, warn_each
 from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import EigenFamily, Equation, Family, TimeFamily
 from cpmkit.scene.scene import Scene, with_replaced_data
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.manifold.source import ClosestPointSource
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.protocols import ClosestPoints
+from cpmkit.manifold.source import ClosestPoints
 
 
 @dataclass(frozen=True)

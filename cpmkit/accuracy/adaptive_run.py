@@ -26,12 +26,12 @@ from cpmkit.families.eigen.fewer import fewer_modes
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.options import lattice_options
-from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats, Progress, no_progress
 
 #: Ratios of spacings at which two solutions are compared, least, best and most. With the estimate from the solution
 #: alone a large ratio is as exact as a small one, and the coarse solution costs less.

@@ -9,9 +9,9 @@ import numpy as np
 
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.forms.form_records import Diagnosis, ExpectedError
-from cpmkit.protocols import Floats
 from cpmkit.solution.modes import EigenRecord, compare_modes
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: Number of points at which solutions are compared, for each unknown of the finer one, at least, and at most.
 COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000

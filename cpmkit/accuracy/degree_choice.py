@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.accuracy.adaptive_run import AdaptiveRun
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Kinds of equations for which the record was made.
 RECORDED_KINDS = ("poisson", "screened")

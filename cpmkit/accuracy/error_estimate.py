@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.protocols import Floats
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.solution.display_mesh import DisplayMesh, evaluate_on_sides
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: The bound of an error is so many times its estimate.
 ERROR_SAFETY_FACTOR = 2.0

@@ -19,7 +19,7 @@ from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options, lattice_options
 from cpmkit.linear.solver_options import SolverOptions
-from cpmkit.protocols import Floats, ReadsAsTriangles
+from cpmkit.manifold.abilities import HasFacets
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import document_options
 from cpmkit.scene.compound_equations import Eigen
@@ -27,6 +27,7 @@ from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord, with_further_modes
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: Spacings of the coarser solutions over that of the solution; ``True`` for a tight estimate.
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
@@ -148,9 +149,9 @@ def measured_source_error(
         return 0.0
     form, surface = solution.discretized, solution.scene.surface
     by_areas = form.source_error()
-    if by_areas <= max(negligible, form.source_error(0.0)) or not isinstance(surface, ReadsAsTriangles):
+    if by_areas <= max(negligible, form.source_error(0.0)) or not isinstance(surface, HasFacets):
         return by_areas
-    flat = solve(replace(solution.scene, surface=surface.faceted()))
+    flat = solve(replace(solution.scene, surface=surface.read_as_facets()))
     return form.source_error(float(difference(solution, flat).rms.max()))
 
 

@@ -21,13 +21,13 @@ from cpmkit.errors import InputError
 from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.manifold.mixed_dimension import joints_sentence, touching_joints
-from cpmkit.protocols import Progress, no_progress
+from cpmkit.manifold.mixed_dimension import joints_warning, touching_joints
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Progress, no_progress
 
 #: The relative residual of linear solves over the tolerance, which leaves less than a twentieth of it; the largest and
 #: the smallest residual (measured: tests/accuracy/test_tolerance.py).
@@ -206,7 +206,7 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
     if joints:
         raise InputError(
             "A tolerance, seconds or memory goes by estimates of the error, of which there is none here; give a "
-            f"spacing. {joints_sentence(scene.surface, joints)}"
+            f"spacing. {joints_warning(scene.surface, joints)}"
         )
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         raise InputError(

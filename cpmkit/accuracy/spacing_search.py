@@ -19,8 +19,8 @@ from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
 from cpmkit.forms.cost_model import CostModel, Growth, line_through, rising_growth
 from cpmkit.forms.options import lattice_options
-from cpmkit.grid.fitting import unknowns_at_one
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
+from cpmkit.grid.spacings import unknowns_at_one
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene

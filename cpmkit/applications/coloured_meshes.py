@@ -9,7 +9,8 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.facade import Solution
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,9 @@ from cpmkit.applications.curve_colours import ArcLengthShare, colour_data, presc
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.types import Floats
 
 #: Keys of the colours of a curve.
 SIDES = {"left", "right"}

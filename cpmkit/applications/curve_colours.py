@@ -14,9 +14,11 @@ import cpmkit as ck
 from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
+from cpmkit.manifold.abilities import HasMesh, HasTangents
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugin import unit
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh, HasTangents, Ints
 from cpmkit.runtime.arrays import as_colour, as_colours
+from cpmkit.types import Floats, Ints
 
 #: Files of colours along a curve.
 COLOUR_SUFFIXES = (".npy", ".csv")

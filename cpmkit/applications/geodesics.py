@@ -25,11 +25,12 @@ from cpmkit.applications.origins import Origins, Pieces, origins_of, pieces_of
 from cpmkit.applications.result import Measured, measure_to_target
 from cpmkit.errors import InputError, ResolutionError, SceneError, place, shown
 from cpmkit.facade import Solution
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.runtime.messages import warn_each
+from cpmkit.types import Bools, Floats, Ints
 
 #: Artificial diffusion of the transport over the spacing: a cell Peclet number just below one.
 DIFFUSION_SPACINGS = 1.05

@@ -18,10 +18,11 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.facade import Solution
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import warn_each
+from cpmkit.types import Floats
 
 #: A step is refused if it raises the energy by more than this share: rounding and projections raise it less.
 RISING_SHARE = 1e-6

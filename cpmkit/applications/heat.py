@@ -15,9 +15,10 @@ import cpmkit as ck
 from cpmkit.applications.origins import Origins, pieces_of
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugin import unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import Bools, ClosestPointSource, Floats
+from cpmkit.types import Bools, Floats
 
 #: Relative residual at which solves stop: distances are exact to 1e-3, so that a direct solve need not be refined.
 DISTANCE_RESIDUAL = 1e-7

@@ -12,9 +12,11 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
+from cpmkit.manifold.abilities import HasGivenMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugin import Discretized, Terms, norms
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import Bools, ClosestPointSource, Floats, HasGivenMesh, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Up to so many points are searched one after the other: a tree takes five times as long.
 MOST_SEARCHED_POINTS = 4

@@ -11,8 +11,8 @@ import cpmkit as ck
 from cpmkit.applications.heat import barriers, prepare_manifold
 from cpmkit.facade import Solution
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import Floats
 from cpmkit.runtime.deprecation import DeprecatedMember
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate

@@ -32,11 +32,12 @@ from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.result import Measured, measure_to_target
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugin import dots, unit
 from cpmkit.preparing import Prepared
-from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.boundary_points import BoundaryPoints
+from cpmkit.types import Floats
 
 #: A point lies across a curve if its offset has at most this share along the tangent; else the foot is an end.
 ALONG_SHARE = 0.3

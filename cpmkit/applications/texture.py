@@ -12,9 +12,9 @@ from cpmkit.applications.colouring import ColouredSurface
 from cpmkit.errors import InputError
 from cpmkit.facade import Solution
 from cpmkit.files.whole_files import write_png
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.messages import warn_each
+from cpmkit.types import Bools, Floats, Ints
 
 #: Pixels that are processed at once.
 PARCEL_PIXELS = 2_000_000

@@ -120,8 +120,8 @@ def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
 @contextmanager
 def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str, float], None]]:
     """Yield a callback for the progress of work on ``file``: shown unless ``quiet``, and remembered for errors."""
-    from cpmkit.protocols import no_progress
     from cpmkit.runtime.progress import ProgressLine
+    from cpmkit.types import no_progress
 
     meta = click.get_current_context().meta
     meta[FILE_KEY] = file

@@ -19,11 +19,12 @@ from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.free_constants import Imbalance, defects_of
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, ComplexShift
+from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, PreparedSolver, Sides, Stiffness
 from cpmkit.scene.compound_equations import Biharmonic
 from cpmkit.scene.equations import Terms
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats, Sides
 
 #: The solvers of complex systems.
 COMPLEX_SOLVERS = ("direct", "multigrid", "reference")

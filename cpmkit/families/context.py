@@ -12,10 +12,11 @@ from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
+from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, LinearSolver, Operator, PreparedSolver, Progress
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Progress
 
 #: So many operators are kept with their factors: of a run in time, those of shortened steps before frames, too.
 KEPT = 4

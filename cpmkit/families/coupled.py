@@ -20,9 +20,10 @@ from cpmkit.forms.free_constants import MOSTLY
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
-from cpmkit.protocols import Floats, Operator, Stiffness
+from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.scene.compound_equations import Coupled
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -18,11 +18,11 @@ from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
 from cpmkit.forms.contract import require
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation, check_one_channel
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: At most so many steps.
 MOST_STEPS = {"newton": 60, "lagged": 500}

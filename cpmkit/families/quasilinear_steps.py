@@ -14,10 +14,11 @@ from cpmkit.errors import ConvergenceError, InputError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, Stiffness
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
+from cpmkit.types import Floats
 
 #: Relative residual to which a step is solved: the next one puts right what is left.
 STEP_TOLERANCE = 1e-6

@@ -11,7 +11,7 @@ from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, 
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, LinearSystem
-from cpmkit.protocols import Operator, PreparedSolver, Stiffness
+from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
 from cpmkit.solution.record import SolutionRecord
 
 

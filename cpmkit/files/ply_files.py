@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Types of properties, as NumPy names them.
 PLY_TYPES = {

@@ -31,13 +31,14 @@ from cpmkit.forms.form_records import (
 )
 from cpmkit.forms.free_constants import defects_of, free_pieces
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.protocols import SIDES, Floats, Ints, Operator, Side, Sides, Stiffness
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, is_dissipative
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -10,12 +10,13 @@ import numpy as np
 
 from cpmkit.forms.explanation import Explanation
 from cpmkit.forms.options import Options, Own
-from cpmkit.grid.band import cell_levels, nodes_of_blocks, stencil_codes
+from cpmkit.grid.band import stencil_codes
+from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.protocols import Progress
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Progress
 
 #: Up to so many cells unknowns are counted; on finer lattices they are estimated from as many blocks of cells.
 COUNTED_CELLS = 3_000

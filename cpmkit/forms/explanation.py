@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-from cpmkit.protocols import BoundarySet
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene

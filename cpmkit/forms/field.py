@@ -12,11 +12,12 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.forms.contract import Discretized
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import ClosestPointSource, Floats
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.functionals import Divergence
+from cpmkit.types import Floats
 
 #: Step of differences of closest points, in spacings, for sources without normals of their own.
 DIFFERENCE_SPACINGS = 0.1

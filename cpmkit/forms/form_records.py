@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Protocol
 
 from cpmkit.forms.free_constants import Imbalance
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)

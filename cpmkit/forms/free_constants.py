@@ -16,7 +16,8 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.protocols import Floats, Operator
+from cpmkit.linear.protocols import Operator
+from cpmkit.types import Floats
 
 #: A relative imbalance above this is reported on any lattice.
 GROSS_DEFECT_SHARE = 0.5

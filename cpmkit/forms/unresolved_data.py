@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from cpmkit.errors import CpmkitError
-from cpmkit.protocols import Floats
 from cpmkit.scene.data import Functional, evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats, Ints
 
 
 @compiled

@@ -13,7 +13,7 @@ from itertools import chain
 
 from cpmkit.errors import SceneError
 from cpmkit.formulas.steps import MAX_STAGED_POINTS, Program, StagedProgram, Steps, make_program, stage_program
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
 MAX_FORMULA_STEPS = 4_000

@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.formulas.steps import Program, Steps, make_program
 from cpmkit.formulas.trees import COORDINATES, formula_tree
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True)

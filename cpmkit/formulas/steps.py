@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.formulas.trees import CONSTANTS
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: What a step does, by its name: the functions of formulas, and what their operators and derivatives need.
 KERNELS: dict[str, Callable[..., Any]] = {

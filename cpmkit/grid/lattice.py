@@ -1,7 +1,7 @@
-"""The lattice: integer nodes, their positions, and integer codes that stand for them in sorted tables.
+"""The lattice: integer nodes, their positions, and integer codes of nodes in sorted tables.
 
-Geometry inside the core is kept relative to the lattice's origin, so that a node is at
-``spacing * i`` to rounding, wherever in space the model lies.
+Geometry inside the core is relative to the lattice's origin: node i is at ``spacing * i`` to rounding, wherever the
+model lies in space.
 """
 
 from __future__ import annotations
@@ -12,16 +12,17 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_vector
+from cpmkit.types import Floats, Ints
 
-#: The largest spacing, as a share of the manifold's largest side, at which splines still say something of it, and at
-#: which a band of nodes still tells its parts apart.
+#: The largest spacing, as a share of the manifold's largest side, of splines, and of a band, which needs a finer
+#: lattice to separate the manifold's parts.
 COARSEST_SPACING_SHARE, COARSEST_BAND_SHARE = 0.4, 0.25
-#: Rounding of coordinates above this share of a surface's size is reported.
+#: Rounding of coordinates above this share of a surface's size causes a warning.
 LOST_SIZE_SHARE = 1e-7
-#: So many roundings are lost where closest points are computed far out: spheres of classes of one's own, at 1e8 to
-#: 1e12, were up to one of them off, a capsule of radius 1e-3 at 1e5 a hundred. Sources that are translated lose 0.02.
+#: Error of closest points far from zero, in roundings of a coordinate: up to one for spheres of user classes at 1e8 to
+#: 1e12, a hundred for a capsule of radius 1e-3 at 1e5. Translated sources have an error of 0.02.
 FAR_OUT_ROUNDINGS = 100.0
 
 
@@ -34,7 +35,7 @@ class Lattice:
     origin : (d,) float64
         Position of node zero in the scene's coordinates.
     spacing : float
-        Distance of neighbouring nodes, in the scene's unit.
+        Distance of neighbouring nodes, in the scene's unit of length.
     """
 
     origin: Floats
@@ -46,14 +47,18 @@ class Lattice:
         return len(self.origin)
 
     def to_scene(self, points: Floats) -> Floats:
-        """Return points given relative to the origin in the scene's coordinates."""
+        """Return the scene's coordinates of points relative to the origin."""
         return points + self.origin
 
-    def lost_digits(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
-        """Return a sentence where coordinates in the scene are rounded too coarsely for what lies in ``bounds`` (2, d).
+    def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
+        """Return a warning if the scene's coordinates are rounded too coarsely for the manifold, or none.
 
-        The bounds are relative to the origin. A source that was ``translated`` is asked near it; any other computes
-        with the scene's coordinates, and loses more.
+        Parameters
+        ----------
+        bounds : (2, d) float64
+            Of the manifold, relative to the origin.
+        translated : bool
+            Whether the source computes relative to the origin; if not, it rounds more.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
         loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
@@ -65,14 +70,14 @@ class Lattice:
         )
 
     def to_local(self, points: Floats) -> Floats:
-        """Return points given in the scene's coordinates relative to the origin."""
+        """Return the coordinates relative to the origin of points in the scene."""
         return points - self.origin
 
 
 def lattice_of(
     surface: ClosestPointSource, spacing: float, origin: Any = None, coarsest: float = COARSEST_SPACING_SHARE
 ) -> Lattice:
-    """Return the lattice of this spacing; a node lies at ``origin``, by default the centre of the surface's bounds.
+    """Return the lattice with this spacing and a node at ``origin``, by default the centre of the surface's bounds.
 
     Raises
     ------
@@ -94,7 +99,7 @@ def lattice_of(
 
 @dataclass(frozen=True, eq=False)
 class Codes:
-    """A numbering of the integer points of a box, never stored: C order, so that sorted codes are sorted points.
+    """A numbering of the integer points of a box in C order: sorted codes are points in lexicographic order.
 
     Attributes
     ----------
@@ -124,7 +129,7 @@ class Codes:
         return np.append(np.cumprod(self.shape[:0:-1])[::-1], 1).astype(np.int64)
 
     def encode(self, points: Ints) -> Ints:
-        """Return the codes (...,) of integer points (..., d), -1 of those outside the box, where another's would be."""
+        """Return the codes (...,) of integer points (..., d), -1 outside the box."""
         place = points - self.lower
         inside = ((place >= 0) & (place < self.shape)).all(axis=-1)
         return np.asarray(np.where(inside, place @ self.strides, -1), dtype=np.int64)
@@ -134,13 +139,13 @@ class Codes:
         return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
 
     def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
-        """Return the sorted codes of all points that lie at ``offsets`` from the given ones along ``axis``."""
+        """Return the sorted codes of all points at ``offsets`` along ``axis`` from the points of ``codes``."""
         shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
         return np.unique(shifted)
 
 
 def find(sorted_codes: Ints, codes: Any) -> Ints:
-    """Return the positions of ``codes`` in ``sorted_codes``, -1 where they are absent."""
+    """Return the positions of ``codes`` (...,) in ``sorted_codes`` (n,), -1 for absent ones."""
     position = np.searchsorted(sorted_codes, codes)
     position[position == len(sorted_codes)] = 0
     return (

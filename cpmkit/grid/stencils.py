@@ -1,41 +1,33 @@
-"""Where an interpolation stencil lies, its weights, and the neighbours of the cross Laplacian."""
+"""Nodes and weights of interpolation stencils, and the neighbours of the cross-shaped Laplacian."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.protocols import Floats, Ints
-
-if TYPE_CHECKING:
-    from cpmkit.grid.band import Band
-
-DEGREES = (2, 3, 4, 5)
+from cpmkit.errors import InputError, shown
+from cpmkit.types import Floats, Ints
 
 
-def check_degree(degree: int, what: str = "degree") -> int:
-    """Return ``degree`` if interpolation of that degree is offered.
+def check_degree(degree: int, label: str = "degree") -> int:
+    """Return ``degree`` if it is a degree of interpolation from 2 to 5; ``label`` names it in the message.
 
     Raises
     ------
     InputError
-        If it is not 2 to 5. Degree 1 does not converge: its error stays of order one at every spacing.
+        If it is not. Degree 1 does not converge: its error stays of order one at every spacing.
     """
-    if not isinstance(degree, (int, np.integer)) or degree not in DEGREES or isinstance(degree, bool):
+    if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or not 2 <= degree <= 5:
         reason = (
             " (degree 1 does not converge: the second differences of its error do not vanish)" if degree == 1 else ""
         )
-        raise InputError(f"{what} must be one of 2, 3, 4, 5, got {shown(degree)}{reason}; 3 is the default.")
+        raise InputError(f"{label} must be one of 2, 3, 4, 5, got {shown(degree)}{reason}; 3 is the default.")
     return int(degree)
 
 
 def base_offset(degree: int) -> float:
-    """Return the shift in cells that makes ``floor`` pick the stencil's cell.
+    """Return the shift in cells after which ``floor`` gives a stencil's cell.
 
-    An odd degree is centred on a cell between nodes, an even one on the nearest node; taking the
-    floor for an even degree too would let its stencil leave the band.
+    A stencil of odd degree is centred on a cell between nodes, one of even degree on the nearest node.
     """
     return 0.0 if degree % 2 else 0.5
 
@@ -56,8 +48,8 @@ def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Fl
 def lagrange_weights(fractions: Floats, degree: int) -> Floats:
     """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis.
 
-    The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with
-    ``l(t) / (t - t_k)`` multiplied out, so that a point on a node needs no case of its own.
+    The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with the product
+    ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case.
     """
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
     differences = fractions[..., None] - nodes
@@ -85,8 +77,8 @@ def lagrange_slopes(fractions: Floats, degree: int) -> Floats:
     slopes = np.zeros_like(differences)
     for k in range(degree + 1):
         others = [j for j in range(degree + 1) if j != k]
-        for left_out in others:
-            slopes[..., k] += np.prod(differences[..., [j for j in others if j != left_out]], axis=-1)
+        for omitted in others:
+            slopes[..., k] += np.prod(differences[..., [j for j in others if j != omitted]], axis=-1)
         slopes[..., k] /= np.prod(nodes[k] - nodes[others])
     return slopes
 
@@ -112,7 +104,7 @@ def tensor_offsets(degree: int, dim: int) -> Ints:
 
 
 def cross_offsets(dim: int) -> Ints:
-    """Return the offsets (2 d, d) of the difference neighbours, all positive before negative.
+    """Return the offsets (2 d, d) of the difference neighbours, positive before negative.
 
     They have the weight 1 in ``spacing^2`` Lap, and the node itself -2 d: King et al. (2024), eq. 2.
     """
@@ -124,21 +116,3 @@ def reading_radius(dim: int, degree: int) -> float:
     """Return the distance, in spacings, within which a stencil reads nodes: ``sqrt(d) (p + 1) / 2``."""
     # King et al. (2024), eq. 4 with q = 0.
     return float(np.sqrt(dim) * (degree + 1) / 2)
-
-
-def stencil_nodes(band: Band, cells: Ints) -> Ints:
-    """Return the inner nodes (n, (p + 1)^d), int32, of the stencils of ``cells`` (n, d).
-
-    Each cell is looked up once, however many of the points lie in it.
-    """
-    codes = band.codes.encode(cells)
-    _, first, member = np.unique(codes, return_index=True, return_inverse=True)
-    nodes = band.find_inner(cells[first][:, None] + tensor_offsets(band.degree, band.dim))
-    incomplete = np.asarray((nodes < 0).any(axis=1))
-    if incomplete.any():
-        lost = int(np.count_nonzero(incomplete[member.ravel()]))
-        raise ResolutionError(
-            f"{lost} interpolation stencils leave the band: the source's distances or bounds contradict its closest "
-            "points; run `cpmkit.testing.run_laws` on it."
-        )
-    return np.asarray(nodes.astype(np.int32)[member.ravel()])

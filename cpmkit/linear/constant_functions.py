@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.linear.protocols import Operator, PreparedSolver
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Ints, Operator, PreparedSolver, Progress, no_progress
+from cpmkit.types import Floats, Ints, Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)

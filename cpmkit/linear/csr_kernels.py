@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.types import Bools, Floats
 
 
 @inlined

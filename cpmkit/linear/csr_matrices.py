@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.operators import PARCEL_ENTRIES
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.threads import run_parcels, thread_count
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

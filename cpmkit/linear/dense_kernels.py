@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
 from cpmkit.runtime.compilation import compiled_reordered
+from cpmkit.types import Floats
 
 
 @compiled_reordered

@@ -10,9 +10,10 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern, scatter_matrix
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, Progress, no_progress
+from cpmkit.types import Floats, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

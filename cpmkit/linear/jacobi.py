@@ -20,13 +20,14 @@ from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import IndefiniteError, PositiveFactors
 from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.preconditioned import PreconditionedCG, indefinite_error, split_border
-from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
+from cpmkit.linear.protocols import Operator, PreparedSolver
+from cpmkit.types import Floats, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.linear.solve_report import SolveReport
-    from cpmkit.protocols import Ints
+    from cpmkit.types import Ints
 
 #: The mass dominates a matrix whose median row sums to at least this share of its diagonal entry: there are at most 140
 #: iterations then, which take as long as 16 to 20 of multigrid. For -Lap those are steps up to 140 spacings squared.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.linear.direct import IndefiniteError
-from cpmkit.protocols import Floats, Progress
+from cpmkit.types import Floats, Progress
 
 #: Returns a correction (n, k), the iterations and the products with A that it took, from a residual (n, k), the norms
 #: (k,) to which the residual is to fall, and the most iterations.

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints, Operator
+from cpmkit.linear.protocols import Operator
 from cpmkit.runtime.threads import run_parcels
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -18,9 +18,10 @@ from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
 from cpmkit.linear.direct import IndefiniteError
 from cpmkit.linear.krylov import REMEDY, conjugate_gradients, solve_by_corrections
 from cpmkit.linear.operators import Bordered
+from cpmkit.linear.protocols import Operator, PreparedSolver
 from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, PreparedSolver, Progress, no_progress
+from cpmkit.types import Floats, Progress, no_progress
 
 #: Accuracy where no tolerance is given: the preconditioned residual falls to this share, and the residual to so many
 #: times as much. It leaves less than 0.05 percent of a discretisation's error, with conditions on curves too.

@@ -15,10 +15,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.linear.krylov import REMEDY, solve_by_corrections
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.threads import run_parcels
+from cpmkit.types import Floats, Progress, no_progress
 
 #: The recursion breaks down where the cosine between its shadow residual and its residual is below this: rounding.
 BREAKDOWN_COSINE = 1e-14

@@ -10,8 +10,9 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError
 from cpmkit.linear.operators import Bordered
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator
+from cpmkit.types import Floats
 
 #: Rounding leaves a residual of at most so many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
 ROUNDING_FACTOR = 4.0

@@ -10,9 +10,9 @@ from cpmkit.errors import InputError, shown
 from cpmkit.linear.direct import DirectSolver
 from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver
 from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.protocols import LinearSolver
 from cpmkit.linear.reference import ReferenceSolver
 from cpmkit.plugins import call, factory, installed_kinds
-from cpmkit.protocols import LinearSolver
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, declared_options, option

@@ -1,58 +1,205 @@
-"""The optional abilities of a source, and their values where a source lacks them."""
+"""The optional abilities of a source: a source has an ability if it has its methods."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
 import numpy as np
 
-from cpmkit.protocols import (
-    Advice,
-    ClosestPoints,
-    ClosestPointSource,
-    Floats,
-    HasAdvice,
-    HasCreases,
-    HasFiniteFeet,
-    HasGivenMesh,
-    HasIntegralFloor,
-    HasLeft,
-    HasLocalMinima,
-    HasManyEdges,
-    HasMembers,
-    HasMesh,
-    HasNormals,
-    HasTangents,
-    HasTranslation,
-    HasValues,
-    HasWarnings,
-    Ints,
-    NamesLeft,
-)
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.runtime.deprecation import warn_renamed
+from cpmkit.types import Floats, Ints
 
-#: Numbers of edges are below this, unless a source says otherwise.
+#: Edge numbers of a source are below this, unless it has an attribute ``edge_limit``.
 MOST_EDGES = 1000
 
 
-#: Every optional ability.
+@runtime_checkable
+class HasNormals(Protocol):
+    """A hypersurface that knows its unit normal, of one sign everywhere."""
+
+    def normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals at ``feet``, records that this source answered."""
+
+
+@runtime_checkable
+class HasCreases(Protocol):
+    """A surface of flat cells that stands for a smooth one, with creases at which it stays as it is."""
+
+    def facet_normals(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit normals of the cells that contain ``feet`` and have a corner at a crease.
+
+        NaN in other cells, at corners off creases, and on edges between such corners: there the surface is smooth.
+        """
+
+
+@runtime_checkable
+class HasTangents(Protocol):
+    """A curve that knows its direction of travel."""
+
+    def tangents(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit tangents at ``feet``; at a corner the bisector of its two tangents."""
+
+
+@runtime_checkable
+class HasLeft(Protocol):
+    """A curve in a surface, or a surface in a solid, that knows its left side, as the cut by a function does.
+
+    An optional attribute ``left_of``, (d,) or None, is a point on the left: it decides the side on surfaces that have
+    no normals.
+    """
+
+    def leftward(self, feet: ClosestPoints, /) -> Floats:
+        """Return (n, d) unit conormals at ``feet``: to the left, across the curve and along the surface."""
+
+
+@runtime_checkable
+class HasLocalMinima(Protocol):
+    """A source that finds a foot on each sheet near a query, not only the closest point."""
+
+    def local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
+        """Return all feet of each row of ``x`` (n, d) within ``radius``.
+
+        A foot is a local minimum of the distance on the manifold. The first array (k,), ascending, contains the row of
+        ``x`` of each foot. The feet of one row are distinct and ordered by ``distance``; the first is the answer of
+        ``closest_point``. Rows without a foot within ``radius`` do not occur.
+
+        Raises
+        ------
+        InputError
+            If ``x`` contains NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
+        """
+
+
+@runtime_checkable
+class HasValues(Protocol):
+    """A source with data: one row for each vertex, sample or control point."""
+
+    @property
+    def value_count(self) -> int:
+        """Number of rows that :meth:`interpolate` expects."""
+
+    def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
+        """Return ``values`` (value_count, ...) interpolated at ``feet``, (n, ...)."""
+
+
+@runtime_checkable
+class HasGivenMesh(Protocol):
+    """A source made from a user's mesh, polyline or samples, which may have been welded or repaired since."""
+
+    @property
+    def given_mesh(self) -> tuple[Floats, Ints]:
+        """The user's vertices (n, d) and cells (m, k): all of them, in their order, also vertices in no cell."""
+
+
+@runtime_checkable
+class HasMesh(Protocol):
+    """A source that can be drawn."""
+
+    def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
+        """Return vertices (v, d) on the manifold and cells (m, k) of about the size ``spacing``.
+
+        ``k`` is 3 for triangles, 2 for segments, 1 for points. Of a mixed union it is the largest that occurs, and rows
+        of smaller cells end in -1.
+        """
+
+
+@runtime_checkable
+class HasTranslation(Protocol):
+    """A source that can be stated in shifted coordinates without rounding of its shape.
+
+    The core queries every source relative to the origin of the lattice. A source with this ability keeps its accuracy
+    far from zero: at 1e9 a rounded query is off by 1e-7, which the method would amplify by size / spacing. Other
+    sources are shifted query by query.
+    """
+
+    def translate(self, offset: Floats, /) -> ClosestPointSource:
+        """Return the same source moved by ``offset`` (d,), with the same abilities."""
+
+
+@runtime_checkable
+class HasMembers(Protocol):
+    """A union: ``element`` in its records is the number of the member that contains the foot."""
+
+    @property
+    def members(self) -> Sequence[ClosestPointSource]:
+        """The united sources, none of them a union."""
+
+
+@runtime_checkable
+class HasFacets(Protocol):
+    """A mesh that is read as the smooth surface that it samples, and can be read as its flat triangles."""
+
+    def read_as_facets(self) -> ClosestPointSource:
+        """Return the same mesh read as its flat triangles."""
+
+
+@dataclass(frozen=True)
+class Advice:
+    """The accuracy of a source, and what may spoil a solution on it.
+
+    A source whose parts take long to compute returns a subclass with cached properties in place of these fields.
+
+    Attributes
+    ----------
+    floor : float
+        The error, as a share of the solution's range, that the source alone causes in the form ``collocation``: a
+        mesh, a cloud or samples on a grid represent a smooth manifold only to some accuracy. 0 if it states none.
+    warnings : tuple of str
+        One sentence for each property that may spoil a solution: merged or doubtful samples, repairs.
+    integral_floor : float, optional
+        The same error in the form ``galerkin``, whose integrals depend less on slopes than closest points off the
+        manifold do. None if it is about ``floor``.
+    closest_point_warnings : tuple of str
+        Further sentences for the form ``collocation``: places, such as creases, near which closest points jump.
+    mesh_for_samples : bool
+        False if the cells of the source's mesh are points, or too many or too distorted for quadrature.
+    foot_count : int, optional
+        Number of feet if they are finitely many points that stand for a manifold: nothing can be integrated over it.
+    """
+
+    floor: float = 0.0
+    warnings: tuple[str, ...] = ()
+    integral_floor: float | None = None
+    closest_point_warnings: tuple[str, ...] = ()
+    mesh_for_samples: bool = True
+    foot_count: int | None = None
+
+
+@runtime_checkable
+class HasAdvice(Protocol):
+    """A source that knows how accurate it is, or what may spoil a solution on it."""
+
+    def advice(self, spacing: float, /) -> Advice:
+        """Return the advice for solutions at ``spacing``."""
+
+
+#: All optional abilities.
 ABILITIES: tuple[type, ...] = (
     HasNormals,
     HasCreases,
     HasTangents,
     HasLeft,
-    NamesLeft,
     HasLocalMinima,
     HasValues,
     HasGivenMesh,
     HasMesh,
     HasTranslation,
     HasMembers,
-    HasManyEdges,
-    HasFiniteFeet,
+    HasFacets,
     HasAdvice,
 )
 
 
+def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
+    """Return the members of a union, or the source alone."""
+    return source.members if isinstance(source, HasMembers) else (source,)
+
+
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the rows (k,) of ``x`` and their feet within ``radius``; closest points where ``source`` has no others."""
+    """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``: if need be, the closest points alone."""
     if isinstance(source, HasLocalMinima):
         return source.local_minima(x, radius)
     feet = source.closest_point(x)
@@ -61,29 +208,36 @@ def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tup
 
 
 def advice_of(source: object, spacing: float) -> Advice:
-    """Return what ``source`` says of itself at ``spacing``: no warnings and no floor where it says nothing."""
+    """Return the advice of ``source`` at ``spacing``: no warnings and no error if it gives none."""
     return source.advice(spacing) if isinstance(source, HasAdvice) else Advice()
 
 
 def warnings_of(source: object, spacing: float) -> tuple[str, ...]:
-    """Return the warnings in the advice of ``source`` at ``spacing``, without what else may take long to be found."""
-    return source.own_warnings(spacing) if isinstance(source, HasWarnings) else advice_of(source, spacing).warnings
+    """Return the warnings in the advice of ``source`` at ``spacing``."""
+    return advice_of(source, spacing).warnings
 
 
 def integral_floor_of(source: object, spacing: float) -> float:
-    """Return the error, as a share, that ``source`` leaves in integrals at ``spacing``, without the other advice."""
-    if isinstance(source, HasIntegralFloor):
-        return source.own_integral_floor(spacing)
+    """Return the error, as a share of the range, that ``source`` causes in integrals at ``spacing``."""
     advice = advice_of(source, spacing)
     return advice.floor if advice.integral_floor is None else advice.integral_floor
 
 
-def has_finite_feet(source: object) -> bool:
-    """Whether feet on ``source``, or on a member of it, are finitely many points that stand for a manifold."""
-    members = source.members if isinstance(source, HasMembers) else (source,)
-    return any(isinstance(member, HasFiniteFeet) for member in members)
+def has_finite_feet(source: ClosestPointSource) -> bool:
+    """Return whether the feet on ``source``, or on one of its members, are finitely many points."""
+    size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
+    return any(_foot_count(member, size) is not None for member in members_of(source))
+
+
+def _foot_count(source: ClosestPointSource, spacing: float) -> int | None:
+    """Return the number of feet by the source's advice, or by its attribute of an earlier release."""
+    count = advice_of(source, spacing).foot_count
+    if count is None and hasattr(source, "foot_count"):
+        warn_renamed(f"{type(source).__name__}.foot_count", "Advice.foot_count", 3)
+        count = int(source.foot_count)
+    return count
 
 
 def edge_limit_of(source: object) -> int:
-    """Return what all numbers of edges of ``source`` are below."""
-    return int(source.edge_limit) if isinstance(source, HasManyEdges) else MOST_EDGES
+    """Return the number that all edge numbers of ``source`` are below."""
+    return int(getattr(source, "edge_limit", MOST_EDGES))

@@ -1,4 +1,4 @@
-"""A source seen from the lattice: queries relative to its origin, and a count of them."""
+"""A source relative to the lattice's origin, with a count of its queries and the measured noise of its answers."""
 
 from __future__ import annotations
 
@@ -9,11 +9,7 @@ from functools import cached_property, partialmethod
 
 import numpy as np
 
-from cpmkit.manifold.answers import check_answer
-from cpmkit.protocols import (
-    ClosestPoints,
-    ClosestPointSource,
-    Floats,
+from cpmkit.manifold.abilities import (
     HasCreases,
     HasLeft,
     HasLocalMinima,
@@ -21,32 +17,39 @@ from cpmkit.protocols import (
     HasNormals,
     HasTangents,
     HasTranslation,
-    Ints,
+    members_of,
 )
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource, check_answer
+from cpmkit.runtime.deprecation import warn_renamed
+from cpmkit.types import Floats, Ints
+
+#: Number of lines from a foot to its query along which noise is measured, by five queries each.
+NOISE_LINES = 25
+#: Noise below this share of the spacing is rounding.
+LEAST_NOISE_SPACINGS = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
 class LocalSource:
-    """A source that is asked and answers relative to ``origin``.
+    """A source whose queries and answers are relative to ``origin``.
 
-    A source that can translate itself (``HasTranslation``) is restated once and keeps its accuracy
-    however far from zero it lies; any other is shifted query by query, which costs the rounding
-    of its coordinates.
+    A source that can be translated (``HasTranslation``) is translated once and keeps its accuracy far from zero; any
+    other is shifted query by query, which rounds coordinates.
 
     Attributes
     ----------
     source : ClosestPointSource
-        The source that is asked.
+        Answers the queries.
     shift : (d,) float64
-        Added to queries and taken from answers; zero where the source was translated.
+        Added to queries and subtracted from answers; zero where the source was translated.
     queries : Counter
-        ``queries["points"]`` counts the closest point queries made so far.
+        ``queries["points"]`` is the number of closest point queries so far.
     origin : (d,) float64, optional
-        Where zero lies in the scene, for messages; ``shift`` unless given.
+        Position of zero in the scene, for messages; by default ``shift``.
     of : ClosestPointSource, optional
-        The source as it stands in the scene, by which is kept what no place changes.
+        The source before translation: the key of caches that hold at every place.
     noise : float
-        Root mean square of the error of a foot's coordinate, as far as it varies at random; zero unless measured.
+        Root mean square of the random error of a foot's coordinate; zero unless measured.
     """
 
     source: ClosestPointSource
@@ -73,32 +76,38 @@ class LocalSource:
 
     @property
     def scene_origin(self) -> Floats:
-        """(d,) where zero lies in the scene."""
+        """(d,) position of zero in the scene."""
         return self.shift if self.origin is None else self.origin
 
     @cached_property
     def members(self) -> tuple[LocalSource, ...]:
-        """The members of a union, seen from the same origin; the source itself where it is none."""
-        if not isinstance(self.source, HasMembers):
+        """The members of a union relative to the same origin; the source itself where it is no union."""
+        if not self.is_union:
             return (self,)
-        of = self.of.members if isinstance(self.of, HasMembers) else (None,) * len(self.source.members)
+        members = members_of(self.source)
+        originals = members_of(self.of) if isinstance(self.of, HasMembers) else (None,) * len(members)
         return tuple(
-            LocalSource(member, self.shift, self.queries, self.origin, own)
-            for member, own in zip(self.source.members, of, strict=True)
+            LocalSource(member, self.shift, self.queries, self.origin, original)
+            for member, original in zip(members, originals, strict=True)
         )
+
+    @cached_property
+    def is_union(self) -> bool:
+        """Whether the source has members."""
+        return isinstance(self.source, HasMembers)
 
     @property
     def largest_dim(self) -> int:
-        """The largest dimension of a member: counts of nodes grow with it."""
+        """The largest dimension of a member: the number of nodes grows with it."""
         return largest_dim(self.source)
 
     def dimensions_at(self, feet: ClosestPoints) -> Ints:
-        """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, the member's."""
+        """Return the dimension (n,) of the manifold at ``feet``; of a mixed union, that of the member."""
         dims = np.array([self.dim if member.manifold_dim is None else member.manifold_dim for member in self.members])
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
     def by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
-        """Yield each member that holds some of ``feet``, their rows, and the member's own records of them."""
+        """Yield each member that contains some of ``feet``, their rows, and the member's records of them."""
         if self.members[0] is self:
             yield self, np.arange(len(feet)), feet
             return
@@ -108,33 +117,33 @@ class LocalSource:
             yield self.members[number], rows, self.members[number].closest_point(feet.points[rows])
 
     def knows_directions(self, dimension: int) -> bool:
-        """True if all members of this dimension give their own tangents (of a curve) or normals (of a surface)."""
-        target = [member for member in self.members if member.manifold_dim == dimension]
-        return all(member.has_tangents if dimension == 1 else member.has_normals for member in target)
+        """Return whether all members of this dimension have tangents (curves) or normals (surfaces)."""
+        members = [member for member in self.members if member.manifold_dim == dimension]
+        return all(member.has_tangents if dimension == 1 else member.has_normals for member in members)
 
     @cached_property
     def has_normals(self) -> bool:
-        """True if the source gives its own normals."""
+        """Whether the source has normals."""
         return isinstance(self.source, HasNormals)
 
     @cached_property
     def has_creases(self) -> bool:
-        """True if the source keeps its creases beside normals of a smooth surface."""
+        """Whether the source is a mesh with creases that is read as smooth elsewhere."""
         return isinstance(self.source, HasCreases)
 
     @cached_property
     def has_tangents(self) -> bool:
-        """True if the source gives its own tangents."""
+        """Whether the source has tangents."""
         return isinstance(self.source, HasTangents)
 
     @cached_property
     def has_local_minima(self) -> bool:
-        """True if the source, and each member of a union, finds feet on other sheets than the nearest."""
+        """Whether the source, or each member of a union, finds a foot on every sheet."""
         return all(isinstance(member.source, HasLocalMinima) for member in self.members)
 
     @cached_property
     def has_left(self) -> bool:
-        """True if the source, and each member of a union, knows its left by itself."""
+        """Whether the source, or each member of a union, knows its left side."""
         return all(isinstance(member.source, HasLeft) for member in self.members)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
@@ -143,52 +152,71 @@ class LocalSource:
         Raises
         ------
         InputError
-            If the answer is not what a source has to give: the source is at fault, not what is computed from it.
+            If the source's answer breaks its contract.
         """
         self.queries["points"] += len(x)
         answer = self.source.closest_point(np.ascontiguousarray(x + self.shift))
-        self._check(answer, x)
-        return self._moved(answer, -self.shift)
+        check_answer(answer, x, self.source, self.scene_origin, self.is_union)
+        return self._shift(answer, -self.shift)
 
     def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
 
-        Counted as one query a row.
+        Counts as one query a row.
         """
         assert isinstance(self.source, HasLocalMinima)
         self.queries["points"] += len(x)
         rows, feet = self.source.local_minima(np.ascontiguousarray(x + self.shift), radius)
-        self._check(feet, x[rows])
-        return rows, self._moved(feet, -self.shift)
-
-    def _check(self, answer: ClosestPoints, x: Floats) -> None:
-        check_answer(answer, x, self.source, self.scene_origin, self._is_union)
-
-    @cached_property
-    def _is_union(self) -> bool:
-        return isinstance(self.source, HasMembers)
+        check_answer(feet, x[rows], self.source, self.scene_origin, self.is_union)
+        return rows, self._shift(feet, -self.shift)
 
     def _directions(self, name: str, feet: ClosestPoints) -> Floats:
-        """Return the source's own unit vectors (n, d) at ``feet``, those that it calls ``name``."""
-        return np.asarray(getattr(self.source, name)(self._moved(feet, self.shift)))
+        """Return the source's unit vectors (n, d) at ``feet`` by the method ``name``."""
+        return np.asarray(getattr(self.source, name)(self._shift(feet, self.shift)))
 
     normals = partialmethod(_directions, "normals")
     facet_normals = partialmethod(_directions, "facet_normals")
     tangents = partialmethod(_directions, "tangents")
     leftward = partialmethod(_directions, "leftward")
 
-    def _moved(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
+    def _shift(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
         return replace(feet, points=feet.points + offset) if self.shift.any() else feet
 
 
 def largest_dim(source: ClosestPointSource) -> int:
     """Return the largest dimension of a source's members; the space's where it is not known."""
-    members = source.members if isinstance(source, HasMembers) else [source]
-    return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members)
+    return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members_of(source))
 
 
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
-    """Return ``source`` as seen from ``origin`` (d,)."""
-    if origin.any() and isinstance(source, HasTranslation):
-        return LocalSource(source.translated(-origin), np.zeros_like(origin), origin=np.array(origin), of=source)
+    """Return ``source`` relative to ``origin`` (d,)."""
+    if not origin.any():
+        return LocalSource(source, np.array(origin), of=source)
+    translate = source.translate if isinstance(source, HasTranslation) else getattr(source, "translated", None)
+    if translate is not None:
+        if not isinstance(source, HasTranslation):
+            warn_renamed(f"{type(source).__name__}.translated", "translate")
+        return LocalSource(translate(-origin), np.zeros_like(origin), origin=np.array(origin), of=source)
     return LocalSource(source, np.array(origin), of=source)
+
+
+def with_noise(source: LocalSource, spacing: float) -> LocalSource:
+    """Return the source with its ``noise`` measured within half a ``spacing`` of the manifold.
+
+    Every point of the line from a foot to its query has this foot. Exact feet along the line are therefore one point,
+    and feet with a smoothly varying error lie on a smooth curve: noise is what third differences along such lines
+    leave, as the root of the median of their squares.
+    """
+    rng = np.random.default_rng(0)
+    low, high = source.bounds
+    around = source.closest_point(rng.uniform(low, high, (NOISE_LINES, source.dim))).points
+    queries = around + rng.uniform(-0.5, 0.5, around.shape) * spacing
+    feet = source.closest_point(queries).points
+
+    def along(share: float) -> Floats:
+        return source.closest_point(feet + share * (queries - feet)).points
+
+    third = feet - 3 * along(0.75) + 3 * along(0.5) - along(0.25)
+    variances = (third * third).mean(axis=1) / 20.0  # of 1 + 9 + 9 + 1 independent errors
+    noise = float(np.sqrt(np.median(variances)))
+    return replace(source, noise=noise if noise > LEAST_NOISE_SPACINGS * spacing else 0.0)

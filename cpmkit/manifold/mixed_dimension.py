@@ -1,4 +1,4 @@
-"""Where the members of a union that have different dimensions meet: no law of the equation holds there."""
+"""Joints of a union, where members of different dimension meet: no law of the equation holds there."""
 
 from __future__ import annotations
 
@@ -9,29 +9,31 @@ from itertools import combinations
 import numpy as np
 
 from cpmkit.errors import place
-from cpmkit.manifold.short_text import MANIFOLD_WORDS
-from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import ClosestPointSource, Floats, HasMembers
+from cpmkit.manifold.abilities import HasMembers
+from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.types import Floats
 
-#: Members nearer than so many spacings read each other's nodes: between a sphere and a rod .1 to 3 spacings from it,
-#: with values of 0 and 1, values were off by .04 to .4, from 4 spacings on by less than 1e-3.
+#: Members nearer than this many spacings read each other's nodes: between a sphere and a rod .1 to 3 spacings apart,
+#: with values 0 and 1, the error was .04 to .4, and below 1e-3 from 4 spacings on.
 JOINED_SPACINGS = 4.0
 #: Members nearer than this share of the union's size touch, whatever the spacing.
 TOUCHING_SIZE_SHARE = 1e-6
-#: Points on one member from which alternating projections start, how many of the nearest go on, for how many rounds.
-START_POINTS, FOLLOWED_POINTS, PROJECTION_ROUNDS = 1000, 64, 50
+#: Alternating projections: number of starting points on one member, of the nearest of them that are iterated, and of
+#: iterations.
+START_POINTS, ITERATED_POINTS, PROJECTION_ROUNDS = 1000, 64, 50
 
 
 @dataclass(frozen=True, eq=False)
 class MixedJoint:
-    """Where two members of different dimension are nearest to each other.
+    """The place where two members of different dimension are nearest to each other.
 
     Attributes
     ----------
     first, second : int
         Numbers of the members, the one of lower dimension first.
     dimensions : (int, int)
-        Theirs; that of a solid is the space's.
+        Dimensions of the members; that of a solid is the space's.
     gap : float
         Distance between them; 0 where one lies in or on the other.
     point : (d,) float64
@@ -49,7 +51,7 @@ def mixed_joints(surface: ClosestPointSource, within: float) -> list[MixedJoint]
     """Return the pairs of members of different dimension that are at most ``within`` apart."""
     if not isinstance(surface, HasMembers):
         return []
-    members, touching = _single_members(surface), _touching(surface)
+    members, touching = _single_members(surface), _touching_distance(surface)
     joints = []
     for pair in combinations(range(len(members)), 2):
         lower, higher = sorted(pair, key=lambda number: _dimension(members[number]))
@@ -64,21 +66,21 @@ def mixed_joints(surface: ClosestPointSource, within: float) -> list[MixedJoint]
 
 def touching_joints(surface: ClosestPointSource) -> list[MixedJoint]:
     """Return the pairs of members of different dimension that touch."""
-    return mixed_joints(surface, _touching(surface))
+    return mixed_joints(surface, _touching_distance(surface))
 
 
-def mixed_joint_sentences(surface: ClosestPointSource, spacing: float) -> list[str]:
-    """Return one sentence about the members of different dimension that a lattice joins; none where there are none."""
+def mixed_joint_warnings(surface: ClosestPointSource, spacing: float) -> list[str]:
+    """Return one warning if a lattice of this spacing joins members of different dimension, or none."""
     joints = mixed_joints(surface, JOINED_SPACINGS * spacing)
-    return [joints_sentence(surface, joints)] if joints else []
+    return [joints_warning(surface, joints)] if joints else []
 
 
-def joints_sentence(surface: ClosestPointSource, joints: Sequence[MixedJoint]) -> str:
-    """Return what such joints mean for a solution."""
-    joint = min(joints, key=lambda one: (one.gap, one.first, one.second))
+def joints_warning(surface: ClosestPointSource, joints: Sequence[MixedJoint]) -> str:
+    """Return the warning about joints: where the nearest is, and what they mean for a solution."""
+    joint = min(joints, key=lambda joint: (joint.gap, joint.first, joint.second))
     meets = "meet" if joint.gap == 0 else f"come within {joint.gap:.2g} of each other"
     more = f", as do {len(joints) - 1} more pairs" if len(joints) > 1 else ""
-    words = [MANIFOLD_WORDS[-1 if one == surface.dim else one] for one in joint.dimensions]
+    words = [MANIFOLD_WORDS[-1 if dimension == surface.dim else dimension] for dimension in joint.dimensions]
     return (
         f"Members {joint.first} ({words[0]}) and {joint.second} ({words[1]}) of the union {meets} near "
         f"{place(joint.point)}{more}: no law of the equation holds where parts of different dimension meet, and what "
@@ -87,7 +89,7 @@ def joints_sentence(surface: ClosestPointSource, joints: Sequence[MixedJoint]) -
     )
 
 
-def _touching(surface: ClosestPointSource) -> float:
+def _touching_distance(surface: ClosestPointSource) -> float:
     return TOUCHING_SIZE_SHARE * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
 
 
@@ -104,9 +106,10 @@ def _dimension(member: ClosestPointSource) -> int:
 def _nearest_approach(
     lower: ClosestPointSource, higher: ClosestPointSource, within: float, touching: float
 ) -> tuple[float, Floats]:
-    """Return how near two members come to each other, and where, by alternating projections.
+    """Return the distance between two members and its place (d,) on the first, by alternating projections.
 
-    0 where they are at most ``touching`` apart, infinity where their boxes are farther apart than ``within``.
+    The distance is 0 where they are at most ``touching`` apart, infinite where their boxes are farther apart than
+    ``within``.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within
@@ -116,7 +119,7 @@ def _nearest_approach(
     axes = np.linspace(low, high, count).T
     x = lower.closest_point(np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, lower.dim)).points
     y = higher.closest_point(x).points
-    nearest = np.argsort(norms(y - x))[:FOLLOWED_POINTS]
+    nearest = np.argsort(norms(y - x))[:ITERATED_POINTS]
     x, y = x[nearest], y[nearest]
     for _ in range(PROJECTION_ROUNDS):
         if norms(y - x).min() <= touching:

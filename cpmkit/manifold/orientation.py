@@ -1,6 +1,6 @@
-"""A sign for normals and tangents that come from closest points alone, carried along the boundary.
+"""Signs of normals and tangents that come from closest points alone, propagated along a boundary.
 
-Differs from King et al. (2024), section 4.7, where vectors are given signs stencil by stencil.
+Differs from King et al. (2024), section 4.7, where vectors get their signs stencil by stencil.
 """
 
 from __future__ import annotations
@@ -12,33 +12,33 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
-#: Samples within so many times their spacing may be neighbours.
+#: Samples within this many of their spacings may be neighbours.
 NEIGHBOUR_SPACINGS = 2.5
 #: Neighbours on a curve lie ahead or behind: the least cosine between the chord and the tangents at both.
 NEIGHBOUR_CHORD_COSINE = 0.25
-#: The chord of two points nearer than this share of the spacing tells nothing.
+#: Two points nearer than this share of the spacing have no reliable chord.
 SHORT_CHORD_SPACINGS = 0.02
-#: Neighbours whose directions agree by less than this (cosine, after the turn on the way) are not sure of each other.
+#: Least cosine between the directions of neighbours, one carried to the other, for their signs to be certain.
 SURE_COSINE = 0.7
-#: The same if the cosines between the chord and the two directions differ by more than this: a corner lies between
-#: them.
+#: Largest difference between the cosines of the chord with the two directions, for their signs to be certain: a larger
+#: one shows a corner between them.
 UNEVEN_COSINE = 0.2
-#: Of so many samples around a point the one whose direction agrees best gives it the sign.
+#: A point gets the sign of the sample with the best agreement among this many nearest samples.
 SIGN_SAMPLES = 6
 
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Signs of directions along a boundary, known at samples of it.
+    """Signs of directions along a boundary, given at samples of it.
 
     Attributes
     ----------
     points : (s, d) float64 or None
-        Samples of the boundary; None where the source's own signs are used as they are.
+        Samples of the boundary; None where the source's own signs are used.
     directions : (s, d) float64 or None
-        Directions at the samples, neighbours agreeing.
+        Directions at the samples; those of neighbours agree.
     spacing : float
         Distance of the samples.
     travel : bool
@@ -51,28 +51,28 @@ class Orientation:
     travel: bool = False
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d) with the sign of the sample near by that agrees best."""
+        """Return ``directions`` (n, d) at ``points`` (n, d), each with the sign that agrees best with a near sample."""
         if self.points is None or self.directions is None or not len(points):
             return directions
-        near, short = self._near(points), SHORT_CHORD_SPACINGS * self.spacing
-        chords = points[:, None] - self.points[near]
-        agreement = agreements(self.directions[near], directions[:, None], chords, short, self.travel)
+        nearest, short = self._nearest_samples(points), SHORT_CHORD_SPACINGS * self.spacing
+        chords = points[:, None] - self.points[nearest]
+        agreement = agreements(self.directions[nearest], directions[:, None], chords, short, self.travel)
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
 
     def mean(self, points: Floats) -> Floats:
         """Return the mean direction (n, d) of the samples nearest to ``points`` (n, d), of length one."""
         assert self.directions is not None
-        mean = self.directions[self._near(points)].sum(axis=1)
+        mean = self.directions[self._nearest_samples(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
 
-    def moved(self, offset: Floats) -> Orientation:
-        """Return the same signs along the boundary moved by ``offset`` (d,)."""
+    def translate(self, offset: Floats) -> Orientation:
+        """Return the orientation of the boundary moved by ``offset`` (d,)."""
         return self if self.points is None else replace(self, points=self.points + offset)
 
     @classmethod
-    def joined(cls, parts: Sequence[Orientation]) -> Orientation:
-        """Return the signs along several parts of a boundary as one; all parts are sampled."""
+    def join(cls, parts: Sequence[Orientation]) -> Orientation:
+        """Return one orientation of several parts of a boundary, all of which have samples."""
         points, directions = ([getattr(part, name) for part in parts] for name in ("points", "directions"))
         spacing = min(part.spacing for part in parts)
         return cls(np.concatenate(points), np.concatenate(directions), spacing, parts[0].travel)
@@ -83,32 +83,42 @@ class Orientation:
 
         return cKDTree(self.points)
 
-    def _near(self, points: Floats) -> Ints:
+    def _nearest_samples(self, points: Floats) -> Ints:
         """Return the numbers (n, k) of the samples nearest to ``points`` (n, d)."""
         count = min(SIGN_SAMPLES, self._tree.n)
         return np.reshape(self._tree.query(points, count)[1], (len(points), count))
 
 
-#: The signs that the source gives.
+#: The source's own signs.
 AS_GIVEN = Orientation()
 
 
 def agreements(first: Floats, second: Floats, chords: Floats, short: float, travel: bool) -> Floats:
-    """Return the cosine (...,) of the directions ``second`` with ``first`` carried over the chords, all (..., d).
+    """Return the cosines (...,) of ``second`` with ``first`` transported along the chords between them, all (..., d).
 
-    A direction is turned as a circular arc with that chord turns it: to its mirror image in the plane across the
-    chord, or, of a tangent, the opposite of that. On a smooth curve or surface that is right to third order, and where
-    both lie equally far from a corner it is right there, too, though the two directions themselves point apart.
+    A direction is rotated as along a circular arc with this chord: a normal to its mirror image in the plane across the
+    chord, a tangent to the opposite of its mirror image. This is right to third order on a smooth curve or surface, and
+    also across a corner in the middle of the chord, where the two directions themselves may be far apart.
+
+    Parameters
+    ----------
+    first, second : (..., d) float64
+        Unit directions at the start and the end of each chord.
+    chords : (..., d) float64
+    short : float
+        Chords up to this length rotate nothing.
+    travel : bool
+        True for tangents, False for normals.
     """
     length = np.linalg.norm(chords, axis=-1, keepdims=True)
-    unit = chords / np.where(length > 0, length, 1.0)
+    unit_chords = chords / np.where(length > 0, length, 1.0)
     plain = np.sum(first * second, axis=-1)
-    mirrored = plain - 2 * np.sum(first * unit, axis=-1) * np.sum(second * unit, axis=-1)
+    mirrored = plain - 2 * np.sum(first * unit_chords, axis=-1) * np.sum(second * unit_chords, axis=-1)
     return np.asarray(np.where(length[..., 0] <= short, plain, -mirrored if travel else mirrored))
 
 
 def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
-    """Return the pairs (k, 2) of samples that follow each other; on a curve, with ``tangents`` of any sign."""
+    """Return the pairs (k, 2) of neighbouring samples; on a curve, given its ``tangents``, those ahead and behind."""
     from scipy.spatial import cKDTree
 
     pairs: Ints = cKDTree(points).query_pairs(NEIGHBOUR_SPACINGS * spacing, output_type="ndarray").astype(np.int64)
@@ -121,18 +131,18 @@ def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
 
 
 @dataclass(frozen=True, eq=False)
-class Propagated:
-    """Directions whose signs were carried from sample to sample.
+class PropagatedSigns:
+    """Directions whose signs were propagated from sample to sample.
 
     Attributes
     ----------
     directions : (s, d) float64
     piece : (s,) int64
-        The connected piece of each sample; between pieces nothing is carried.
+        The connected piece of each sample; signs of different pieces are independent.
     sure : bool
-        True where all neighbours that signs were carried between agree well: denser samples would change nothing.
+        True where all neighbours along which signs were propagated agree well: denser samples would change nothing.
     consistent : bool
-        False where the direction comes back reversed on some way round.
+        False where a direction comes back reversed along some closed path.
     """
 
     directions: Floats
@@ -141,8 +151,11 @@ class Propagated:
     consistent: bool
 
 
-def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> Propagated:
-    """Give ``directions`` (s, d) at samples ``points`` signs that agree, over the surest of the ``pairs`` first."""
+def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> PropagatedSigns:
+    """Return ``directions`` (s, d) at samples ``points`` with signs that agree along the most certain of the ``pairs``.
+
+    Signs follow a minimum spanning tree of the pairs (k, 2), whose weights are small where directions agree well.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
 
@@ -166,13 +179,18 @@ def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: fl
     clear = (np.abs(agreement) >= SURE_COSINE) & (uneven <= UNEVEN_COSINE)
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
     sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE_COSINE)
-    return Propagated(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
+    return PropagatedSigns(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
 
 
 def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
-    """Return each member's sign relative to the root of a spanning tree, by doubling steps towards the root.
+    """Return each member's sign relative to the root of its spanning tree, by pointer doubling.
 
-    ``agrees`` (m,) tells which of the ``members`` (m,) have the sign of those ``above`` them, the root of itself.
+    Parameters
+    ----------
+    agrees : (m,) bool
+        Whether each member has the sign of its parent.
+    members, above : (m,) int64
+        Numbers of the members, and of their parents in the tree; the root is its own parent.
     """
     place = np.empty(int(members.max()) + 1, dtype=np.int64)
     place[members] = np.arange(len(members))
@@ -185,10 +203,11 @@ def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
 
 
 def sign_by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
-    """Return the sign that a rule gives to ``directions`` (s, d) of one piece, whatever the lattice.
+    """Return the sign, 1 or -1, of ``directions`` (s, d) of one piece by a rule that does not depend on the lattice.
 
-    Normals point away from ``centre`` (d,), tangents run counter-clockwise about the axis that has the largest share;
-    where that is undecided, the largest component of their mean, or else of the first, is positive.
+    Normals point away from ``centre`` (d,), tangents run counter-clockwise about the axis with the largest angular
+    moment. Where both are undecided, the largest component of the mean direction, or else of the direction at the first
+    sample in lexicographic order, is positive.
     """
     away = points - centre
     moments = [directions.mean(axis=0), directions[np.lexsort(points.T)[0]]]
@@ -208,5 +227,5 @@ def _largest_length(away: Floats) -> float:
 
 
 def piece_masks(piece: Ints) -> list[Bools]:
-    """Return which samples belong to each piece."""
+    """Return a mask of the samples of each piece."""
     return [piece == number for number in range(int(piece.max(initial=-1)) + 1)]

@@ -1,4 +1,4 @@
-"""Normals and tangents at points of a manifold, from the source itself or from its closest points alone."""
+"""Normals, tangents and conormals at points of a manifold, from the source itself or from its closest points alone."""
 
 from __future__ import annotations
 
@@ -7,11 +7,13 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.manifold.orientation import Orientation
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.types import Bools, Floats, Ints
 
-#: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction.
+#: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction: 0 off, 1 along.
 TANGENT_EIGENVALUE = 0.5
-#: Where that of a curve's direction is not above the next by so much, the curve has a corner there.
+#: A curve has a corner where the Jacobian's largest eigenvalue exceeds the next by less than this.
 CORNER_EIGENVALUE_GAP = 0.7
 
 
@@ -19,7 +21,7 @@ def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
 
     On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
-    King et al. (2024), section 4.7, interpolates it from the nodes; here it is taken at the feet themselves.
+    King et al. (2024), section 4.7, interpolates it from the nodes; here it is evaluated at the feet themselves.
     """
     ahead, behind = np.split(_feet_around(source, points, step), 2, axis=1)
     columns = (ahead - behind) / (2 * step)
@@ -34,7 +36,7 @@ def _feet_around(source: LocalSource, points: Floats, step: float) -> Floats:
 
 
 def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit normals (n, d) of a hypersurface at ``feet``; a source without its own gives them any sign."""
+    """Return unit normals (n, d) of a hypersurface at ``feet``; their signs are arbitrary if it has none of its own."""
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
         if member.has_normals:
@@ -45,12 +47,12 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) of a curve at ``feet``; a source without its own gives them any sign."""
+    """Return unit tangents (n, d) of a curve at ``feet``; their signs are arbitrary if it has none of its own."""
     return tangents_and_corners(curve, feet, step)[0]
 
 
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
-    """Return the same, and where (n,) a source without tangents of its own has a corner, and thus no direction."""
+    """Return unit tangents (n, d) of a curve, and where (n,) a curve without tangents of its own has a corner."""
     corner = np.zeros(len(feet), dtype=bool)
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
@@ -66,11 +68,11 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
     return _by_member(
-        surface, feet, lambda member, member_feet, rows: _projected(member, member_feet, vectors[rows], step)
+        surface, feet, lambda member, member_feet, rows: _project(member, member_feet, vectors[rows], step)
     )
 
 
-def _projected(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+def _project(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     if surface.manifold_dim == surface.dim:
         return vectors
     if surface.manifold_dim == 2:
@@ -80,41 +82,94 @@ def _projected(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step:
         t = unit_tangents(surface, feet, step)
         return np.asarray(np.sum(vectors * t, axis=1, keepdims=True) * t)
     values, axes = np.linalg.eigh(jacobian(surface, feet.points, step))
-    kept = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT_EIGENVALUE)
-    return np.asarray(np.einsum("nij,nj->ni", axes, kept))
+    components = np.einsum("nij,ni->nj", axes, vectors) * (values > TANGENT_EIGENVALUE)
+    return np.asarray(np.einsum("nij,nj->ni", axes, components))
 
 
 def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
-    """Return the outward conormals (n, d) at feet ``edge`` on an open manifold's edge."""
+    """Return the outward unit conormals (n, d) at feet ``edge`` on the edge of an open manifold.
+
+    ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a manifold the
+    closest points around y average to y, at an edge they lean inwards, and curvature adds a normal part that T removes.
+    Second order in the step h.
+    """
     return _by_member(surface, edge, lambda member, member_feet, _: _outward(member, member_feet, step))
 
 
 def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
-    """Return the outward conormals of one member.
-
-    ``b = -unit of T sum_k [cp(y + h e_k) + cp(y - h e_k) - 2 y]``, T the tangent projection: inside a
-    manifold the closest points around y average to y, at an edge they lean inwards, and curvature adds a
-    normal part that T removes. Second order in the step h.
-    """
     y = edge.points
-    lean = -_unit((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
+    lean = -_normalize((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
     if surface.has_normals or surface.has_tangents:
-        return _unit(project_tangent(surface, edge, lean, step))
+        return _normalize(project_tangent(surface, edge, lean, step))
     # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
     inside = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
-    near, far = (_unit(project_tangent(surface, feet, lean, step)) for feet in inside)
-    return _unit(2 * near - far)
+    near, far = (_normalize(project_tangent(surface, feet, lean, step)) for feet in inside)
+    return _normalize(2 * near - far)
 
 
-def _unit(vectors: Floats) -> Floats:
+def _normalize(vectors: Floats) -> Floats:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _by_member(
-    surface: LocalSource, feet: ClosestPoints, ask: Callable[[LocalSource, ClosestPoints, Ints], Floats]
+    surface: LocalSource, feet: ClosestPoints, compute: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
-    """Ask the members of a union for vectors (n, d), each at its own feet: others near by do not disturb it."""
-    answers = np.empty_like(feet.points)
+    """Return vectors (n, d) computed for each member of a union from its own feet, whatever other members are near."""
+    vectors = np.empty_like(feet.points)
     for member, rows, member_feet in surface.by_member(feet):
-        answers[rows] = ask(member, member_feet, rows)
-    return answers
+        vectors[rows] = compute(member, member_feet, rows)
+    return vectors
+
+
+def axis_and_left(
+    source: LocalSource,
+    surface: LocalSource,
+    signs: tuple[Orientation, Orientation],
+    on_surface: ClosestPoints,
+    feet: ClosestPoints,
+    step: float,
+) -> tuple[Floats, Floats]:
+    """Return the normal n (n, d) and the conormal v = n x t (n, d) to the left; v twice where n is not needed.
+
+    King et al. (2024), section 4.7 and eq. 18: v is its binormal b, and the normal of S_perp in its eq. 11.
+
+    Parameters
+    ----------
+    source, surface : LocalSource
+        The boundary, of one dimension less than the manifold there, and the manifold.
+    signs : pair of Orientation
+        Across: signs of the manifold's normals, or of its tangents where it is a curve. Along: signs of the boundary's
+        tangents, or of its normals where it is a surface.
+    on_surface, feet : ClosestPoints
+        The manifold's and the boundary's records of the same feet.
+    step : float
+        Of differences.
+    """
+    across, along = signs
+    dimension = (source.manifold_dim or 0) + 1
+    axis = None
+    if dimension == 2 and surface.dim == 3:
+        axis = across.apply(on_surface.points, unit_normals(surface, on_surface, step))
+    left = np.empty_like(on_surface.points)
+    for member, rows, member_feet in source.by_member(feet):
+        if member.has_left:
+            left[rows] = member.leftward(member_feet)
+        elif dimension == 1:
+            left[rows] = -across.apply(on_surface.points[rows], unit_tangents(surface, on_surface.take(rows), step))
+        elif dimension == 3:
+            left[rows] = along.apply(member_feet.points, unit_normals(member, member_feet, step))
+        elif axis is None:
+            tangent = _direction_of_travel(member, along, member_feet, step)
+            left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        else:
+            left[rows] = _normalize(np.cross(axis[rows], _direction_of_travel(member, along, member_feet, step)))
+    return (left if axis is None else axis), left
+
+
+def _direction_of_travel(source: LocalSource, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
+    """Return the direction of travel (n, d) at feet on a curve; at a corner about the bisector of both directions."""
+    directions, corner = tangents_and_corners(source, feet, step)
+    directions = along.apply(feet.points, directions)
+    if along.points is not None and corner.any():
+        directions[corner] = along.mean(feet.points[corner])
+    return directions

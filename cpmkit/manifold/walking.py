@@ -1,4 +1,4 @@
-"""The foot of a point on the sheet that one stands on: by the source's own search, or by walking along the surface."""
+"""The foot of a point on one sheet of the manifold: by the source's local minima, or by walking along the sheet."""
 
 from __future__ import annotations
 
@@ -7,44 +7,39 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import ClosestPoints, Floats, Ints
+from cpmkit.types import Floats, Ints
 
-#: Longest stride (spacings) towards a foot on a sheet: shorter than the distance to the next sheet.
+#: Longest step of a walk, in spacings: shorter than the distance to the next sheet.
 STRIDE_SPACINGS = 0.5
-#: A step of more than this share of a stride tells in which direction one came.
-WHOLE = 0.5
-#: Most strides; a node is within a stencil's reach of the foot from which the walk starts.
+#: A step of more than this share of the longest one gives the direction of the walk.
+WHOLE_STRIDE_SHARE = 0.5
+#: Largest number of steps: a node is within a stencil's reach of the foot where the walk starts.
 MOST_STRIDES = 60
-#: A walk that moves less than this many spacings has arrived.
+#: A walk ends where a step moves the foot by less than this, in spacings.
 ARRIVED_SPACINGS = 1e-7
-#: A walk that may have no foot to reach is checked each so many strides, and given up if it has come no nearer: around
-#: a bend of smaller radius than the goal's height there is none.
+#: A walk that may be given up is checked each so many steps, and ends if it has not come nearer: around a bend of
+#: smaller radius than the goal's height there is no foot.
 STRIDES_PER_CHECK = 4
-#: A step is at most this multiple of the remaining way.
+#: A step is at most this multiple of the tangential distance to the goal.
 LONGEST_STEP_FACTOR = 4.0
 
 
 def feet_from(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
-    """Return feet of ``goal`` (n, d) and whose they are, those of one row by their distance.
+    """Return the rows of ``goal`` (n, d) and their feet near ``start``, points of their sheets; nearest feet first.
 
-    By the source's own search where it has one, no farther than ``start`` lies, for that is a point of the sheet; by
-    walking along the sheet from there where it has none, and in the place of feet that it does not vouch for.
+    A source with local minima finds the feet no farther than ``start``; doubtful feet, and those of other sources, are
+    found by walking along the sheet from ``start``.
     """
     if not source.has_local_minima:
         return np.arange(len(goal)), walk(source, goal, start, spacing, give_up=True).feet
     reach = np.linalg.norm(goal - start.points, axis=1)
     rows, feet = source.local_minima(goal, float(reach.max()))
-    near = feet.distance <= reach[rows]
-    rows, feet = rows[near], feet.take(near)
-    return (rows, feet) if feet.doubtful is None else _with_doubtful_walked(source, goal, start, spacing, rows, feet)
-
-
-def _with_doubtful_walked(
-    source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float, rows: Ints, feet: ClosestPoints
-) -> tuple[Ints, ClosestPoints]:
-    """Return the feet with doubtful ones replaced by those that walking leads to."""
-    assert feet.doubtful is not None
+    within_reach = feet.distance <= reach[rows]
+    rows, feet = rows[within_reach], feet.take(within_reach)
+    if feet.doubtful is None:
+        return rows, feet
     unsure, sure = np.unique(rows[feet.doubtful]), ~feet.doubtful
     walked = walk(source, goal[unsure], start.take(unsure), spacing, give_up=True).feet
     rows = np.concatenate([rows[sure], unsure])
@@ -54,7 +49,7 @@ def _with_doubtful_walked(
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """Feet that were walked to, and the unit vectors (n, d) of the last whole strides; zero where none was made."""
+    """The feet at the ends of walks, and the unit vectors (n, d) of their last long steps; zero if there was none."""
 
     feet: ClosestPoints
     last: Floats
@@ -69,12 +64,24 @@ def walk(
     give_up: bool = False,
     lengthened: bool = True,
 ) -> Walk:
-    """Return the feet reached from ``start`` by walking along the source until ``goal`` (n, d) lies straight above.
+    """Return the feet reached from ``start`` by moving along the source until ``goal`` (n, d) lies along the normal.
 
-    A leap to the foot of the goal's projection could land on another sheet, and past an end of the surface it would.
-    The way ahead is the tangential part of what is left to the goal; as it shrinks by ``1 - height * curvature`` times
-    what is walked, the step is chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
-    Not ``lengthened``, steps are the way ahead itself, a fifth more of them: they go round sharper folds.
+    A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
+    the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
+    chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
+
+    Parameters
+    ----------
+    source : LocalSource
+    goal : (n, d) float64
+    start : ClosestPoints
+        One point of the manifold for each goal.
+    spacing : float
+        Of the lattice.
+    give_up : bool
+        Whether a walk ends where it comes no nearer to its goal.
+    lengthened : bool
+        If false, steps are the tangential part itself: a fifth more steps, which follow sharper folds.
     """
     feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))
     if source.manifold_dim == 0:
@@ -91,11 +98,11 @@ def walk(
             steps = np.asarray(1 / np.clip(slope, 1 / LONGEST_STEP_FACTOR, None))
         step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
         reached = source.closest_point(current.points + step)
-        taken = reached.points - current.points
-        moved = np.linalg.norm(taken, axis=1)
-        whole = moved > WHOLE * STRIDE_SPACINGS * spacing
-        strides[walking[whole]] = taken[whole] / moved[whole, None]
-        feet, going = feet.replaced(walking, reached), moved > ARRIVED_SPACINGS * spacing
+        moves = reached.points - current.points
+        distance = np.linalg.norm(moves, axis=1)
+        whole = distance > WHOLE_STRIDE_SHARE * STRIDE_SPACINGS * spacing
+        strides[walking[whole]] = moves[whole] / distance[whole, None]
+        feet, going = feet.replace_rows(walking, reached), distance > ARRIVED_SPACINGS * spacing
         if give_up and count % STRIDES_PER_CHECK == 0:
             going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
@@ -108,5 +115,5 @@ def walk(
 
 
 def nearest_on_sheet(source: LocalSource, start: ClosestPoints | None, goal: Floats, spacing: float) -> ClosestPoints:
-    """Return the points of a source nearest to ``goal`` (n, d), on the sheets of its points ``start`` if given."""
+    """Return the points of a source nearest to ``goal`` (n, d), on the sheets that contain ``start`` if it is given."""
     return source.closest_point(goal) if start is None else walk(source, goal, start, spacing).feet

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
 SEAM_EDGE_SHARE = 0.05

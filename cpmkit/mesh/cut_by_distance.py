@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mixed_cells import number_edges, renumber_cells, rotate_triangles, stack_cells, with_corners
-from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A vertex nearer to a boundary than this share of the spacing lies on it.
 ON_CURVE_SPACINGS = 1e-6

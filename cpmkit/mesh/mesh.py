@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from cpmkit.grid.lattice import find
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: How the manifold runs between the vertices of a mesh. "flat": along the cells. "closest_point": through the closest
 #: points of positions on the cells. "normals": closest points lie on the flat cells, and the normals at the vertices

@@ -8,7 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPointSource, Floats, HasMembers, HasMesh, Ints
+from cpmkit.manifold.abilities import HasMembers, HasMesh
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.types import Floats, Ints
 
 
 def with_corners(cells: Ints, corners: int) -> Ints:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vectors import unit
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.types import Bools, Floats, Ints
 
 #: Support below which an edge is creased, and above which the surface stands over it as far as its normals claim.
 #: Edges of flat faces beside fillets have less than .02, those of smooth shapes, but for stray ones, more than .15.

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vectors import unit
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mixed_cells import number_edges
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: The rule of degree 4 with 6 points (Dunavant 1985): ``a`` of its barycentric points (a, a, 1 - 2 a), and weights.
 TRIANGLE_RULE = ((0.445948490915964886, 0.223381589678011466), (0.091576213509770743, 0.109951743655321867))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 
 def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Ints]:

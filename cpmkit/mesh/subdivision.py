@@ -8,9 +8,9 @@ import numpy as np
 
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Edges, Mesh
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: A crossing nearer to an end of its segment than this share of it, or to another crossing, is none of its own.
 SAME_CROSSING_SHARE = 1e-6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats, Ints
 
 #: Squares of diagonals are the same up to this factor: rounding is not to choose.
 SAME_DIAGONAL = 1.0 + 1e-9

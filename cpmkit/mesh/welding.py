@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.mesh.adjacency import cut_corners
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Vertices nearer to each other than this share of the largest side of the mesh's box are one: exact comparison is
 #: defeated by noise of 1e-7, and a seam that is not welded acts as a cut.

@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.meshing.untangling import LEAST_AREA_RATIO, area_ratios
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary continues through a vertex where the cosine of the angle between its edges there is below this.
 STRAIGHT_COSINE = -0.8

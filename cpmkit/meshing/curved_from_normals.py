@@ -18,8 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.normals_of_mesh import Support, edge_support
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares, split_at_knot_planes
@@ -32,7 +33,7 @@ from cpmkit.meshing.curved_from_points import (
 )
 from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cache_of
 from cpmkit.meshing.untangling import untangle_midpoints
-from cpmkit.protocols import Bools, Floats, HasMembers, HasMesh, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Iterations that move vertices from the flat triangles to the smooth surface.
 FITTING_ROUNDS = 3

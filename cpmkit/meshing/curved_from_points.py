@@ -11,13 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.boundary_edges import flip_chords, remove_double_boundary_edges
 from cpmkit.meshing.untangling import untangle_midpoints, untangle_vertices
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A midpoint whose closest point is farther away than this share of its edge stays on the chord: there is a crease.
 CREASED_EDGE_SHARE = 0.15

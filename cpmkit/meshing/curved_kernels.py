@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled

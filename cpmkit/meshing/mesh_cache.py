@@ -15,10 +15,11 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasGivenMesh, HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.welding import RepairReport, has_distinct_vertices, repair, repaired_cells
-from cpmkit.protocols import HasGivenMesh, HasMesh, Ints
+from cpmkit.types import Ints
 
 Value = TypeVar("Value")
 

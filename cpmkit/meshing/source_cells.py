@@ -7,14 +7,14 @@ from itertools import combinations
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasMesh, HasValues, advice_of
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.welding import box_size, repair
 from cpmkit.meshing.curved_from_normals import refine_smooth
 from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
-from cpmkit.protocols import HasMesh, HasMeshUse, HasValues
 
 #: Cells are flat if so many of their centres lie on the manifold up to this share of the size of the mesh.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
@@ -70,7 +70,7 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     m = source.manifold_dim or 0
     if not 0 < m < source.dim or not isinstance(source.source, HasMesh):
         return None
-    if isinstance(source.source, HasMeshUse) and not source.source.mesh_for_samples:
+    if not advice_of(source.source, length).mesh_for_samples:
         return None
     mesh = _drawn_mesh(source, length)
     if mesh is None:

@@ -12,9 +12,9 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A triangle whose area shrinks to less than this share, at one of its corners, counts as turned over.
 LEAST_AREA_RATIO = 0.2

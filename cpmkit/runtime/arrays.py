@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean
+from cpmkit.types import Floats
 
 #: Largest coordinate and length, and inverse of the least length, in any unit: fourth powers do not overflow.
 LARGEST_LENGTH = 1e50

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Ints
 
 
 @compiled

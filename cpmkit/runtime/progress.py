@@ -10,7 +10,7 @@ from contextlib import contextmanager, suppress
 from typing import Any, TextIO
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Progress, no_progress
+from cpmkit.types import Progress, no_progress
 
 #: A callback, ``False`` for no progress, ``True`` for a bar; None for a bar where a person sees it and work takes long.
 ShownProgress = Progress | bool | None
@@ -26,7 +26,7 @@ _callbacks: list[Progress] = []
 
 
 class ProgressLine:
-    """A :data:`~cpmkit.protocols.Progress` callback that writes to a stream; a context manager.
+    """A :data:`~cpmkit.types.Progress` callback that writes to a stream; a context manager.
 
     On a terminal the current stage is a bar that redraws itself. On any stream a stage that took longer than a second
     leaves one line with its seconds.

@@ -15,8 +15,9 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, written_whole
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scenefile.look import Look
@@ -24,6 +25,7 @@ from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.record import given_mesh_of
+from cpmkit.types import Floats
 from cpmkit.view.film import frame_images
 from cpmkit.view.marks import write_png
 

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.output_request import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import given_mesh_of
+from cpmkit.types import Floats
 from cpmkit.view.colours import value_colours
 from cpmkit.view.drawing import in_space
 

@@ -11,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 from cpmkit.errors import CpmkitError, InputError
 from cpmkit.files.whole_files import check_place, explain_system_error
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of
-from cpmkit.protocols import ClosestPointSource, Progress
 from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
+from cpmkit.types import Progress
 from cpmkit.view import check_picture, picture
 from cpmkit.view.pictures import check_channels
 

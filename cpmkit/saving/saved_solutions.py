@@ -14,10 +14,10 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
 from cpmkit.forms.choice import every_option
-from cpmkit.protocols import SIDES
 from cpmkit.saving.export import FORMAT_VERSION
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import describe_scene
+from cpmkit.types import SIDES
 
 #: Channels that a summary may tell of.
 MOST_CHANNELS = 1_000_000

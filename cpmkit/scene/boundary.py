@@ -4,18 +4,56 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.manifold.answers import check_source
-from cpmkit.manifold.given_vertices import vertex_numbers, vertices_of
+from cpmkit.manifold.abilities import HasGivenMesh
+from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.plugins import source
-from cpmkit.protocols import ClosestPointSource, Floats, Ints, NamesLeft, Side
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.conditions import Condition, as_condition, same_condition
 from cpmkit.scene.data import Data
+from cpmkit.types import Floats, Ints, Side
+
+
+def vertex_numbers(given: Any) -> Ints | None:
+    """Return whole numbers given alone or in one row, as an array (k,); None for anything else."""
+    if isinstance(given, (str, bytes, bool)) or not (isinstance(given, (int, np.integer)) or hasattr(given, "__len__")):
+        return None
+    try:
+        array = np.asarray(given)
+    except ValueError:
+        return None
+    return np.atleast_1d(array) if array.dtype.kind in "iu" and array.ndim < 2 and array.size else None
+
+
+def vertices_of(surface: Any, numbers: Ints, what: str) -> Floats:
+    """Return the vertices (k, d) of a surface that was made from a mesh, by their numbers.
+
+    Raises
+    ------
+    SceneError
+        If it was not, a number is not among its vertices, or the numbers may be the coordinates of a point.
+    """
+    dim = int(surface.dim)
+    if not isinstance(surface, HasGivenMesh):
+        raise SceneError(
+            f"{what} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
+            f"{dim})."
+        )
+    if len(numbers) == dim:
+        text = shown(numbers.tolist())
+        raise SceneError(
+            f"{what} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
+            f"point, or vertices[{text}]."
+        )
+    vertices = surface.given_mesh[0]
+    bad = np.flatnonzero((numbers < 0) | (numbers >= len(vertices)))
+    if len(bad):
+        raise SceneError(f"{what} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(numbers[bad[0]]))}.")
+    return np.asarray(vertices[numbers], dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +165,7 @@ class Boundary:
             return
         check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")
         if self.left_of is None:
-            object.__setattr__(self, "left_of", self.source.left_of if isinstance(self.source, NamesLeft) else None)
+            object.__setattr__(self, "left_of", getattr(self.source, "left_of", None))
         if self.left_of is not None:
             object.__setattr__(
                 self, "left_of", as_vector(self.left_of, self.source.dim, f"left_of of boundary {self.name!r}")
@@ -161,3 +199,23 @@ class Boundary:
         condition = self.both or self.across or (self.left if side == "left" else self.right)
         assert condition is not None
         return condition
+
+
+@runtime_checkable
+class BoundarySet(Protocol):
+    """A point or curve inside the manifold, and what holds on each side of it."""
+
+    @property
+    def name(self) -> str:
+        """The name that reports and ``evaluate(side=...)`` use."""
+
+    @property
+    def source(self) -> ClosestPointSource:
+        """Where the boundary lies."""
+
+    @property
+    def left_of(self) -> Floats | None:
+        """(d,) a point that is on the left of each piece, for sources without normals or tangents of their own."""
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return what holds on ``side``."""

@@ -12,8 +12,8 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError, InputError, SceneError, shown
 from cpmkit.formulas.expressions import Expression
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number
+from cpmkit.types import Floats
 
 
 class Functional:

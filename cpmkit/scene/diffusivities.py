@@ -14,9 +14,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.types import Floats
 
 #: Shapes of tensors in the plane and in space.
 TENSOR_SHAPES = ((2, 2), (3, 3))

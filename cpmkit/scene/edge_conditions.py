@@ -12,9 +12,10 @@ import numpy as np
 from cpmkit.errors import SceneError, place, shown
 from cpmkit.formulas.expressions import Expression
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.conditions import Condition, as_condition
 from cpmkit.scene.data import Data, evaluate_data, read_formula, takes_time
+from cpmkit.types import Floats, Ints
 
 #: Where a part of the edge is: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
 Where = str | Callable[[Floats], Any]

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.data import Data, evaluate_data, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
+from cpmkit.types import Floats
 
 
 class EquationFamily:

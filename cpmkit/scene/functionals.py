@@ -10,9 +10,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_points, number
 from cpmkit.scene.data import Data, Functional, takes_time
+from cpmkit.types import Floats
 
 
 class TestsFunctionals(Protocol):

@@ -14,8 +14,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.types import Bools, Floats
 
 #: Step of the finite differences that replace a derivative, as a share of the value.
 SLOPE_DIFFERENCE_SHARE = 1e-6

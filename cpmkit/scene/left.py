@@ -8,20 +8,22 @@ from typing import Any, Literal
 
 import numpy as np
 
-from cpmkit.grid.band import cell_levels
-from cpmkit.manifold.conormal import axis_and_left
+from cpmkit.grid.blocks import cell_levels
+from cpmkit.manifold.abilities import HasMembers
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import (
     AS_GIVEN,
     Orientation,
-    Propagated,
+    PropagatedSigns,
     neighbours,
     piece_masks,
     propagate_signs,
     sign_by_rule,
 )
-from cpmkit.manifold.tangent_space import tangents_and_corners, unit_normals, unit_tangents
-from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, HasMembers, Ints, NamesLeft
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.tangent_space import axis_and_left, tangents_and_corners, unit_normals, unit_tangents
+from cpmkit.scene.boundary import BoundarySet
+from cpmkit.types import Bools, Floats, Ints
 
 #: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
 BOUNDARY_SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
@@ -163,7 +165,7 @@ class OrientedPart:
         nearest = np.array([np.flatnonzero(mask)[distance[mask].argmin()] for mask in pieces])
         foot = self.source.closest_point(goal[None])
         piece = self.piece[np.linalg.norm(self.samples.points - foot.points[0], axis=1).argmin()]
-        feet = self.samples.take(nearest).replaced(np.array([piece]), foot)
+        feet = self.samples.take(nearest).replace_rows(np.array([piece]), foot)
         on_surface = self.surface.closest_point(feet.points)
         return cosines_to_left(goal - on_surface.points, self._left(feet, on_surface))
 
@@ -225,7 +227,7 @@ def _has_own_directions(surface: LocalSource, on_surface: ClosestPoints, dimensi
 
 def _with_agreeing_signs(
     points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, is_given: Bools
-) -> Propagated:
+) -> PropagatedSigns:
     """Propagate signs over neighbours; the signs of a piece agree with directions that the source itself has there."""
     propagated = propagate_signs(points, directions, pairs, spacing, travel)
     for mask in piece_masks(propagated.piece):
@@ -281,7 +283,7 @@ class Left:
     def relative_to(self, origin: Floats) -> Left:
         """Return the same relative to another origin (d,)."""
         offset = self.origin - origin
-        return replace(self, across=self.across.moved(offset), along=self.along.moved(offset), origin=origin)
+        return replace(self, across=self.across.translate(offset), along=self.along.translate(offset), origin=origin)
 
 
 def find_left(
@@ -311,8 +313,8 @@ def find_left(
             parts[number], by = part.with_left_chosen(None if point is None else point - origin)
             named |= by
             first_ruled = number if "rule" in by and first_ruled is None else first_ruled
-    across = Orientation.joined([part.across for part in parts]) if dimension < source.dim else AS_GIVEN
-    along = AS_GIVEN if travel else Orientation.joined([part.along for part in parts])
+    across = Orientation.join([part.across for part in parts]) if dimension < source.dim else AS_GIVEN
+    along = AS_GIVEN if travel else Orientation.join([part.along for part in parts])
     order: tuple[NamedBy, ...] = ("rule", "left_of", "source")
     consistent = all(part.consistent for part in parts)
     named_by = next(name for name in order if name in named) if consistent else "nothing"
@@ -339,5 +341,5 @@ def _left_points(boundary: BoundarySet) -> list[Floats | None]:
     members = source.members if isinstance(source, HasMembers) else [source]
     if boundary.left_of is not None:
         return [np.asarray(boundary.left_of, dtype=np.float64)] * len(members)
-    points = [member.left_of if isinstance(member, NamesLeft) else None for member in members]
+    points = [getattr(member, "left_of", None) for member in members]
     return [None if point is None else np.asarray(point, dtype=np.float64) for point in points]

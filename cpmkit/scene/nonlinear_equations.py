@@ -11,11 +11,11 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import StateExpression
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.data import Data, evaluate_data, read_formula
 from cpmkit.scene.diffusivities import StateDiffusivity, slope_diffusivity
 from cpmkit.scene.equations import Equation, Terms, check_factor
+from cpmkit.types import Floats
 
 #: Methods of solution: Newton's, or with the diffusivity of the previous iterate.
 METHODS = ("newton", "lagged")

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.manifold.conormal import axis_and_left
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, ClosestPointSource, Floats, Ints
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.manifold.tangent_space import axis_and_left, outward_conormals
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition, sides_differ
 from cpmkit.scene.left import Left, find_left, samplings
+from cpmkit.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from cpmkit.protocols import SIDES, Floats
 from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.laws import Mixed, Value
 from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats
 
 #: A source has mean zero if its integral is a smaller share of the integral of its absolute value.
 ZERO_MEAN_SHARE = 0.01

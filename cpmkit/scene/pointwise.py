@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import LARGEST_DATUM, takes_time
+from cpmkit.types import Floats
 
 
 def call_pointwise(

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Generic
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.manifold.answers import check_source
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import SIDES, BoundarySet, ClosestPointSource, Floats
+from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
-from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
+from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet
 from cpmkit.scene.conditions import Condition, Neumann, as_conditions, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data
 from cpmkit.scene.diffusivities import is_tensor
@@ -32,6 +31,7 @@ from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.scene.vertex_data import VertexArrays
+from cpmkit.types import SIDES, Floats
 
 #: Numbers of the places at which data are evaluated to count channels: of the equation, and of the first part of the
 #: edge, whose further parts have lower numbers; boundaries have numbers from 0.

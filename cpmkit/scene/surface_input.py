@@ -8,8 +8,9 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import source
-from cpmkit.protocols import ClosestPointSource, Ints
+from cpmkit.types import Ints
 
 
 @runtime_checkable

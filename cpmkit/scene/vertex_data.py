@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
-from cpmkit.protocols import ClosestPointSource, Floats, HasValues
+from cpmkit.manifold.abilities import HasValues
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import DATA_TYPE
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.scene.edge_conditions import ByPosition
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)

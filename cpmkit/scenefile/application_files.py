@@ -13,7 +13,6 @@ from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.plugins import check_accepted
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.data import evaluate_data, takes_time
@@ -27,6 +26,7 @@ from cpmkit.scenefile.scene_files import (
     read_scene,
     read_source,
 )
+from cpmkit.types import Floats
 
 #: Keys of a curve's sides, and of a direction along one.
 COLOUR_KEYS = ("both", "left", "right")

@@ -13,8 +13,9 @@ from cpmkit.errors import SceneError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
 from cpmkit.formulas.expressions import Expression
+from cpmkit.manifold.abilities import HasValues
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, factory
-from cpmkit.protocols import ClosestPointSource, HasValues
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin

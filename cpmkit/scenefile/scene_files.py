@@ -16,8 +16,8 @@ from cpmkit.forms.choice import own_options
 from cpmkit.forms.options import Options
 from cpmkit.formulas.expressions import ReactionExpression, StateExpression
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
-from cpmkit.protocols import ClosestPointSource
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
-from cpmkit.manifold.chains import chains
+from cpmkit.manifold.chains import link_chains
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import Bools, ClosestPointSource, Floats, Ints
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import Neumann
@@ -20,6 +20,7 @@ from cpmkit.scene.equations import Laplace
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.fluxes import boundary_rule
+from cpmkit.types import Bools, Floats, Ints
 
 #: Ends of runs that coincide to this share of what the points there stand for are one corner: on straight sides they
 #: coincide to rounding, on curved ones to the square of that length over the radius.
@@ -185,7 +186,7 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
         count = len(rule.points)
         each = rule.points, rule.weights, tangents, conormals, np.arange(count), np.zeros(count)
         return BoundaryPoints(source, surface, *each, (False,) * count)
-    found = chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
+    found = link_chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
     runs, closed = joined_at_corners(
         [_along(rule.points, tangents, one.order) for one in found],
         [one.closed for one in found],

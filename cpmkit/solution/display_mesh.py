@@ -14,11 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.manifold.vectors import unit
+from cpmkit.manifold.abilities import HasNormals
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
-from cpmkit.protocols import ClosestPointSource, Floats, HasNormals, Ints, Side
+from cpmkit.types import Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene

@@ -11,11 +11,13 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Codes
+from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.quadratic_cells import OUTWARD_EDGE_SHARE, QuadraticCells, edge_midpoints_on, outward_edges
-from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasMesh, Ints, Side
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS
+from cpmkit.types import Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord

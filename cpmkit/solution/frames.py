@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.protocols import Floats
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: Bytes of a value, and how often frames are in memory while they are saved.
 VALUE_BYTES, FRAME_COPIES = 8, 2

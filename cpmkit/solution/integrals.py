@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions
 from cpmkit.mesh.quadratic_cells import QuadraticCells, edge_midpoints_on, limit_midpoint_shift, outward_edges
-from cpmkit.protocols import ClosestPointSource, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import evaluate_on_sides, moved_onto_boundaries
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord

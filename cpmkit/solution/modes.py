@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
 
 #: So many eigenvalues are told in a line.
 MOST_TOLD_EIGENVALUES = 4

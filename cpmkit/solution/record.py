@@ -14,10 +14,12 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import MeasuredWork
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasGivenMesh, Ints, ReadSides, Side, Sides
+from cpmkit.manifold.abilities import HasGivenMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import summarize
+from cpmkit.types import SIDES, Floats, Ints, ReadSides, Side, Sides
 
 if TYPE_CHECKING:
     from cpmkit.solution.display_mesh import DisplayMesh

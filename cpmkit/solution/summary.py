@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import SIDES
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.edge_conditions import ByPosition, LoopConditions
+from cpmkit.types import SIDES
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene

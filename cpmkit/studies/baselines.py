@@ -24,10 +24,10 @@ from cpmkit.forms.collocation.form import discretize
 from cpmkit.grid.band import Band
 from cpmkit.linear.solver_options import SolverOptions, choose_solver, make_solver
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
-from cpmkit.protocols import Bools, Floats, Progress, no_progress
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Bools, Floats, Progress, no_progress
 
 #: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
 PROJECTED_REACH_SPACINGS, CELL_SIDE_SAMPLES = 2.0, 4

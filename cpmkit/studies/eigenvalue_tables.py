@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Wave numbers around the axis that are looked at.
 WAVE_NUMBERS = 20

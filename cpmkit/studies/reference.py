@@ -7,13 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.protocols import ClosestPointSource, Floats, HasMesh
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.checking import check_comparable, end_of
 from cpmkit.studies.studyfile import VERTICES_WORD, Study
+from cpmkit.types import Floats
 
 SAMPLING_SEED = 7
 #: Points nearer to a boundary than this share of the size are left out: data may jump there.

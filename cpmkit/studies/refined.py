@@ -7,10 +7,11 @@ from functools import cache
 from typing import Any
 
 from cpmkit.facade import Solution
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells
-from cpmkit.protocols import ClosestPointSource, Floats, Ints, Progress, no_progress
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
+from cpmkit.types import Floats, Ints, Progress, no_progress
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,6 @@ from cpmkit.forms.choice import cost_model
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
-from cpmkit.protocols import Progress, no_progress
 from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared_options
@@ -42,6 +41,7 @@ from cpmkit.studies.reference import Reference, reference_of
 from cpmkit.studies.refined import solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points
+from cpmkit.types import Progress, no_progress
 
 #: What of a solve's work is recorded, where the method has it.
 WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")

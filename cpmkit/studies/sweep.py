@@ -15,9 +15,9 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, every_option
 from cpmkit.plugins import call, check_keys
-from cpmkit.protocols import Floats
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import check_key_types, declared_options
+from cpmkit.types import Floats
 
 #: Methods that fix nodes, and the options that they have: no order of their own.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}

@@ -1,39 +1,47 @@
-"""The laws of the optional abilities; a source without the ability keeps them all."""
+"""The laws of the optional abilities; a source without the ability obeys them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.manifold.abilities import ABILITIES
-from cpmkit.protocols import (
-    Floats,
+from cpmkit.manifold.abilities import (
+    ABILITIES,
     HasAdvice,
     HasCreases,
-    HasFiniteFeet,
+    HasLeft,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
     HasValues,
-    Ints,
+    edge_limit_of,
 )
-from cpmkit.testing.law import law, query_law, require, require_rows, sure
-from cpmkit.testing.queries import ROUND_OFF_SHARE, Subject, for_queries
+from cpmkit.testing.queries import (
+    ROUND_OFF_SHARE,
+    Subject,
+    certain,
+    for_queries,
+    law,
+    query_law,
+    require,
+    require_rows,
+)
+from cpmkit.types import Floats, Ints
 
-#: The step across or along the manifold that shows where a normal or tangent points, relative to the size.
+#: Step across or along the manifold by which normals and tangents are checked, relative to the size.
 DIRECTION_STEP_SHARE = 1e-5
 
 
 @query_law("near", HasNormals)
 def check_normals(subject: Subject, x: Floats) -> None:
-    """Normals are of length one and at right angles to the manifold, with one sign on both sides of it.
+    """Normals have length one and are perpendicular to the manifold, with one sign on both sides of it.
 
-    A foot that is moved along its normal comes back, to the case's turning angle. At a concave crease
-    it cannot, so one of the two sides is enough; and a crease may turn by more than a right angle, so
-    signs are compared by majority.
+    The closest point of a foot moved along its normal is the foot, to the case's turning angle. At a concave crease it
+    is not, so one of the two sides is enough; a crease may turn by more than a right angle, so signs are compared by
+    majority.
     """
     feet = subject.feet(x)
-    feet = feet.take(sure(feet))
+    feet = feet.take(certain(feet))
     normals = subject.source.normals(feet)
     _require_unit(normals, feet.points)
     feet, normals = feet.take(feet.edge < 0), normals[feet.edge < 0]
@@ -48,7 +56,7 @@ def check_normals(subject: Subject, x: Floats) -> None:
 
 @query_law("near", HasCreases)
 def check_facet_normals(subject: Subject, x: Floats) -> None:
-    """Normals of facets are of length one, or NaN in all coordinates."""
+    """Normals of facets have length one, or are NaN in all coordinates."""
     feet = subject.feet(x)
     normals = subject.source.facet_normals(feet)
     flat = np.isfinite(normals).any(axis=1)
@@ -57,9 +65,9 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
 
 @query_law("near", HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
-    """Tangents are of length one, lie along the curve, and point the same way from one foot to the next."""
+    """Tangents have length one, lie along the curve, and those of neighbouring feet have the same direction."""
     feet = subject.feet(x)
-    feet = feet.take(sure(feet))
+    feet = feet.take(certain(feet))
     _require_unit(subject.source.tangents(feet), feet.points)
     feet = feet.take(feet.edge < 0)
     tangents = subject.source.tangents(feet)
@@ -74,7 +82,7 @@ def check_tangents(subject: Subject, x: Floats) -> None:
 
 @query_law("near", HasValues)
 def check_values(subject: Subject, x: Floats) -> None:
-    """Interpolated data keep constants and the number of channels."""
+    """Interpolation preserves constants and the number of channels."""
     values = np.tile([3.0, -1.0], (subject.source.value_count, 1))
 
     read = subject.source.interpolate(values, subject.feet(x))
@@ -84,7 +92,7 @@ def check_values(subject: Subject, x: Floats) -> None:
 
 @law(HasMesh)
 def check_mesh(subject: Subject) -> None:
-    """The vertices of a mesh lie on the manifold, and its cells, as its dimension has them, name vertices once each."""
+    """The vertices of a mesh lie on the manifold; its cells have as many distinct vertices as its dimension demands."""
     for share in (0.5, 0.05):
         vertices, cells = subject.source.mesh(share * subject.size)
         require(vertices.dtype == np.float64 and cells.dtype == np.int64, f"It holds {vertices.dtype}, {cells.dtype}.")
@@ -115,28 +123,30 @@ def check_advice(subject: Subject) -> None:
             require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
 
 
-@query_law("near", HasFiniteFeet)
+@query_law("near", HasAdvice)
 def check_finite_feet(subject: Subject, x: Floats) -> None:
-    """There are no more feet than it states."""
-    feet, count = np.unique(subject.source.closest_point(x).points, axis=0), subject.source.foot_count
-    require(len(feet) <= count, f"There are {len(feet)} feet at least, not {count}.")
+    """A source whose feet are finitely many has no more of them than its advice states."""
+    count = subject.source.advice(subject.size).foot_count
+    if count is not None:
+        feet = np.unique(subject.source.closest_point(x).points, axis=0)
+        require(len(feet) <= count, f"There are {len(feet)} feet at least, not {count}.")
 
 
 @law(HasTranslation)
 def check_translation(subject: Subject) -> None:
-    """A translated source answers as the source does, moved by the offset, and has the same abilities.
+    """A translated source has the source's answers, moved by the offset, and the same abilities.
 
-    Feet are compared by where they lie and how far they are: at a tie rounding may choose another.
+    Feet are compared by their distances from the query and the manifold: at a tie rounding may choose another.
     """
     offset = subject.size * np.array([3.0, -50.0, 0.3])[: subject.source.dim]
-    moved = subject.source.translated(offset)
+    moved = subject.source.translate(offset)
     for ability in ABILITIES:
         same = isinstance(moved, ability) == isinstance(subject.source, ability)
         require(same, f"Only one of the two has {ability.__name__}.")
     apart = np.abs(moved.bounds - (subject.source.bounds + offset)).max()
     require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
 
-    def hold(x: Floats) -> None:
+    def check(x: Floats) -> None:
         original, translated = subject.feet(x), moved.closest_point(x + offset)
         allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
         apart = np.abs(translated.distance - original.distance)
@@ -150,11 +160,48 @@ def check_translation(subject: Subject) -> None:
             apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart
         )
 
-    for_queries(subject, hold, within_radius=not subject.source.exact, together=True)
+    for_queries(subject, check, within_radius=not subject.source.exact, together=True)
+
+
+@law(HasLeft)
+def check_left(subject: Subject) -> None:
+    """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
+
+    def check(x: Floats) -> None:
+        feet = subject.source.closest_point(x)
+        feet = feet.take(certain(feet))
+        left = subject.source.leftward(feet)
+        require(left.shape == feet.points.shape, f"There are {left.shape} vectors for {feet.points.shape} feet.")
+        length = np.linalg.norm(left, axis=1)
+        require_rows(np.abs(length - 1) <= ROUND_OFF_SHARE, feet.points, "A vector to the left has the length", length)
+        if isinstance(subject.source, HasTangents):
+            along = np.abs(np.sum(left * subject.source.tangents(feet), axis=1))
+            require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
+
+    for_queries(subject, check, within_radius=True)
+    left_of = getattr(subject.source, "left_of", None)
+    if left_of is not None:
+        point = np.asarray(left_of, dtype=np.float64)[None]
+        feet = subject.source.closest_point(point)
+        on_left = bool(np.sum((point - feet.points) * subject.source.leftward(feet)) > 0)
+        require(on_left, f"left_of, {point[0].tolist()}, is not on the left.")
+
+
+@law()
+def check_edge_limit(subject: Subject) -> None:
+    """Edge numbers are below 1000, or below the source's ``edge_limit``, a multiple of 1000."""
+    limit = edge_limit_of(subject.source)
+    require(limit > 0 and limit % 1000 == 0, f"The limit of the edges' numbers is {limit}, no multiple of 1000.")
+
+    def check(x: Floats) -> None:
+        largest = int(subject.feet(x).edge.max(initial=-1))
+        require(largest < limit, f"An edge has the number {largest}, the limit is {limit}.")
+
+    for_queries(subject, check, within_radius=False)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
-    """Require triangles of surfaces and of what is seen of solids, segments of curves, or points, as of clouds.
+    """Require triangles for surfaces and solids, segments for curves, or points, as for clouds.
 
     Only a union of mixed dimension has rows that end in -1, and no more columns than its largest cells need.
     """

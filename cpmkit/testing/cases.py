@@ -1,4 +1,4 @@
-"""What the laws are checked on: sources that plugins supply as examples of their kinds."""
+"""Conformance cases: sources that plugins supply as examples of their kinds, on which the laws are checked."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit import plugins
-from cpmkit.protocols import ClosestPointSource, Floats
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True)
@@ -21,19 +22,19 @@ class ConformanceCase:
     kind : str
         The kind in scene files, ``family.shape``.
     name : str
-        Tells the cases of a kind apart.
+        Distinguishes the cases of a kind.
     make : callable
         Returns the source.
     samples : callable, optional
-        ``samples(rng, n)`` returns points (n, d) known to lie on the manifold, found by other means
-        than closest points: with them a foot that is not the nearest is caught surely.
+        ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
+        laws detect every foot that is not the nearest.
     radius : float, optional
-        For a source that is not exact: the distance from the manifold up to which its feet are
-        meant to be good. ``None``: anywhere.
+        For a source that is not exact: the distance from the manifold up to which feet are meant to be accurate.
+        ``None``: anywhere.
     turning_angle : float
-        The angle in radians by which feet (of a source that is not exact) and normals (of any) may be
-        off: ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between
-        neighbouring normals; for a smooth manifold 0.
+        The angle in radians by which feet (of a source that is not exact) and normals (of any source) may be off:
+        ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between neighbouring
+        normals; for a smooth manifold 0.
     """
 
     kind: str

@@ -1,4 +1,4 @@
-"""The laws of local minima of the distance: a foot on every sheet near a query. Without the ability all are kept."""
+"""The laws of local minima of the distance, a foot on every sheet near a query; sources without them obey the laws."""
 
 from __future__ import annotations
 
@@ -7,31 +7,34 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPoints, ClosestPointSource, Floats, HasLocalMinima, HasMembers, Ints
-from cpmkit.testing.law import law, query_law, require, require_rows, sure
-from cpmkit.testing.queries import Subject
+from cpmkit.manifold.abilities import HasLocalMinima, members_of
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.testing.queries import Subject, certain, law, query_law, require, require_rows
+from cpmkit.types import Floats, Ints
 
-#: The radii that are asked for, relative to the size.
-ASKED_RADII_SHARES = (0.2, 0.5)
-#: How far towards the query a foot is looked at from, relative to its distance.
+#: The radii of the searches, relative to the size.
+RADII_SHARES = (0.2, 0.5)
+#: Length of the step from a foot towards its query, relative to their distance.
 TOWARDS_QUERY_SHARE = 1e-3
-#: How far around a foot the manifold is looked at, relative to the size.
+#: Distance from a foot of the points that are compared with it, relative to the size.
 AROUND_FOOT_SHARE = 1e-5
 
 
 @query_law(ability=HasLocalMinima)
 def check_local_minima(subject: Subject, x: Floats) -> None:
-    """Feet within a radius lie on the manifold at their distance, by rows and nearest first, the closest point first.
+    """Feet within a radius lie on the manifold at their distance, ordered by row and distance, the closest point first.
 
-    A larger radius adds feet and takes none away.
+    A larger radius adds feet and removes none.
     """
-    small, large = (share * subject.size for share in ASKED_RADII_SHARES)
+    small, large = (share * subject.size for share in RADII_SHARES)
 
     closest = subject.feet(x)
     rows, feet = subject.source.local_minima(x, large)
     _require_order(subject, x, rows, feet)
     expected = np.flatnonzero(closest.distance <= large)
-    require(np.array_equal(np.unique(rows), expected), "Not those queries have feet whose closest point is near.")
+    require(
+        np.array_equal(np.unique(rows), expected), "The queries with feet are not those whose closest point is near."
+    )
     require((feet.distance <= large).all(), "A foot lies beyond the radius.")
     first = np.flatnonzero(np.diff(rows, prepend=-1))
     apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
@@ -50,28 +53,28 @@ def check_local_minima(subject: Subject, x: Floats) -> None:
 
 @query_law("near unless exact", HasLocalMinima)
 def check_sheets(subject: Subject, x: Floats) -> None:
-    """Feet of one query are distinct, each is the closest point of what lies a little towards the query, and a minimum.
+    """Feet of one query are distinct local minima; each is the closest point of a point a little nearer the query.
 
-    So the way is normal to the manifold there, or between its normals at a crease, or past its edge. Of an exact source
-    points around a foot are farther. Of a union each member is looked at alone: where two touch, a foot on one may be
-    no local minimum beside the other.
+    The query therefore lies along the normal, between the normals at a crease, or beyond the edge. For an exact source
+    other points around a foot are farther away. The members of a union are checked one by one: where two touch, a foot
+    on one may be no local minimum of both.
     """
-    rows, feet = subject.source.local_minima(x, ASKED_RADII_SHARES[1] * subject.size)
+    rows, feet = subject.source.local_minima(x, RADII_SHARES[1] * subject.size)
     for member, chosen in _by_member(subject.source, feet):
         _require_distinct(x, rows[chosen], feet.take(chosen), subject)
-        chosen = chosen[sure(feet.take(chosen))]
+        chosen = chosen[certain(feet.take(chosen))]
         points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
         nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
         slid = np.linalg.norm(nearest - points, axis=1)
         allowed = subject.case.turning_angle * np.linalg.norm(towards, axis=1) + subject.round_off(points)
-        require_rows(slid <= allowed, x[rows[chosen]], "Seen from nearer, the foot slides", slid)
+        require_rows(slid <= allowed, x[rows[chosen]], "From a point nearer the query, the foot slides", slid)
         if member.exact:
             _require_minima(member, x[rows[chosen]], points, subject)
 
 
 @law(HasLocalMinima)
 def check_bad_radius(subject: Subject) -> None:
-    """Feet are refused with InputError for wrong queries, as closest points are, and for a radius not above zero."""
+    """Wrong queries, and a radius not above zero, are refused with InputError."""
     good, dim = subject.centre[None], subject.source.dim
     rows, feet = subject.source.local_minima(np.empty((0, dim)), subject.size)
     require(len(rows) == len(feet) == 0, "No queries have feet.")
@@ -105,15 +108,13 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
     """Yield each member of a union, or the source itself, with the numbers of its feet."""
-    if not isinstance(source, HasMembers):
-        yield source, np.arange(len(feet))
-        return
-    for number, member in enumerate(source.members):
-        yield member, np.flatnonzero(feet.element == number)
+    members = members_of(source)
+    for number, member in enumerate(members):
+        yield member, np.arange(len(feet)) if member is source else np.flatnonzero(feet.element == number)
 
 
 def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
-    """Require that none of the feet of a row lies at the place of another: neighbours along each axis are compared."""
+    """Require that no two feet of a row coincide: neighbours in lexicographic order are compared."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)
     apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
@@ -122,11 +123,11 @@ def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subje
 
 
 def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, subject: Subject) -> None:
-    """Require that points around each foot are not nearer to its query on both sides of it.
+    """Require that of two opposite points around each foot one at least is no nearer to the query.
 
-    On one side they may be: beside the rim of a facet.
+    The other may be nearer where the foot is beside the edge of a facet.
     """
     step = AROUND_FOOT_SHARE * subject.size * np.random.default_rng(0).normal(size=points.shape)
     both = [source.closest_point(np.ascontiguousarray(points + sign * step)).points for sign in (1.0, -1.0)]
-    gain = np.linalg.norm(x - points, axis=1) - np.max([np.linalg.norm(x - one, axis=1) for one in both], axis=0)
+    gain = np.linalg.norm(x - points, axis=1) - np.max([np.linalg.norm(x - side, axis=1) for side in both], axis=0)
     require_rows(gain <= subject.round_off(x), x, "There are nearer points on both sides of a foot, by", gain)

@@ -1,39 +1,43 @@
-"""The queries on which the laws are checked, drawn by hypothesis around a source's bounds."""
+"""What makes a function a law, and the queries on which laws are checked: drawn by hypothesis around the bounds."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, partial, wraps
+from typing import Any, Literal
 
 import numpy as np
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
-from cpmkit.protocols import ClosestPoints, Floats
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.testing.cases import ConformanceCase
+from cpmkit.types import Bools, Floats
 
-#: Round-off that is allowed, relative to the largest coordinate that takes part.
+Law = Callable[[ConformanceCase], None]
+
+#: Round-off that is allowed, relative to the largest coordinate involved.
 ROUND_OFF_SHARE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A source under test and the length that everything about it is measured in.
+    """A source under test, and the length to which tolerances are relative.
 
     Attributes
     ----------
     case : ConformanceCase
-        Where it comes from.
+        The case that made the source.
     source : ClosestPointSource
-        What ``case.make`` returned.
+        Returned by ``case.make``.
     centre : (d,) float64
         Centre of its bounds.
     size : float
         Diagonal of its bounds; of a single point, its largest coordinate, or 1 at the origin.
     answers : dict
-        What the source has answered to which queries.
+        Answers of the source by the bytes of their queries.
     """
 
     case: ConformanceCase
@@ -43,20 +47,20 @@ class Subject:
     answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
-        """Return (n,) what rounding may cost at the queries ``x``."""
+        """Return the error (n,) that rounding may cause at the queries ``x``."""
         largest = np.abs(x).max(axis=1) + np.abs(self.source.bounds).max() + self.size
         allowed: Floats = ROUND_OFF_SHARE * largest
         return allowed
 
     def feet(self, x: Floats) -> ClosestPoints:
-        """Return the closest points of ``x``, asked once for all laws that only read them."""
+        """Return the closest points of ``x``, computed once for all laws that only read them."""
         key = x.tobytes()
         if key not in self.answers:
             self.answers[key] = self.source.closest_point(x.copy())
         return self.answers[key]
 
-    def ask_together(self, batches: Sequence[Floats]) -> None:
-        """Ask all batches at once, which is quicker; that no answer depends on its batch is a law of its own."""
+    def query_together(self, batches: Sequence[Floats]) -> None:
+        """Query all batches at once, which is faster; another law checks that no answer depends on its batch."""
         rows = np.split(np.arange(sum(map(len, batches))), np.cumsum([len(x) for x in batches])[:-1])
         together = np.concatenate(batches)
         self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
@@ -69,7 +73,7 @@ class Subject:
 
 @lru_cache(maxsize=1)
 def subject(case: ConformanceCase) -> Subject:
-    """Make the source of a case: one for all laws, which follow each other, for it is a value."""
+    """Return the subject of a case; laws that run one after the other share it."""
     source = case.make()
     lower, upper = np.asarray(source.bounds, dtype=np.float64)
     diagonal = float(np.linalg.norm(upper - lower))
@@ -78,41 +82,41 @@ def subject(case: ConformanceCase) -> Subject:
 
 
 def for_queries(
-    subject: Subject, hold: Callable[[Floats], None], within_radius: bool = False, together: bool = False
+    subject: Subject, check: Callable[[Floats], None], within_radius: bool = False, together: bool = False
 ) -> None:
-    """Call ``hold`` with batches of queries (n, d), the same in every run; a failing batch is made small.
+    """Call ``check`` with batches of queries (n, d), the same in every run; a failing batch is reduced to a small one.
 
     Parameters
     ----------
     subject : Subject
         Around which the queries lie: near its bounds, far out, and on it.
-    hold : callable
+    check : callable
         Raises AssertionError if the law is broken.
     within_radius : bool
         Draw queries only up to the case's ``radius`` from the manifold, if it has one.
     together : bool
-        Call ``hold`` once with the queries of all batches: of a law of each row, or of each pair, it asks no less.
+        Call ``check`` once with the queries of all batches, for a law about each row or each pair of rows.
     """
     near = within_radius and subject.case.radius is not None
     try:
         batches = _batches(subject, near)
         for x in [np.concatenate(batches)] if together else batches:
-            hold(x.copy())
+            check(x.copy())
     except Exception as failure:
-        _generate(subject, near, hold)  # fails on the same batches, and shows a small one
+        _generate(subject, near, check)  # fails on the same batches, and shows a small one
         raise failure
 
 
 @lru_cache(maxsize=2)
 def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
-    """Return what hypothesis draws for a law that holds: to draw and to ask is dear, and is done once."""
+    """Return the batches that hypothesis draws for a law that is obeyed; drawing and querying take long."""
     drawn: list[Floats] = []
     _generate(subject, near, drawn.append)
-    subject.ask_together(drawn)
+    subject.query_together(drawn)
     return tuple(drawn)
 
 
-def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
+def _generate(subject: Subject, near: bool, check: Callable[[Floats], None]) -> None:
     draws = _anywhere(subject) if subject.case.radius is None or not near else _tube(subject, subject.case.radius)
 
     @settings(
@@ -125,16 +129,16 @@ def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> N
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
     @given(draws)
-    def each(x: Floats) -> None:
-        hold(x)
+    def check_batch(x: Floats) -> None:
+        check(x)
 
-    each()
+    check_batch()
 
 
 def symmetric_points(subject: Subject) -> Floats:
-    """Return the centre of the bounds, corners, edge and face middles of the box and of the box of half its size.
+    """Return the centre of the bounds, and the corners and middles of edges and faces of the box and of its half.
 
-    On shapes with symmetries these are where closest points are not unique.
+    On symmetric shapes closest points are not unique there.
     """
     dim = subject.source.dim
     signs = np.stack(np.meshgrid(*[[0.0, -1.0, 1.0]] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -145,7 +149,7 @@ def symmetric_points(subject: Subject) -> Floats:
 
 
 def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Draw a few points that hypothesis chooses, with many at random, some of them on the manifold."""
+    """Draw a few points of hypothesis's choice, and many random ones, some of them on the manifold."""
     dim, known = subject.source.dim, subject.known_points()
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
@@ -175,3 +179,71 @@ def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
         return np.ascontiguousarray(around.points + radius * rng.uniform(0, 1, (count, 1)) * direction)
 
     return st.builds(batch, st.integers(1, 64), st.integers(0, 2**16))
+
+
+def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
+    """Return a decorator that turns a check of a subject into a law; sources without the ability obey it."""
+
+    def decorate(check: Callable[[Subject], None]) -> Law:
+        @wraps(check)
+        def check_case(case: ConformanceCase) -> None:
+            sentence = (check.__doc__ or "").partition("\n")[0]
+            try:
+                about = subject(case)
+                if isinstance(about.source, ability):
+                    check(about)
+            except AssertionError as error:
+                raise AssertionError(f"{case} breaks the law {check.__name__} ({sentence}) {error}") from None
+            except Exception as error:
+                error.add_note(f"{case} raised this under the law {check.__name__} ({sentence})")
+                raise
+
+        return check_case
+
+    return decorate
+
+
+def query_law(
+    where: Literal["anywhere", "near", "near unless exact"] = "anywhere", ability: Any = object, together: bool = False
+) -> Callable[[Callable[[Subject, Floats], None]], Law]:
+    """Return a decorator that turns a check of a subject and a batch of queries (n, d) into a law.
+
+    Parameters
+    ----------
+    where : str
+        Whether queries lie anywhere, near (within the case's radius), or near unless the source is exact.
+    ability : type
+        Sources without it obey the law.
+    together : bool
+        As for :func:`for_queries`.
+    """
+
+    def decorate(check: Callable[[Subject, Floats], None]) -> Law:
+        @wraps(check)
+        def check_subject(about: Subject) -> None:
+            near = where == "near" or (where == "near unless exact" and not about.source.exact)
+            for_queries(about, partial(check, about), near, together)
+
+        return law(ability)(check_subject)
+
+    return decorate
+
+
+def require(condition: Any, message: str) -> None:
+    """Raise AssertionError with ``message`` unless ``condition`` is true."""
+    if not condition:
+        raise AssertionError(message)
+
+
+def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] | None = None) -> None:
+    """Raise AssertionError with the first query of ``x`` (n, d) where ``condition`` (n,) is false, and its value."""
+    failing = np.flatnonzero(~condition)
+    if len(failing):
+        first = failing[0]
+        value = "" if values is None else f": {np.array2string(np.asarray(values[first]), precision=17)}"
+        raise AssertionError(f"{message}{value} at the query {x[first].tolist()} ({len(failing)} of {len(x)} queries).")
+
+
+def certain(feet: ClosestPoints) -> Bools:
+    """Return (n,) True for the feet that are not doubtful."""
+    return np.ones(len(feet), dtype=np.bool_) if feet.doubtful is None else ~feet.doubtful

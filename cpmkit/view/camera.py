@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.arrays import as_vector
+from cpmkit.types import Floats, Ints
 
 #: Points within this share of the height above the lowest point touch the ground.
 GROUND_SHARE = 0.03

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import did_you_mean, install_command
+from cpmkit.types import Floats
 
 #: Values that differ by a smaller share of their size are one value, and the bar is this share longer on both sides.
 EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import BoundarySet, Floats, HasMesh, Ints
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
+from cpmkit.types import Floats, Ints
 from cpmkit.view.camera import Camera, fit
 from cpmkit.view.colours import INK
 

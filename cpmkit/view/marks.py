@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
 from cpmkit.solution.display_mesh import DisplayMesh
+from cpmkit.types import Floats, Ints
 from cpmkit.view.colours import INK, Bar
 from cpmkit.view.drawing import Drawing, Shapes, in_space, lines
 

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 
-from cpmkit.protocols import Floats
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.frames import EvolvedRecord
 from cpmkit.solution.modes import EigenRecord
+from cpmkit.types import Floats
 from cpmkit.view.camera import fit
 from cpmkit.view.colours import Bar, make_bar
 from cpmkit.view.drawing import boundary_meshes, in_space

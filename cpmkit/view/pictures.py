@@ -12,11 +12,11 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
-from cpmkit.protocols import Floats
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.modes import EigenRecord
+from cpmkit.types import Floats
 from cpmkit.view import marks
 from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, make_bar

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.threads import run_parcels
+from cpmkit.types import Floats, Ints
 from cpmkit.view.colours import Bar
 from cpmkit.view.drawing import Drawing, Shapes
 

@@ -57,7 +57,7 @@ def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
     """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
     from layouts import lay_out
 
-    from cpmkit.grid.band import cell_levels
+    from cpmkit.grid.blocks import cell_levels
     from cpmkit.manifold.local_source import localize
 
     sphere = ck.source("analytic.sphere")

@@ -8,7 +8,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.accuracy.estimate import coarse_solver, estimate_by_solving
-from cpmkit.protocols import ReadsAsTriangles
+from cpmkit.manifold.abilities import HasFacets
 
 PROBLEM = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1])
 
@@ -70,9 +70,9 @@ def test_a_tolerance_below_the_floor_is_told():
 
 def test_a_mesh_can_be_read_as_its_triangles():
     smooth = scene(sphere(1)).surface
-    assert isinstance(smooth, ReadsAsTriangles)
-    assert smooth.faceted().exact
+    assert isinstance(smooth, HasFacets)
+    assert smooth.read_as_facets().exact
     x = np.random.default_rng(0).normal(size=(50, 3))
     np.testing.assert_array_equal(
-        smooth.faceted().closest_point(x).points, scene(sphere(1), "faceted").surface.closest_point(x).points
+        smooth.read_as_facets().closest_point(x).points, scene(sphere(1), "faceted").surface.closest_point(x).points
     )

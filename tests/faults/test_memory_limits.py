@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.grid.fitting import fitting_spacing
+from cpmkit.grid.spacings import fitting_spacing
 from cpmkit.manifold.local_source import localize
 from cpmkit.runtime import memory
 from cpmkit.runtime.arrays import as_vector

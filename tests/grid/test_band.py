@@ -10,7 +10,7 @@ from cpmkit.grid.band import build_band
 from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import cross_offsets, reading_radius, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import localize
-from cpmkit.protocols import ClosestPoints
+from cpmkit.manifold.source import ClosestPoints
 
 
 def sphere_band(spacing, degree=3):

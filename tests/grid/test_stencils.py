@@ -5,7 +5,6 @@ import pytest
 
 from cpmkit import InputError
 from cpmkit.grid.stencils import (
-    DEGREES,
     check_degree,
     reading_radius,
     stencil_cells,
@@ -14,7 +13,7 @@ from cpmkit.grid.stencils import (
 )
 
 
-@pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_polynomials_are_reproduced(degree, dim):
     rng = np.random.default_rng(degree)
@@ -29,13 +28,13 @@ def test_polynomials_are_reproduced(degree, dim):
         np.testing.assert_allclose(read, np.prod((points / 5.0) ** power, axis=1), atol=1e-11)
 
 
-@pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
 def test_weights_sum_to_one(degree):
     fractions = np.random.default_rng(1).uniform(0, 1, (500, 3))
     np.testing.assert_allclose(tensor_weights(fractions, degree).sum(axis=1), 1, atol=1e-14)
 
 
-@pytest.mark.parametrize("degree", DEGREES)
+@pytest.mark.parametrize("degree", [2, 3, 4, 5])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_stencil_reads_within_its_radius(degree, dim):
     points = np.random.default_rng(2).uniform(-3, 3, (5000, dim))

@@ -76,9 +76,9 @@ PLANTED = [
     ),
     (
         "cpmkit_mesh/box_tree.py",
-        "from cpmkit.protocols import Floats",
+        "from cpmkit.types import Floats",
         "A plugin imports the facade alone",
-        "cpmkit_mesh.box_tree -> cpmkit.protocols",
+        "cpmkit_mesh.box_tree -> cpmkit.types",
     ),
     (
         "cpmkit_levelset/search.py",

@@ -9,8 +9,9 @@ import cpmkit as ck
 from cpmkit.families.steady import assemble
 from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
-from cpmkit.protocols import Floats, PreparedSolver
+from cpmkit.linear.protocols import PreparedSolver
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats
 
 SPHERE = ck.source("analytic.sphere")
 

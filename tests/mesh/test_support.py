@@ -138,4 +138,4 @@ def test_diagonals_of_a_tube_of_tall_triangles_are_supported(height):
     tube = ck.source("mesh.triangles", vertices=points, faces=faces)
     prepared = ck.prepare(ck.Scene(tube, ck.ScreenedPoisson(1.0)), 0.1, form="galerkin")
     assert prepared.discretized.sampled.samples.weights.sum() == pytest.approx(2 * np.pi * height, rel=3e-4)
-    assert not any("turn more" in sentence for sentence in tube.own_warnings(0.1))
+    assert not any("turn more" in sentence for sentence in tube.advice(0.1).warnings)

@@ -13,6 +13,7 @@ from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
+from cpmkit.plugin import Advice
 
 CELLED = [
     case
@@ -73,7 +74,7 @@ def test_level_sets_in_space_and_clouds_are_left_to_closest_points(monkeypatch):
     ball = ck.source("levelset.expression", phi="x**2 + y**2 + z**2 - 1", bounds=[[-1.5] * 3, [1.5] * 3])
     cloud = ck.source("pointcloud.points", points=octahedron(4).vertices)
     for source in (ball, cloud):
-        monkeypatch.delattr(type(source), "mesh_for_samples")
+        monkeypatch.setattr(type(source), "advice", lambda self, spacing: Advice())
         assert source_cells(centred(source)[0], 0.2) is None
         monkeypatch.undo()
         with monkeypatch.context() as patched:

@@ -68,7 +68,7 @@ class Circle:
     def advice(self, spacing: float) -> Advice:
         return Advice(1e-16, () if spacing < 1.0 else (f"At the spacing {spacing:.1f} a circle is a polygon.",))
 
-    def translated(self, offset: np.ndarray) -> Circle:
+    def translate(self, offset: np.ndarray) -> Circle:
         return replace(self, center=self.center + offset)
 
 
@@ -317,18 +317,18 @@ class FloorOfNothing(Circle):
 
 
 class TranslatedTheOtherWay(Circle):
-    def translated(self, offset):
+    def translate(self, offset):
         return replace(self, center=self.center - offset)
 
 
 class TranslationLosesAbilities(Circle):
-    def translated(self, offset):
-        whole = super().translated(offset)
+    def translate(self, offset):
+        whole = super().translate(offset)
 
         class Bare:
             dim, manifold_dim, exact, bounds = 2, 1, True, whole.bounds
             closest_point = whole.closest_point
-            translated = whole.translated
+            translate = whole.translate
 
         return Bare()
 
@@ -356,7 +356,8 @@ class OddLimit(Circle):
 
 
 class TwoFeet(Circle):
-    foot_count = 2
+    def advice(self, spacing):
+        return Advice(foot_count=2)
 
 
 FAULTS = {

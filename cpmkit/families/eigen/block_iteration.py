@@ -15,8 +15,8 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime import memory
+from cpmkit.types import Floats, Ints
 
 #: At most so many rounds; 15 to 25 are usual.
 MOST_ROUNDS = 100

@@ -13,9 +13,10 @@ import numpy as np
 from cpmkit.errors import SceneError
 from cpmkit.families.context import SolveContext, left_side
 from cpmkit.linear.direct import IndefiniteError, PositiveFactors
-from cpmkit.protocols import Floats, Operator, Preconditioner, PreparedSolver, Stiffness
+from cpmkit.linear.protocols import Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.diffusivities import mean_diffusivity
+from cpmkit.types import Floats
 
 #: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
 #: or beside a number inside it.

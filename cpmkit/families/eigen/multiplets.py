@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
+from cpmkit.types import Floats
 
 #: Eigenvalues that differ by less than this share of their distance from the shift may be one of the manifold.
 ONE_EIGENVALUE_SHARE = 1e-3

@@ -11,12 +11,13 @@ from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
+from cpmkit.linear.protocols import PreparedSolver
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, PreparedSolver
 from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.solution.modes import Resonance
+from cpmkit.types import Floats
 
 #: Relative residual to which the distance to an eigenvalue is computed.
 ROUGH_RESIDUAL = 1e-3

@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Eigenvalues that differ by less than this share of the tolerance are one.
 SAME_EIGENVALUE_TOLERANCES = 0.1

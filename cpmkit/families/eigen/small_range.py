@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.families.eigen.inverse_iteration import InverseIteration, Pairs
-from cpmkit.protocols import Ints
+from cpmkit.types import Ints
 
 #: Unknowns that are few.
 MOST_SEEN = 64

@@ -18,9 +18,9 @@ from cpmkit.families.eigen.small_range import all_pairs, dense_pairs, few_seen
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, rounding_of
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenRecord
+from cpmkit.types import Floats
 
 #: Further pairs that are sought, so that of a multiple eigenvalue none is missed.
 SPARE_PAIRS = 6

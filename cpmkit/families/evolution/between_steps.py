@@ -8,9 +8,9 @@ import numpy as np
 
 from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.forms.contract import Discretized
-from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.pointwise import apply_after_step
+from cpmkit.types import Floats
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:

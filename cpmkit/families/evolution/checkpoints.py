@@ -18,7 +18,7 @@ from cpmkit.families.evolution.shifted import SolveTally
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.whole_files import written_whole
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Arrays of a moment.
 MOMENT_ARRAYS = ("u", "rate", "acceleration")

@@ -10,10 +10,10 @@ from cpmkit.errors import ResolutionError
 from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.forms.contract import surely_positive
-from cpmkit.protocols import Floats
 from cpmkit.scene.data import takes_time
 from cpmkit.scene.equations_in_time import Heat, Wave
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats
 
 #: A drift is reported if it exceeds this share of the total heat and this share of the range of u.
 DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3

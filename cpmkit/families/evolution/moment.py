@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Moments that schemes look back on.
 REMEMBERED_MOMENTS = 3

@@ -13,8 +13,8 @@ from cpmkit.families.evolution.between_steps import after_step
 from cpmkit.families.evolution.moment import Moment
 from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
-from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)

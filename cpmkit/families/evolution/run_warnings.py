@@ -7,11 +7,11 @@ import numpy as np
 from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.forms.contract import Discretized
-from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
+from cpmkit.types import Floats
 
 #: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
 #: the second share of the solution.

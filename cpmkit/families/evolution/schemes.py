@@ -22,7 +22,7 @@ from cpmkit.families.evolution.moment import History, Moment
 from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.families.evolution.shifted import ShiftedSolver
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: Takes the moments so far, the last one last, and returns the next.
 Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]

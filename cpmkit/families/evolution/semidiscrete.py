@@ -10,10 +10,11 @@ import numpy as np
 
 from cpmkit.families.evolution.moment import Moment
 from cpmkit.forms.contract import Discretized, conditions_depend_on_time
-from cpmkit.protocols import Floats, Stiffness
+from cpmkit.linear.protocols import Stiffness
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.pointwise import Reaction, reaction_rates
+from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,8 +12,9 @@ from cpmkit.families.context import SolveContext, left_side
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
 from cpmkit.forms.contract import conditions_depend_on_time
 from cpmkit.linear.constant_functions import ConstantFunctions
+from cpmkit.linear.protocols import PreparedSolver, Stiffness
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, PreparedSolver, Stiffness
+from cpmkit.types import Floats
 
 
 @dataclass

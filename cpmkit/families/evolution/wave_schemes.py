@@ -21,8 +21,8 @@ from cpmkit.families.evolution.schedule import Step
 from cpmkit.families.evolution.schemes import bdf2_start, extrapolate, previous_moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.families.evolution.shifted import ShiftedSolver
-from cpmkit.protocols import Floats
 from cpmkit.scene.equations_in_time import Wave
+from cpmkit.types import Floats
 
 #: By how much leapfrog damps the shortest waves of the lattice, per time in which a wave crosses a spacing.
 LEAPFROG_DAMPING = 0.8

@@ -37,8 +37,8 @@ from cpmkit.grid.band import Band, build_band
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, Lattice, lattice_of
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Progress, no_progress
 
 #: Nodes with feet nearer to a boundary than so many spacings read right-hand sides well inside their side.
 DOUBTFUL_SIDE_SPACINGS = 0.1

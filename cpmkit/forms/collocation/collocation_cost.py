@@ -19,15 +19,15 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.refusals import check_layout
 from cpmkit.forms.cost_model import CostModel, growth_through
 from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
-from cpmkit.grid.band import cell_levels, nodes_of_blocks
-from cpmkit.grid.fitting import check_fits, fitting_spacing, unknowns_at_one
+from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, lattice_of
+from cpmkit.grid.spacings import check_fits, fitting_spacing, unknowns_at_one
 from cpmkit.grid.stencils import base_offset
 from cpmkit.linear.solver_options import choose_solver
-from cpmkit.manifold.abilities import advice_of
+from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
 from cpmkit.manifold.local_source import largest_dim, localize
-from cpmkit.protocols import HasNormals, HasTangents, Progress, no_progress
 from cpmkit.runtime import memory
+from cpmkit.types import Progress, no_progress
 
 #: A dry run lays out at most about this many cells on the manifold.
 DRY_RUN_CELLS = 12_000

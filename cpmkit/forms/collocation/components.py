@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.protocols import Bools, Ints
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import fixes_constant, is_zero_neumann
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Bools, Ints
 
 #: Weights below this are rounding and connect nothing.
 LEAST_CONNECTING_WEIGHT = 1e-12

@@ -20,13 +20,14 @@ from cpmkit.forms.collocation.selection import Centres, Numbering, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import SIDES, Floats, Ints, Operator, Progress, no_progress
 from cpmkit.runtime.memory import ENTRY_BYTES
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface, Law
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats, Ints, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -17,9 +17,11 @@ from cpmkit.forms.collocation.band_layout import Layout
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.collocation.side_view import stack
-from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_weights
+from cpmkit.grid.band import stencil_nodes
+from cpmkit.grid.stencils import stencil_cells, tensor_weights
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
-from cpmkit.protocols import ClosestPoints, Floats, Progress, no_progress
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.types import Floats, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -22,9 +22,10 @@ from cpmkit.forms.collocation.ghosts.ghosts import Ghosts
 from cpmkit.forms.collocation.row_formula import RowFormula
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import ThreadedProduct, connected_unknowns
-from cpmkit.protocols import Floats, Ints, Operator
+from cpmkit.linear.protocols import Operator
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms, VectorField
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

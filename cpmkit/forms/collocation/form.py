@@ -25,16 +25,17 @@ from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
-from cpmkit.grid.fitting import check_fits
+from cpmkit.grid.spacings import check_fits
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.manifold.mixed_dimension import mixed_joint_sentences
-from cpmkit.protocols import Floats, Ints, Operator, Progress, Stiffness, no_progress
+from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.edge_conditions import position_parts
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Ints, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -257,7 +258,7 @@ class Collocation(Reader):
 
     @cached_property
     def _joint_warnings(self) -> list[str]:
-        return mixed_joint_sentences(self.scene.surface, self.spacing)
+        return mixed_joint_warnings(self.scene.surface, self.spacing)
 
     @cached_property
     def _has_sharp_bends(self) -> bool:

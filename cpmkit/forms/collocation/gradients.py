@@ -21,11 +21,13 @@ import numpy as np
 from cpmkit.forms.collocation.row_formula import extrapolation_weights
 from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.collocation.side_view import SideView
-from cpmkit.grid.stencils import stencil_cells, stencil_nodes, tensor_slopes
+from cpmkit.grid.band import stencil_nodes
+from cpmkit.grid.stencils import stencil_cells, tensor_slopes
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
-from cpmkit.protocols import SIDES, Bools, ClosestPoints, Floats, Ints, Rows, Side
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.laws import Value
+from cpmkit.types import SIDES, Bools, Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.read_points import Reader

@@ -10,9 +10,9 @@ from cpmkit.forms.collocation.sheets.sheets import foot_directions
 from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
 from cpmkit.grid.band import Band
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.protocols import SIDES, Floats
 from cpmkit.scene.point_values import small_boundary_warnings
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats
 
 #: Normals that turn by more than this (radians) over one spacing are a sharp bend: on a radius of 3 spacings the
 #: solution is off by half a percent of its range.
@@ -46,7 +46,7 @@ def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
     return (
         *advice.warnings,
         *advice.closest_point_warnings,
-        *layout.lattice.lost_digits(layout.surface.bounds, not layout.surface.shift.any()),
+        *layout.lattice.rounding_warnings(layout.surface.bounds, not layout.surface.shift.any()),
         *_doubtful_feet(layout),
         *_jumping_feet(layout),
         *_first_order_ghosts(layout),

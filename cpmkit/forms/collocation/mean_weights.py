@@ -16,8 +16,8 @@ from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension_operator import ExtensionOperator
 from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, Imbalance
 from cpmkit.linear.operators import Border, Bordered
-from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -11,8 +11,8 @@ import numpy as np
 from cpmkit.errors import ResolutionError, place
 from cpmkit.forms.collocation.discretization import Discretization, read_only
 from cpmkit.forms.collocation.row_formula import BoundaryData
-from cpmkit.protocols import Floats
 from cpmkit.scene.laws import Flux, Mixed, Nonlinear
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

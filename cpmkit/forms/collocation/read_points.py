@@ -19,12 +19,14 @@ from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import STRI
 from cpmkit.forms.contract import Discretized
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, Bools, BoundarySet, ClosestPoints, Floats, Side, Sides
 from cpmkit.runtime.arrays import as_points
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Bools, Floats, Side, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

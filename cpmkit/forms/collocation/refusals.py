@@ -14,9 +14,10 @@ from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
 from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import DIFFERENT_DATA_SHARE, Strip
 from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import with_corners
 from cpmkit.mesh.quadratic_cells import outward_edges
-from cpmkit.protocols import SIDES, ClosestPointSource, Floats, HasMesh, Ints
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.data import evaluate_data
@@ -24,6 +25,7 @@ from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.laws import Interface, Mixed, Nonlinear, Value, beta_at, data_of, is_zero_neumann
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.side_view import SideView

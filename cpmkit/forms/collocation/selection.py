@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.ghosts.ghosts import Ghosts

@@ -23,10 +23,12 @@ from cpmkit.forms.collocation.sheets.sheets import Sheets
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints, Rows
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.data import Data
 from cpmkit.scene.oriented import OrientedBoundary, dimension_along
+from cpmkit.types import Bools, Floats, Ints
 
 #: A point nearer to the boundary than this many spacings counts as left of it.
 #: (Differs from King et al. (2024), section 4.2: 0.1 spacing^2, on either side.)

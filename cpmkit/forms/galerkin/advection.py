@@ -23,10 +23,10 @@ from cpmkit.forms.galerkin.space.energy_kernels import room_for, second_of, slop
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.equations import VectorField
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

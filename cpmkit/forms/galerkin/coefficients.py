@@ -17,11 +17,11 @@ from cpmkit.forms.galerkin.shared import cached_on_space
 from cpmkit.forms.galerkin.space.energy import convection_matrix, gradients_at
 from cpmkit.forms.galerkin.values import SplineValues
 from cpmkit.linear.operators import CsrOperator
-from cpmkit.protocols import Floats
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_values
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Flux, Mixed
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

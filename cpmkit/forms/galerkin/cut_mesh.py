@@ -15,8 +15,8 @@ from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,8 @@ from cpmkit.forms.galerkin.form import Galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.refinement.adaptive_refinement import refine_adaptively
 from cpmkit.forms.options import Options
-from cpmkit.protocols import Progress, no_progress
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Progress, no_progress
 
 check = form.check
 

@@ -20,12 +20,13 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import rim_loops
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
 from cpmkit.forms.galerkin.space.energy import conductivity, load_against_slopes, mass, stiffness_with_floor
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
-from cpmkit.protocols import Floats, Side, Stiffness
+from cpmkit.linear.protocols import Stiffness
 from cpmkit.runtime.caches import state_without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.functionals import TestedRightSide
+from cpmkit.types import Floats, Side
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -50,12 +50,13 @@ from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.protocols import Operator
 from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
-from cpmkit.protocols import Floats, Operator, Progress, no_progress
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.laws import Nonlinear, data_of
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Progress, no_progress
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
@@ -180,7 +181,7 @@ class Galerkin(EquationAssembly):
         one, dof_map = self.sampled, self._first_dof_map
         cuts = dof_map.patch[one.interior :]
         source = warnings_of(one.surface.source, one.lattice.spacing)
-        rounding = one.lattice.lost_digits(one.surface.bounds, not one.surface.shift.any())
+        rounding = one.lattice.rounding_warnings(one.surface.bounds, not one.surface.shift.any())
         of_pieces = resolution_warnings(dof_map, connected_pieces(dof_map), one.lattice, cuts, one.geometry)
         resolved = (*of_pieces, *turning_warnings(self.turned, one.lattice))
         return (*source, *rounding, *one.told), resolved

@@ -14,8 +14,9 @@ from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_p
 from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.projection import MOST_FACTORISED_PROJECTION
-from cpmkit.grid.band import check_numbered
-from cpmkit.grid.fitting import (
+from cpmkit.grid.blocks import check_numbered
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
+from cpmkit.grid.spacings import (
     COUNTED_BLOCKS,
     SPARE_MEMORY_SHARE,
     other_solver_hint,
@@ -23,14 +24,13 @@ from cpmkit.grid.fitting import (
     suggest_spacing,
     unknowns_at_one,
 )
-from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
-from cpmkit.protocols import Progress
 from cpmkit.runtime import memory
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Progress
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin

@@ -12,10 +12,11 @@ from cpmkit.forms.galerkin.advection import Advection
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered, CsrOperator
-from cpmkit.protocols import Floats, Operator
+from cpmkit.linear.protocols import Operator
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.laws import Interface, Spectral, is_dissipative
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

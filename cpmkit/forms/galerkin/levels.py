@@ -16,8 +16,8 @@ import numpy as np
 
 from cpmkit.forms.galerkin.space.dof_map import DofMap, components, dof_map_from_patches
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

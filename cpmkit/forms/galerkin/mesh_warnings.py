@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from cpmkit.errors import SceneError, place
-from cpmkit.grid.fitting import rounded_up
+from cpmkit.grid.spacings import rounded_up
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import CellGeometry
 from cpmkit.mesh.welding import RepairReport
@@ -15,8 +15,9 @@ from cpmkit.meshing.contouring.contour_checks import MeshDefects
 from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
-from cpmkit.protocols import SIDES, BoundarySet, Floats
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition
+from cpmkit.types import SIDES, Floats
 
 #: Manifolds with more than this share on splines under which they turn are told of.
 TURNED_SHARE = 0.03

@@ -10,9 +10,9 @@ import numpy as np
 from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
-from cpmkit.manifold.vectors import norms, unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 #: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.
 FACED_LENGTH, BENT_LENGTH = 0.6, 0.85

@@ -9,8 +9,8 @@ import numpy as np
 from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
 from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.sample_kernels import spline_values
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats, Ints
 
 
 @compiled

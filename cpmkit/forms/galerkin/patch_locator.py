@@ -14,9 +14,10 @@ from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.mesh.adjacency import HalfFacets
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Side
 from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.types import Bools, Floats, Ints, Side
 
 #: Sides are known so many spacings from a boundary: a point is compared with its nearest samples alone.
 REACH_SPACINGS = 2.0

@@ -20,12 +20,13 @@ from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.forms.options import Options
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import SIDES, ClosestPoints, Floats, Ints, Side
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.caches import WeakCache
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats, Ints, Side
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

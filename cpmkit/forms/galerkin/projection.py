@@ -16,8 +16,8 @@ import numpy as np
 from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
-from cpmkit.protocols import Floats, no_progress
 from cpmkit.runtime.caches import state_without_cached
+from cpmkit.types import Floats, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Codes
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Points are looked up by boxes of so many spacings, which takes half the time: what a box needs is in the cache.
 NEAR_SPACINGS = 4.0

@@ -41,8 +41,7 @@ from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towar
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
-from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.manifold.noise import with_noise
+from cpmkit.manifold.local_source import LocalSource, localize, with_noise
 from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
@@ -52,9 +51,9 @@ from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
 from cpmkit.meshing.source_cells import source_cells
-from cpmkit.protocols import Bools, Ints, Progress
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Bools, Ints, Progress
 
 
 @dataclass(frozen=True, eq=False)

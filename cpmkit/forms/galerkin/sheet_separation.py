@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.protocols import Floats, HasGivenMesh, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

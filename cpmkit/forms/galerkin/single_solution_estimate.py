@@ -14,8 +14,8 @@ import numpy as np
 
 from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.galerkin.space.dof_map import DofMap
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin

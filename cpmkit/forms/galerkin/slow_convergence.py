@@ -12,8 +12,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
 from cpmkit.meshing.curved_from_normals import source_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
-from cpmkit.protocols import Floats
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized

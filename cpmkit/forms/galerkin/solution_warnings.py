@@ -14,10 +14,10 @@ from cpmkit.forms.galerkin.normal_alignment import NormalSpread
 from cpmkit.forms.galerkin.space.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.protocols import SIDES, Floats, Ints
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Floats, Ints
 
 #: Values that differ by less than this share of their size are equal: a vertex lies beside the true crossing.
 DIFFERENT_SHARE = 0.01

@@ -28,8 +28,8 @@ from cpmkit.forms.galerkin.space.energy import (
 )
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -12,8 +12,8 @@ import numpy as np
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, as_symmetric_csr, coarse_operator, in_float32
 from cpmkit.linear.direct import IndefiniteError, PositiveFactors, SymmetricFactors
 from cpmkit.linear.multigrid.smoothers import COARSER_SWEEPS, FINEST_SWEEPS, Chebyshev, GaussSeidel, Smoother, Strip
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.memory import release_memory
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -19,9 +19,10 @@ from cpmkit.linear.direct import factorize_matrix, pinned_matrix
 from cpmkit.linear.krylov import REMEDY
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Ints, Operator, Progress, no_progress
+from cpmkit.types import Floats, Ints, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

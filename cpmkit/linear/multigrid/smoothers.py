@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
 from cpmkit.linear.direct import PositiveFactors, SymmetricFactors
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -22,9 +22,10 @@ from cpmkit.linear.multigrid.cycle import Cycle, Level, build_cycle
 from cpmkit.linear.multigrid.schwarz import PreconditionedAdvection, prepare_advection
 from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, has_symmetric_pattern
 from cpmkit.linear.preconditioned import PreconditionedCG, indefinite_error
+from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.protocols import Floats, Operator, Progress, no_progress
+from cpmkit.types import Floats, Progress, no_progress
 
 #: The most unknowns of a coarsest level, which is factorised, and of one that has to resolve waves.
 MAX_FACTORISED, MAX_FACTORISED_WAVES = 20_000, 100_000

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_nodes import NORMAL_NOISES
-from cpmkit.protocols import Bools, Floats
+from cpmkit.types import Bools, Floats
 
 #: A chord is flat if its sine with the tangent spaces at its ends is at most this: arcs up to about 10 degrees.
 FLAT_SINE = 0.1

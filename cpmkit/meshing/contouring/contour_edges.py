@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.types import Bools, Floats, Ints
 
 #: Components with less area than this, in squares of the spacing, are left out: splines that see such a component alone
 #: have a value of their own there, or none. An ellipsoid 10 : 10 : 1 at spacings of its thickness has some of up to

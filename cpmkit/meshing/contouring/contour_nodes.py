@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.band import cell_levels
+from cpmkit.grid.blocks import cell_levels
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.types import Bools, Floats, Ints
 
 #: The normals of one plane have at least this cosine with each other; smaller, smooth surfaces look creased.
 PLANE_COSINE = 0.8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.meshing.contouring.contour_edges import (
     EdgeTable,
     collapse_edges,
@@ -15,7 +15,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     shortest_at_both_ends,
 )
 from cpmkit.meshing.contouring.contour_rims import RimTest
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A limit on rounds of collapsing edges and of removing flaps; each looks at what the one before has left.
 MAX_ROUNDS = 20

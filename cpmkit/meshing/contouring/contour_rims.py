@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.connectedness import CREASE_SHARE
 from cpmkit.meshing.contouring.contour_edges import (
     OpenEdges,
@@ -17,7 +17,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     open_edges,
     shortest_at_both_ends,
 )
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Past a rim the closest point stays the same, to this share of the query's way, however the query is moved.
 RIM_STAYS = 0.2

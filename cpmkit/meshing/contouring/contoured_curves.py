@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.band import cell_levels
+from cpmkit.grid.blocks import cell_levels
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.curve_trace import Trace, project_middles, trace_curve
 from cpmkit.meshing.contouring.plane_crossings import plane_crossings
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Lattices of a trace: spacing and shift in spacings of the form's. They are tried in turn until no defect is left. The
 #: shifts are no simple fractions, so that sides and corners of curves do not lie in planes of the lattice.
@@ -58,7 +58,7 @@ class TraceDefects:
         """The number of defects."""
         return len(self.missed) + len(self.covered_twice) + len(self.gaps)
 
-    def translated(self, shift: Floats) -> TraceDefects:
+    def translate(self, shift: Floats) -> TraceDefects:
         """Return the defects moved by ``shift`` (d,)."""
         return TraceDefects(self.missed + shift, self.missed_distances, self.covered_twice + shift, self.gaps + shift)
 
@@ -131,7 +131,7 @@ def _trace_on(source: LocalSource, spacing: float, side: float, shift: Floats) -
     trace = add_self_crossings(shifted, trace, spacing)
     points = shifted.closest_point(np.asarray(cells * side)).points
     defects = trace_defects(trace, points, spacing)
-    return trace.translated(shift), defects.translated(shift)
+    return trace.translate(shift), defects.translate(shift)
 
 
 def add_self_crossings(source: LocalSource, trace: Trace, spacing: float) -> Trace:

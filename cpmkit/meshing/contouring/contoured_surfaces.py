@@ -36,7 +36,7 @@ from cpmkit.meshing.contouring.contour_rims import (
 from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
 from cpmkit.meshing.contouring.nonmanifold_edges import separate_sheets
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Contouring's lattices: spacing in spacings of the form's, and shift in spacings of their own. They are tried in turn
 #: until no defect is left. The shifts avoid planes of symmetry and of boxes.

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.disjoint_sets import find_root
+from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.connectedness import CREASE_SHARE, connected_on_curve
 from cpmkit.meshing.contouring.dual_vertices import solve_truncated
 from cpmkit.meshing.contouring.plane_crossings import (
@@ -17,7 +17,7 @@ from cpmkit.meshing.contouring.plane_crossings import (
     number_groups,
     same_share,
 )
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Partners of a crossing in directions whose cosine is above this lie on one side of it, below the negative of it on
 #: opposite sides.
@@ -52,7 +52,7 @@ class Trace:
     ends: Ints
     gaps: Floats
 
-    def translated(self, shift: Floats) -> Trace:
+    def translate(self, shift: Floats) -> Trace:
         """Return the trace moved by ``shift`` (d,)."""
         return replace(
             self,

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.meshing.contouring.connectedness import FLAT_COSINE, FLAT_SINE, connected_on_surface
 from cpmkit.meshing.contouring.contour_edges import edge_table
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
 from cpmkit.meshing.contouring.edge_crossings import Crossings
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Eigenvalues of a sum of projections below this share of the largest one are noise: their directions are not used.
 LEAST_EIGENVALUE = 0.12

@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.grid.lattice import find
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_nodes import (
     NORMAL_NOISES,
     OFFSET_NOISES,
@@ -16,7 +16,7 @@ from cpmkit.meshing.contouring.contour_nodes import (
     LatticeNodes,
     closest_points_and_normals,
 )
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: From points this near to the surface, in lengths of the ray, a crossing is found by the tangent plane of the closest
 #: point.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_edges import EdgeTable, edge_ends, edge_table, halve_edges
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Sheets that cross at an edge make angles above this with each other, in degrees.
 CROSSING_ANGLE = 35.0

@@ -8,8 +8,8 @@ import numpy as np
 
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms, unit
-from cpmkit.protocols import Floats, Ints
+from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.types import Floats, Ints
 
 #: Faces of cells are halved so many times around the curve: strands farther apart than that are found separately.
 HALVINGS = 5

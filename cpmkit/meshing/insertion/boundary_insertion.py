@@ -8,8 +8,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.constrained_triangulation import (
@@ -29,7 +30,7 @@ from cpmkit.meshing.insertion.parallel_curves import (
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation
 from cpmkit.meshing.insertion.surface_matching import TriangleSearch
 from cpmkit.meshing.insertion.surface_paths import PathFinder
-from cpmkit.protocols import Floats, HasMesh, Ints
+from cpmkit.types import Floats, Ints
 
 #: Curves are extended past their tips by so many spacings.
 EXTENSION_SPACINGS = 3.0

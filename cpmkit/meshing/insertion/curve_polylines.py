@@ -7,12 +7,13 @@ from itertools import product
 
 import numpy as np
 
-from cpmkit.grid.band import cell_levels
+from cpmkit.grid.blocks import cell_levels
+from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms, unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.meshing.insertion.surface_matching import TriangleSearch
-from cpmkit.protocols import Floats, HasMesh, Ints
+from cpmkit.types import Floats, Ints
 
 #: A step of a trace that is shorter than this share of a step leads nowhere.
 LEAST_STEP = 0.5

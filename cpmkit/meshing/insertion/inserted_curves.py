@@ -11,14 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mixed_cells import Polyline
 from cpmkit.meshing.insertion.curve_polylines import simplify_polyline
 from cpmkit.meshing.insertion.parallel_curves import SimplifiedCurve
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, add_scaled, subtract
 from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearch, match_to_surface
 from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A curve is simplified as far as it stays within this share of L.
 SIMPLIFY_SHARE = 0.01

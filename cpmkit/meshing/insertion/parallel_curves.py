@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import dots, norms, unit
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.insertion.curve_polylines import in_three_dimensions
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
 SAME_SHARE = 1e-8

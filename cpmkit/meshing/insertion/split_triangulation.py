@@ -13,9 +13,9 @@ from math import sqrt
 
 import numpy as np
 
-from cpmkit.manifold.vectors import norms
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 Vector = tuple[float, float, float]
 Edge = tuple[int, int]

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, distance
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Points that are projected at a time, for the sake of memory.
 BLOCK_SIZE = 20_000

@@ -87,7 +87,7 @@ class Placed:
         vertices, cells = self.shape.mesh(positive(spacing, "spacing"))
         return self._to_world(vertices), cells
 
-    def translated(self, offset: Floats, /) -> Placed:
+    def translate(self, offset: Floats, /) -> Placed:
         """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once."""
         return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
 

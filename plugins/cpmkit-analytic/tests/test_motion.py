@@ -9,8 +9,8 @@ import pytest
 from cpmkit_analytic import arc, cap, circle, cylinder, point, segment, sphere, torus
 from cpmkit_analytic.frames import space_frame
 
-from cpmkit.manifold.rotation import as_rotation
-from cpmkit.protocols import HasMesh, HasNormals, HasTangents, HasTranslation
+from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation
+from cpmkit.manifold.vector_algebra import as_rotation
 
 SPACE = [
     (point, {"at": [0.3, 0.2, -1.0]}),
@@ -81,7 +81,7 @@ def test_a_matrix_and_a_rotation_vector_give_the_same_source():
     ],
 )
 def test_translated_back_from_afar_a_source_is_the_one_at_the_origin_bit_for_bit(far, near, offset):
-    back = far.translated(offset)
+    back = far.translate(offset)
     x = np.random.default_rng(5).uniform(-2, 2, (200, near.dim))
     first, second = back.closest_point(x), near.closest_point(x)
     assert np.array_equal(first.points, second.points)
@@ -198,5 +198,5 @@ def test_translations_add_up():
     steps = [np.zeros(2), np.array([1.5, -2.0]), np.array([0.25, 4.0])]
     source = circle()
     for before, after in pairwise(np.cumsum(steps, axis=0)):
-        source = source.translated(after - before)
+        source = source.translate(after - before)
     assert source.center == pytest.approx([1.75, 2.0])

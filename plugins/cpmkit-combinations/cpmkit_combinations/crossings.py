@@ -1,4 +1,4 @@
-"""Where a function changes its sign on a manifold: samples, and zeros between neighbours of opposite sign."""
+"""Points of a cut: zeros of its function between neighbouring samples of the manifold with opposite signs."""
 
 from __future__ import annotations
 
@@ -10,44 +10,44 @@ import numpy as np
 from cpmkit.plugin import Bools, ClosestPoints, Floats, InputError, Ints, cell_levels, outward_conormals
 from cpmkit_combinations.level_cut import CUT_DIFFERENCE_SHARE, LevelCut
 
-#: Side, in samples, of the coarsest blocks that are skipped where the function is far from zero.
+#: Side, in samples, of the largest blocks that are discarded where the function is far from zero.
 FILTER_BLOCK_SAMPLES = 4
-#: Neighbours of opposite sign lie within so many spacings.
+#: Largest distance of neighbours with opposite signs, in spacings.
 SIGN_CHANGE_SPACINGS = 2.5
-#: Rounds of the search for a zero between two neighbours: to a share of their distance, and to rounding.
+#: Iterations of the search for a zero between two neighbours: for a rough zero, and one to rounding.
 ROUGH_ZERO_ROUNDS, FINE_ZERO_ROUNDS = 3, 60
-#: A zero at which the function is not below this share of its values at the neighbours is a jump between two sheets.
+#: Above this share of the values at the neighbours, the value at a supposed zero shows a jump between two sheets.
 JUMP_VALUE_SHARE = 0.25
-#: How far past the edge, in spacings, the points lie whose feet are on it.
+#: Distance beyond the edge, in spacings, of points whose feet are on the edge.
 PAST_EDGE_SPACINGS = 0.25
 
 
 class Crossings(NamedTuple):
-    """Points of the cut: inside the manifold, nearly on the cut, and on the manifold's edge, exactly."""
+    """Points of the cut: in the interior, on the cut nearly, and on the manifold's edge, on the cut to rounding."""
 
     inside: ClosestPoints
     at_edge: ClosestPoints
 
 
-def crossings(cut: LevelCut) -> Crossings:
-    """Return points of the cut, a few a spacing, and those where it ends on the edge.
+def find_crossings(cut: LevelCut) -> Crossings:
+    """Return points of the cut, a few in each spacing, and its ends on the edge.
 
     Raises
     ------
     InputError
         If the function does not change its sign on the manifold.
     """
-    seeds, values = samples_near_zero(cut)
-    low, high = _neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
+    seeds, values = sample_near_zero(cut)
+    low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
     if not len(low):
-        raise InputError(_no_crossing(cut, seeds, values))
+        raise InputError(_no_crossing_message(cut, seeds, values))
     points = cut.surface.manifold_dim == 1
     rounds = FINE_ZERO_ROUNDS if points else ROUGH_ZERO_ROUNDS
-    inside = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], rounds)
+    inside = find_zeros(cut, seeds.points[low], seeds.points[high], values[low], values[high], rounds)
     if not len(inside):
         place = (seeds.points[low[0]] + cut.phi.origin).tolist()
         raise InputError(
-            f"{cut.phi.what} jumps from {values[low[0]]:.3g} to {values[high[0]]:.3g} near {place} without a zero; it "
+            f"{cut.phi.label} jumps from {values[low[0]]:.3g} to {values[high[0]]:.3g} near {place} without a zero; it "
             "must be continuous where it cuts."
         )
     edge = np.flatnonzero(seeds.edge >= 0)
@@ -56,11 +56,11 @@ def crossings(cut: LevelCut) -> Crossings:
     return Crossings(inside, _edge_zeros(cut, seeds.take(edge), values[edge]))
 
 
-def samples_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
+def sample_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
     """Return samples of the manifold near the zeros of the function, and its values (n,).
 
-    Blocks that the manifold misses, or in which the function seems too far from zero, are passed over; those are
-    judged by how much it changes over the block.
+    Blocks that the manifold does not meet, and blocks where the function's value exceeds its estimated variation over
+    the block, are discarded.
     """
     dim, spacing = cut.surface.dim, cut.spacing
     children = np.stack(np.meshgrid(*[np.arange(2)] * dim, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -70,44 +70,52 @@ def samples_near_zero(cut: LevelCut) -> tuple[ClosestPoints, Floats]:
         diagonal = np.sqrt(dim) * side * spacing
         feet = cut.surface.closest_point(centres)
         values = cut.phi(feet.points)
-        near = feet.distance <= 0.5 * diagonal * (1 + CUT_DIFFERENCE_SHARE)
-        near |= (feet.distance <= diagonal) & ((feet.edge >= 0) | (side > 1))  # beside the edge a ring more
+        meets = feet.distance <= 0.5 * diagonal * (1 + CUT_DIFFERENCE_SHARE)
+        meets |= (feet.distance <= diagonal) & ((feet.edge >= 0) | (side > 1))  # one more ring beside the edge
         variation = np.zeros(len(blocks))
-        variation[near] = cut.phi.variation(feet.points[near], diagonal)
-        kept = near & (np.abs(values) <= variation)
-        if not kept.any():
-            raise InputError(_no_crossing(cut, feet, values))
+        variation[meets] = cut.phi.variation(feet.points[meets], diagonal)
+        selected = meets & (np.abs(values) <= variation)
+        if not selected.any():
+            raise InputError(_no_crossing_message(cut, feet, values))
         if side == 1:
-            return feet.take(kept), values[kept]
+            return feet.take(selected), values[selected]
         side //= 2
-        blocks = (2 * blocks[kept][:, None] + children).reshape(-1, dim)
+        blocks = (2 * blocks[selected][:, None] + children).reshape(-1, dim)
 
 
-def zeros_between(
+def find_zeros(
     cut: LevelCut, a: Floats, b: Floats, low: Floats, high: Floats, rounds: int, past: Floats | None = None
 ) -> ClosestPoints:
     """Return zeros on the manifold between points a and b (n, d), with values ``low`` <= 0 < ``high`` there (n,).
 
-    The path from a to b is the feet of the straight line, or of that line moved by ``past`` (n, d). Where the path
-    jumps from one sheet to another without a zero, none is returned.
+    The path from a to b consists of the feet of the straight line, moved by ``past`` (n, d) if it is given. Paths that
+    jump from one sheet to another without a zero are omitted.
     """
-    beside = np.zeros_like(a) if past is None else past
+    offset = np.zeros_like(a) if past is None else past
 
-    def ask(share: Floats, rows: Ints) -> Floats:
-        line = a[rows] + share[:, None] * (b[rows] - a[rows]) + beside[rows]
+    def value(share: Floats, rows: Ints) -> Floats:
+        line = a[rows] + share[:, None] * (b[rows] - a[rows]) + offset[rows]
         return cut.phi(cut.surface.closest_point(line).points)
 
-    share = bracketed_zeros(ask, low, high, rounds)
-    feet = cut.surface.closest_point(a + share[:, None] * (b - a) + beside)
+    share = find_bracketed_zeros(value, low, high, rounds)
+    feet = cut.surface.closest_point(a + share[:, None] * (b - a) + offset)
     return feet.take(
         np.abs(cut.phi(feet.points)) <= JUMP_VALUE_SHARE * np.minimum(-low, high) + CUT_DIFFERENCE_SHARE * (high - low)
     )
 
 
-def bracketed_zeros(ask: Callable[[Floats, Ints], Floats], low: Floats, high: Floats, rounds: int) -> Floats:
-    """Return where, from 0 to 1, functions with values ``low`` <= 0 at 0 and ``high`` > 0 at 1 vanish (n,).
+def find_bracketed_zeros(function: Callable[[Floats, Ints], Floats], low: Floats, high: Floats, rounds: int) -> Floats:
+    """Return zeros (n,) in [0, 1] of functions with values ``low`` <= 0 at 0 and ``high`` > 0 at 1.
 
-    Regula falsi with Illinois weights; every fourth round halves the bracket, whatever the function.
+    Regula falsi with Illinois weights; every fourth iteration bisects the bracket.
+
+    Parameters
+    ----------
+    function : callable
+        Of positions (k,) and the numbers (k,) of the functions; returns (k,).
+    low, high : (n,) float64
+    rounds : int
+        Largest number of iterations.
     """
     left, right = np.zeros(len(low)), np.ones(len(low))
     at_left, at_right, share = low.copy(), high.copy(), np.zeros(len(low))
@@ -115,7 +123,7 @@ def bracketed_zeros(ask: Callable[[Floats, Ints], Floats], low: Floats, high: Fl
     for k in range(rounds):
         a, b, fa, fb = left[rows], right[rows], at_left[rows], at_right[rows]
         s = 0.5 * (a + b) if k % 4 == 3 else np.clip((a * fb - b * fa) / (fb - fa), a, b)
-        value = ask(s, rows)
+        value = function(s, rows)
         below = value <= 0
         left[rows], right[rows] = np.where(below, s, a), np.where(below, b, s)
         at_left[rows], at_right[rows] = np.where(below, value, 0.5 * fa), np.where(below, 0.5 * fb, value)
@@ -126,8 +134,8 @@ def bracketed_zeros(ask: Callable[[Floats, Ints], Floats], low: Floats, high: Fl
     return share
 
 
-def _neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Ints]:
-    """Return pairs of samples: each has the nearest of the other sign as partner, below zero first."""
+def _opposite_neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Ints]:
+    """Return pairs of samples of opposite sign, the one below zero first: each sample with the nearest of them."""
     from scipy.spatial import cKDTree
 
     below, above = np.flatnonzero(values <= 0), np.flatnonzero(values > 0)
@@ -136,8 +144,8 @@ def _neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Int
 
     def partner(of: Ints, among: Ints) -> tuple[Ints, Ints]:
         distance, number = map(np.asarray, cKDTree(points[among]).query(points[of], distance_upper_bound=reach))
-        found = np.isfinite(distance)
-        return of[found], among[number[found]]
+        within_reach = np.isfinite(distance)
+        return of[within_reach], among[number[within_reach]]
 
     (a, b), (d, c) = partner(below, above), partner(above, below)
     pairs = np.unique(np.stack([np.concatenate([a, c]), np.concatenate([b, d])], axis=1), axis=0)
@@ -145,34 +153,34 @@ def _neighbours(points: Floats, values: Floats, reach: float) -> tuple[Ints, Int
 
 
 def _edge_zeros(cut: LevelCut, seeds: ClosestPoints, values: Floats) -> ClosestPoints:
-    """Return the zeros on the edge, each once: along feet of lines that run past the edge."""
-    low, high = _neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
+    """Return the zeros on the edge, each once, along feet of lines beyond the edge."""
+    low, high = _opposite_neighbours(seeds.points, values, SIGN_CHANGE_SPACINGS * cut.spacing)
     used, place = np.unique(np.concatenate([low, high]), return_inverse=True)
     if not len(used):
         return seeds.take(used)
     outward = outward_conormals(cut.surface, seeds.take(used), CUT_DIFFERENCE_SHARE * cut.size)
     past = 0.5 * PAST_EDGE_SPACINGS * cut.spacing * (outward[place[: len(low)]] + outward[place[len(low) :]])
-    found = zeros_between(cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE_ZERO_ROUNDS, past)
-    found = found.take(found.edge >= 0)
-    return found.take(spaced_apart(found.points, 0.1 * cut.spacing))
+    zeros = find_zeros(cut, seeds.points[low], seeds.points[high], values[low], values[high], FINE_ZERO_ROUNDS, past)
+    zeros = zeros.take(zeros.edge >= 0)
+    return zeros.take(select_apart(zeros.points, 0.1 * cut.spacing))
 
 
-def spaced_apart(points: Floats, distance: float) -> Bools:
-    """Return which points (n, d) to keep so that no two of them are nearer than ``distance``."""
+def select_apart(points: Floats, distance: float) -> Bools:
+    """Return a mask of points (n, d) of which no two are nearer than ``distance``."""
     from scipy.spatial import cKDTree
 
-    kept = np.ones(len(points), dtype=bool)
+    selected = np.ones(len(points), dtype=bool)
     if len(points):
         pairs = cKDTree(points).query_pairs(distance, output_type="ndarray")
-        kept[pairs.max(axis=1)] = False
-    return kept
+        selected[pairs.max(axis=1)] = False
+    return selected
 
 
-def _no_crossing(cut: LevelCut, feet: ClosestPoints, values: Any) -> str:
+def _no_crossing_message(cut: LevelCut, feet: ClosestPoints, values: Any) -> str:
     nearest = np.argmin(np.abs(values))
     place = (feet.points[nearest] + cut.phi.origin).tolist()
-    what, kept = cut.phi.what, "above" if values[nearest] > 0 else "at or below"
+    label, side = cut.phi.label, "above" if values[nearest] > 0 else "at or below"
     return (
-        f"{what} does not change its sign on the manifold, which it has to cut: it stays {kept} zero and is nearest to "
-        f"it, {values[nearest]:.3g}, near {place}; a cut that only touches is none, so change {what}."
+        f"{label} does not change its sign on the manifold, as a cut requires: it stays {side} zero and is nearest to "
+        f"it, {values[nearest]:.3g}, near {place}; touching zero is no cut, so change {label}."
     )

@@ -1,4 +1,4 @@
-"""Chains of cubics in space, and the nearest point of them: the search of a tree of capsules, Newton at its leaves."""
+"""Chains of cubics, and their nearest points: a tree of bounding capsules, with Newton's method at its leaves."""
 
 from __future__ import annotations
 
@@ -9,23 +9,24 @@ import numpy as np
 
 from cpmkit.plugin import Bools, Floats, Ints, dots, norms
 
-#: Cubics, or capsules, that one capsule of the next level holds.
+#: Number of cubics, or of capsules, in one capsule of the next level.
 CAPSULE_CHILDREN = 4
-#: Newton starts from the nearest of this number of points, and one, of a cubic.
+#: Newton's method starts from the nearest of this number plus one of points of a cubic.
 NEWTON_STARTS = 4
-#: Newton steps at most; the bracket is halved where a step leaves it.
+#: Largest number of Newton steps; a step that leaves the bracket is replaced by bisection.
 CUBIC_NEWTON_STEPS = 60
-#: Rounding of a distance, relative to it.
+#: Rounding of a distance, relative to the distance.
 DISTANCE_ROUNDING = 8e-16
-#: Queries that are answered at a time: temporary arrays stay in the cache.
-CUBIC_PARCEL_QUERIES = 8192
+#: Number of queries in one batch, whose temporary arrays fit into the processor's cache.
+CUBIC_BATCH_QUERIES = 8192
 
 
 @dataclass(frozen=True, eq=False)
 class Capsules:
-    """All points within ``radius`` (k,) of segments from ``start`` to ``end`` (k, d): one for each part of a curve.
+    """Bounds of parts of a curve: all points within ``radius`` (k,) of segments from ``start`` to ``end`` (k, d).
 
-    ``whole`` tells where the part is in one piece: the curve then passes within ``radius`` of each of its points.
+    ``whole`` (k,) is true where the part is connected: the curve then passes within ``radius`` of every point of the
+    segment.
     """
 
     start: Floats
@@ -36,14 +37,14 @@ class Capsules:
 
 @dataclass(frozen=True, eq=False)
 class Cubics:
-    """Cubics p(s), 0 <= s <= 1, each with the one that goes on from it where there is one.
+    """Cubics p(s), 0 <= s <= 1, each followed by the next of its piece.
 
     Attributes
     ----------
     coefficients : (m, 4, d) float64
         Of 1, s, s^2 and s^3.
     piece : (m,) int64
-        Which connected piece each belongs to, ascending.
+        The connected piece of each, ascending.
     """
 
     coefficients: Floats
@@ -69,7 +70,7 @@ class Cubics:
 
     @cached_property
     def lengths(self) -> Floats:
-        """(m,) arclengths, by five Gauss points."""
+        """(m,) arc lengths, by five Gauss points."""
         nodes, weights = np.polynomial.legendre.leggauss(5)
         segments = np.arange(len(self.piece))
         speeds = [norms(self.slope(segments, np.full(len(segments), 0.5 + 0.5 * node))) for node in nodes]
@@ -77,7 +78,7 @@ class Cubics:
 
     @cached_property
     def levels(self) -> list[Capsules]:
-        """The tree, from the cubics to at most ``CAPSULE_CHILDREN`` capsules; neighbours lie side by side."""
+        """The levels of the tree, from one capsule a cubic to at most ``CAPSULE_CHILDREN`` capsules."""
         start, end = self.control[:, 0], self.control[:, 3]
         radius = np.maximum(*(_to_segment(self.control[:, k], start, end) for k in (1, 2)))
         levels, piece = [Capsules(start, end, radius, np.ones(len(start), dtype=bool))], (self.piece, self.piece)
@@ -89,10 +90,10 @@ class Cubics:
         return levels
 
     def nearest(self, x: Floats) -> tuple[Ints, Floats]:
-        """Return for each query (n, d) the cubic of the nearest point and its s."""
+        """Return for each query (n, d) the cubic that contains the nearest point, and its s."""
         segment, s = np.empty(len(x), dtype=np.int64), np.empty(len(x))
-        for start in range(0, len(x), CUBIC_PARCEL_QUERIES):
-            part = slice(start, start + CUBIC_PARCEL_QUERIES)
+        for start in range(0, len(x), CUBIC_BATCH_QUERIES):
+            part = slice(start, start + CUBIC_BATCH_QUERIES)
             segment[part], s[part] = self._nearest(x[part])
         return segment, s
 
@@ -106,7 +107,7 @@ class Cubics:
         return leaves[winners], s[winners]
 
     def _candidates(self, x: Floats) -> tuple[Ints, Ints]:
-        """Return pairs of a query and a cubic that may hold its nearest point, the queries ascending."""
+        """Return pairs of a query and a cubic that may contain its nearest point, the queries ascending."""
         top = self.levels[-1]
         rows = np.repeat(np.arange(len(x)), len(top.start))
         nodes = np.tile(np.arange(len(top.start)), len(x))
@@ -117,8 +118,8 @@ class Cubics:
             most = np.where(capsules.whole[nodes], distance + radius, np.inf)
             first = np.flatnonzero(np.diff(rows, prepend=-1))
             bound = np.minimum.reduceat(most, first) if len(first) else most
-            kept = distance - radius <= bound[rows] + DISTANCE_ROUNDING * distance
-            rows, nodes = rows[kept], nodes[kept]
+            possible = distance - radius <= bound[rows] + DISTANCE_ROUNDING * distance
+            rows, nodes = rows[possible], nodes[possible]
             if level:
                 below = len(self.levels[level - 1].start)
                 rows = np.repeat(rows, CAPSULE_CHILDREN)
@@ -127,9 +128,9 @@ class Cubics:
         return rows, nodes
 
     def _descend(self, x: Floats, segment: Ints) -> tuple[Floats, Floats]:
-        """Return s of the nearest point on one cubic each, and the distance, by Newton's method in a bracket."""
+        """Return s of the nearest point of one cubic a query, and the distance, by Newton's method in a bracket."""
         shares = np.linspace(0.0, 1.0, NEWTON_STARTS + 1)
-        s = shares[np.argmin([norms(self.at(segment, np.full(len(x), one)) - x) for one in shares], axis=0)]
+        s = shares[np.argmin([norms(self.at(segment, np.full(len(x), share)) - x) for share in shares], axis=0)]
         low, high = np.maximum(s - 1 / NEWTON_STARTS, 0.0), np.minimum(s + 1 / NEWTON_STARTS, 1.0)
         a, b, c, d = (self.coefficients[segment, k] for k in range(4))
         q, rows = x - a, np.arange(len(x))
@@ -144,20 +145,20 @@ class Cubics:
             low[rows], high[rows] = np.where(pull < 0, s[rows], low[rows]), np.where(pull < 0, high[rows], s[rows])
             with np.errstate(all="ignore"):
                 newton = s[rows] - pull / stiffness
-            # at an end the bracket is that point alone, where the cubic leads away from the query
-            fine = (newton >= low[rows]) & (newton <= high[rows]) & (stiffness > 0)
-            following = np.where(fine, newton, 0.5 * (low[rows] + high[rows]))
-            moved = np.abs(following - s[rows])
+            # at an end from which the cubic leads away from the query the bracket shrinks to the end
+            accepted = (newton >= low[rows]) & (newton <= high[rows]) & (stiffness > 0)
+            following = np.where(accepted, newton, 0.5 * (low[rows] + high[rows]))
+            change = np.abs(following - s[rows])
             s[rows] = following
-            rows = rows[moved > DISTANCE_ROUNDING]
+            rows = rows[change > DISTANCE_ROUNDING]
         return s, norms(self.at(segment, s) - x)
 
 
 def hermite(start: Floats, start_tangent: Floats, end: Floats, end_tangent: Floats) -> Floats:
-    """Return coefficients (m, 4, d) of the cubics from ``start`` to ``end`` with these unit tangents there.
+    """Return coefficients (m, 4, d) of the cubics from ``start`` to ``end`` with the given unit tangents there.
 
-    Their speed is ``2 chord / (1 + cos(angle / 2))``, angle being that between the tangents: of an arc of a circle
-    the cubic then misses the radius by no more than angle^6 / 27,000 of it.
+    Their speed at both ends is ``2 chord / (1 + cos(angle / 2))`` for the angle between the tangents: an arc of a
+    circle is then approximated to angle^6 / 27,000 of its radius.
     """
     chord = end - start
     cosine = np.sqrt(np.maximum(0.5 * (1 + dots(start_tangent, end_tangent)), 0.0))

@@ -1,4 +1,4 @@
-"""A curve that was traced: cubics between knots, as a closest point source."""
+"""A traced curve: cubics between knots, as a closest point source."""
 
 from __future__ import annotations
 
@@ -25,20 +25,19 @@ from cpmkit.plugin import (
 from cpmkit_combinations.cubics import Cubics
 from cpmkit_combinations.tracing import Knots
 
-#: How far from the curve, relative to the largest side of its bounds, :attr:`TracedCurve.left_of` lies.
+#: Distance of :attr:`TracedCurve.left_of` from the curve, relative to the largest side of its bounds.
 LEFT_OF_OFFSET_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class TracedCurve:
-    """Pieces of a curve, open or closed, that bend smoothly between knots; left is known along them.
+    """Smooth pieces of a curve, open or closed, with a left side.
 
     Attributes
     ----------
     pieces : sequence of Knots
-        In coordinates of their own.
+        Relative to ``shift``.
     shift : (d,) float64
-        Added to them: where the curve lies.
     """
 
     pieces: Sequence[Knots]
@@ -56,22 +55,22 @@ class TracedCurve:
 
     @property
     def bounds(self) -> Floats:
-        """(2, d) corners of a box that holds the curve, hardly larger than the smallest."""
+        """(2, d) corners of a box around the curve, hardly larger than the smallest."""
         control = self._cubics.control.reshape(-1, self.dim)
         return np.stack([control.min(axis=0), control.max(axis=0)]) + self.shift
 
     @property
     def deviation(self) -> float:
-        """The largest distance, in the unit of length, from what was traced; measured in the middle between knots."""
+        """The largest distance, in the unit of length, from the traced cut, measured in the middle between knots."""
         return max(piece.deviation for piece in self.pieces)
 
     @property
     def left_of(self) -> Floats:
-        """(d,) a point at the left of the curve, where the function that cuts is positive."""
+        """(d,) a point on the left of the curve, where the function of the cut is positive."""
         first = self.pieces[0]
-        beside = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
+        distance = LEFT_OF_OFFSET_SHARE * float(np.ptp(self.bounds, axis=0).max())
         middle = len(first.points) // 2
-        return np.asarray(first.points[middle] + beside * first.conormals[middle] + self.shift)
+        return np.asarray(first.points[middle] + distance * first.conormals[middle] + self.shift)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
@@ -94,11 +93,11 @@ class TracedCurve:
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit tangents in the direction of travel."""
-        return unit(self._cubics.slope(*_located(feet)))
+        return unit(self._cubics.slope(*_location(feet)))
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit vectors across the curve that point to its left, along the surface in which it lies."""
-        element, s = _located(feet)
+        """Return (n, d) unit conormals to the left of the curve, along the surface in which it lies."""
+        element, s = _location(feet)
         start, end = self._conormals
         between = (1 - s)[:, None] * start[element] + s[:, None] * end[element]
         t = self.tangents(feet)
@@ -106,7 +105,7 @@ class TracedCurve:
 
     def piece(self, feet: ClosestPoints, /) -> Ints:
         """Return the number (n,) of the piece that each foot lies on."""
-        return self._cubics.piece[_located(feet)[0]]
+        return self._cubics.piece[_location(feet)[0]]
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the curve, all knots among them, and segments (m, 2) no longer than ``spacing``."""
@@ -118,7 +117,7 @@ class TracedCurve:
         _, ends = self._ends
         last = np.flatnonzero(ends)
         points = np.concatenate([self._cubics.at(element, s), self._cubics.at(last, np.ones(len(last)))])
-        # after the last part of a piece comes its end, or, of a closed piece, its first vertex
+        # the last part of an open piece is followed by its end, that of a closed piece by its first vertex
         following = np.arange(1, count + 1)
         piece = self._cubics.piece
         final = np.flatnonzero(np.diff(piece, append=-1))
@@ -128,7 +127,7 @@ class TracedCurve:
         following[first[final] + parts[final] - 1] = np.where(ends[final], number[final], first[begins])
         return points + self.shift, np.stack([np.arange(count), following], axis=1)
 
-    def translated(self, offset: Floats, /) -> TracedCurve:
+    def translate(self, offset: Floats, /) -> TracedCurve:
         """Return the same curve moved by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
@@ -140,7 +139,7 @@ class TracedCurve:
 
     @cached_property
     def _ends(self) -> tuple[Bools, Bools]:
-        """Which cubics start, and which end, an open piece."""
+        """Masks (m,) of the first and of the last cubics of open pieces."""
         piece = self._cubics.piece
         opened = np.array([not knots.closed for knots in self.pieces])[piece]
         return opened & (np.diff(piece, prepend=-1) != 0), opened & (np.diff(piece, append=-1) != 0)
@@ -153,7 +152,7 @@ class TracedCurve:
         return np.concatenate(starts), np.concatenate(ends)
 
 
-def _located(feet: ClosestPoints) -> tuple[Ints, Floats]:
+def _location(feet: ClosestPoints) -> tuple[Ints, Floats]:
     if feet.element is None or feet.local is None:
-        raise InputError("feet must be records that this curve answered: they lack element or local.")
+        raise InputError("feet must be answers of this curve: they lack element or local.")
     return feet.element, feet.local[:, 0]

@@ -1,4 +1,4 @@
-"""The kinds ``cut.plane`` and ``cut.function``: where a function of position vanishes on a surface or curve."""
+"""The kinds ``cut.plane`` and ``cut.function``: the zeros of a function of position on a surface or curve."""
 
 from __future__ import annotations
 
@@ -6,20 +6,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.plugin import ClosestPointSource, CutsItself, Floats, InputError, as_vector, check_source, localize, whole
-from cpmkit_combinations.crossings import crossings, spaced_apart
+from cpmkit.plugin import ClosestPointSource, Floats, InputError, as_vector, check_source, localize, whole
+from cpmkit_combinations.crossings import find_crossings, select_apart
 from cpmkit_combinations.curve import TracedCurve
-from cpmkit_combinations.level_cut import LevelCut
-from cpmkit_combinations.motion import Moved, moved
+from cpmkit_combinations.level_cut import LevelCut, PositionFunction, plane_distance, position_function
+from cpmkit_combinations.moved import Moved, moved_source
 from cpmkit_combinations.points import PointSet
-from cpmkit_combinations.position_function import PositionFunction, plane_distance, position_function
 from cpmkit_combinations.tracing import trace
 
-#: Samples along the largest side of a surface, and of a curve, unless ``resolution`` says otherwise.
+#: Default number of samples along the largest side of a surface, and of a curve.
 SURFACE_RESOLUTION, CURVE_RESOLUTION = 128, 1024
-#: Zeros on a curve nearer than this, relative to the size, are one.
+#: Zeros on a curve nearer than this, relative to the size, are the same.
 SAME_ZERO_SHARE = 1e-9
-#: Of points at which phi touches zero or nearly so, its gradient along the curve is below this share of that in space.
+#: Where phi touches zero, its gradient along the curve is below this share of that in space.
 TOUCHING_SLOPE_SHARE = 1e-6
 
 
@@ -28,19 +27,19 @@ def plane_cut(
 ) -> ClosestPointSource:
     """Return the intersection of a surface, or of a curve, with a plane (in 2D a line).
 
-    A triangle mesh is cut edge by edge, whatever the plane: where it passes through vertices, along edges, or contains
-    faces, of which the cut is the outline.
+    A triangle mesh is cut edge by edge. The plane may pass through vertices, along edges, or contain faces, whose
+    outline is then the cut.
 
     Parameters
     ----------
     surface : source
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     point, normal : (d,) numbers
-        A point of the plane, and the direction across it, of any length. The left of a curve is where the
-        normal points; that of points on a curve is where the curve comes from.
+        A point of the plane, and its normal, of any length. It points to the left of the cut of a surface; the left of
+        points on a curve is where the curve comes from.
     resolution : int, optional
-        Samples along the largest side of the surface, 128 unless given (1024 on a curve). Pieces of the cut smaller
-        than a few samples may be missed, and parts nearer than that refused.
+        Number of samples along the largest side of the surface, by default 128 (1024 on a curve). Pieces of the cut
+        smaller than a few samples may be missed, and parts nearer than that refused.
 
     Raises
     ------
@@ -58,21 +57,24 @@ def plane_cut(
     check_cuttable(surface, "surface")
     plane = plane_distance(point, normal, surface.dim)
     through, across = as_vector(point, surface.dim, "point"), as_vector(normal, surface.dim, "normal")
-    own = _own_section(surface, through, across)
-    if own is not None:
-        return own
+    section = _section_by_source(surface, through, across)
+    if section is not None:
+        return section
     return cut_of(level_cut(surface, plane, "the distance from the plane", resolution))
 
 
-def _own_section(surface: Any, point: Floats, normal: Floats) -> ClosestPointSource | None:
-    """Return the section that a surface finds itself, or what it was moved from; None where it finds none."""
+def _section_by_source(surface: Any, point: Floats, normal: Floats) -> ClosestPointSource | None:
+    """Return the section by a source's method ``plane_section``, as meshes have it; None if it has none."""
     if isinstance(surface, Moved):
-        turn = surface.rotation
-        own = (turn.T @ (point - surface.translation)) / surface.scale
-        found = _own_section(surface.of, own, turn.T @ normal)
-        places = {"rotation": turn, "translation": surface.translation, "scale": surface.scale}
-        return None if found is None else moved(of=found, **places)
-    return surface.plane_section(point, normal) if isinstance(surface, CutsItself) else None
+        rotation = surface.rotation
+        inner_point = (rotation.T @ (point - surface.translation)) / surface.scale
+        section = _section_by_source(surface.of, inner_point, rotation.T @ normal)
+        motion = {"rotation": rotation, "translation": surface.translation, "scale": surface.scale}
+        return None if section is None else moved_source(of=section, **motion)
+    if not hasattr(surface, "plane_section"):
+        return None
+    own_section: ClosestPointSource = surface.plane_section(point, normal)
+    return own_section
 
 
 def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | None = None) -> TracedCurve | PointSet:
@@ -84,8 +86,8 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
         A surface, whose intersection is a curve, or a curve, whose intersection is a set of points.
     phi : str or callable
         A formula in x, y, z, or a function of points (n, d) that returns (n,); defined in space a little around
-        the surface, smooth where it vanishes. The left of a curve is where it is positive; that of points on a
-        curve is where the curve comes from.
+        the surface, smooth where it vanishes. The left of the cut of a surface is where it is positive; the left of
+        points on a curve is where the curve comes from.
     resolution : int, optional
         As for :func:`plane_cut`.
 
@@ -106,46 +108,46 @@ def function_cut(*, surface: ClosestPointSource, phi: Any, resolution: int | Non
 
 
 def cut_of(cut: LevelCut) -> TracedCurve | PointSet:
-    """Return the points at which the function vanishes: of a surface a curve, of a curve a set of points."""
+    """Return the zeros of the function: on a surface a curve, on a curve a set of points."""
     return _points(cut) if cut.surface.manifold_dim == 1 else TracedCurve(trace(cut), cut.phi.origin)
 
 
-def level_cut(surface: ClosestPointSource, function: Any, what: str, resolution: int | None) -> LevelCut:
-    """Return the cut of ``surface`` where ``function`` vanishes, called ``what`` in messages.
+def level_cut(surface: ClosestPointSource, function: Any, label: str, resolution: int | None) -> LevelCut:
+    """Return the cut of ``surface`` by ``function``, relative to the centre of the surface's bounds.
 
-    It is stated in coordinates relative to the centre of the surface's bounds.
+    ``label`` names the function in messages; ``resolution`` is the number of samples along the largest side.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     origin, sides = 0.5 * (bounds[0] + bounds[1]), bounds[1] - bounds[0]
-    usual = CURVE_RESOLUTION if surface.manifold_dim == 1 else SURFACE_RESOLUTION
-    count = usual if resolution is None else whole(resolution, "resolution", 8)
+    default = CURVE_RESOLUTION if surface.manifold_dim == 1 else SURFACE_RESOLUTION
+    count = default if resolution is None else whole(resolution, "resolution", 8)
     spacing = float(sides.max()) / count
     if not spacing > 0:
         raise InputError("surface must have an extent to be cut, got bounds of no size.")
-    phi = PositionFunction(function, origin, what)
+    phi = PositionFunction(function, origin, label)
     return LevelCut(localize(surface, origin), phi, float(np.linalg.norm(sides)), spacing)
 
 
 def _points(cut: LevelCut) -> PointSet:
-    """Return the zeros on a curve, by increasing coordinates."""
-    feet = crossings(cut).inside
+    """Return the zeros on a curve, in lexicographic order."""
+    feet = find_crossings(cut).inside
     _, _, share = cut.directions(feet)
     if (share < TOUCHING_SLOPE_SHARE).any():
         place = (feet.points[np.argmin(share)] + cut.phi.origin).tolist()
-        raise InputError(f"{cut.phi.what} does not cut the curve at {place}, it touches it there; change it a little.")
-    places = feet.points[spaced_apart(feet.points, SAME_ZERO_SHARE * cut.size)]
+        raise InputError(f"{cut.phi.label} does not cut the curve at {place}, it touches it there; change it a little.")
+    places = feet.points[select_apart(feet.points, SAME_ZERO_SHARE * cut.size)]
     return PointSet(places[np.lexsort(places.T[::-1])], cut.phi.origin)
 
 
-def check_cuttable(surface: Any, what: str) -> None:
-    """Refuse what is no surface and no curve.
+def check_cuttable(surface: Any, label: str) -> None:
+    """Refuse an object that is neither a surface nor a curve; ``label`` names it in the message.
 
     Raises
     ------
     InputError
-        If ``surface``, called ``what`` in the message, is no source or of another dimension.
+        If ``surface`` is no source, or has another dimension.
     """
-    check_source(surface, what)
+    check_source(surface, label)
     if surface.manifold_dim not in (1, 2):
         kind = "a mixed union" if surface.manifold_dim is None else f"of dimension {surface.manifold_dim}"
-        raise InputError(f"{what} must be a surface or a curve, got a source that is {kind}.")
+        raise InputError(f"{label} must be a surface or a curve, got a source that is {kind}.")

@@ -1,32 +1,152 @@
-"""A manifold and a function of position that cuts it: projection on the cut, and the directions at its points."""
+"""The cut of a manifold by a function of position: a plane's distance, a formula or a callable; its directions."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from cpmkit.plugin import (
     Bools,
     ClosestPoints,
+    Expression,
     Floats,
+    InputError,
     LocalSource,
+    as_vector,
     dots,
     norms,
     outward_conormals,
+    shown,
     unit,
     unit_normals,
     unit_tangents,
 )
-from cpmkit_combinations.position_function import PositionFunction
 
-#: Steps of the secant method on the way to the cut.
+#: Number of steps of the secant method.
 SECANT_STEPS = 12
-#: A point is on the cut when the last step was shorter than this, relative to the size; or, of a manifold that knows
-#: itself less well, relative to the spacing.
+#: The secant method has converged when a step is shorter than this, relative to the size; for a less accurate manifold,
+#: relative to the spacing.
 ON_CUT_SHARE, NEARLY_ON_CUT_SPACINGS = 1e-14, 1e-6
-#: The step of differences, relative to the size.
+#: Step of differences, relative to the size.
 CUT_DIFFERENCE_SHARE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneDistance:
+    """The signed distance from the plane through ``point`` (d,), positive where the unit ``normal`` (d,) points."""
+
+    point: Floats
+    normal: Floats
+
+    def __call__(self, x: Floats) -> Floats:
+        """Return the distances (n,) of points (n, d)."""
+        return dots(x - self.point, self.normal)
+
+
+@dataclass(frozen=True, eq=False)
+class PositionFunction:
+    """A function of position in coordinates relative to ``origin``.
+
+    Attributes
+    ----------
+    function : callable
+        Of points (n, d) in the user's coordinates; returns (n,).
+    origin : (d,) float64
+        Added to positions. A plane is moved instead, so that it keeps its accuracy far from zero.
+    label : str
+        Its name in messages: the key of the scene.
+    """
+
+    function: Callable[[Floats], Any]
+    origin: Floats
+    label: str
+
+    def __call__(self, y: Floats) -> Floats:
+        """Return the values (n,) at points (n, d) relative to the origin.
+
+        Raises
+        ------
+        InputError
+            If the function fails, or does not return one finite number a point.
+        """
+        values = self.unchecked(y)
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            raise InputError(
+                f"{self.label} must be finite on the manifold, got {values[bad[0]]} at "
+                f"{(y[bad[0]] + self.origin).tolist()} and {len(bad)} of {len(y)} points."
+            )
+        return values
+
+    def unchecked(self, y: Floats) -> Floats:
+        """Return the values (n,), which may be NaN or infinite."""
+        try:
+            if isinstance(self.function, PlaneDistance):
+                return PlaneDistance(self.function.point - self.origin, self.function.normal)(y)
+            values = np.asarray(self.function(y + self.origin), dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise InputError(f"{self.label} must return one number a point: {error}") from error
+        if values.shape not in ((len(y),), ()):
+            raise InputError(f"{self.label} must return shape ({len(y)},) for {len(y)} points, got {values.shape}.")
+        return np.broadcast_to(values, (len(y),)).copy()
+
+    def gradient(self, y: Floats, step: float) -> Floats:
+        """Return the gradients (n, d) at points (n, d), by differences of fourth order in ``step``."""
+        if isinstance(self.function, PlaneDistance):
+            return np.tile(self.function.normal, (len(y), 1))
+        n, dim = y.shape
+        offsets = step * np.array([1.0, -1.0, 2.0, -2.0])[:, None, None] * np.eye(dim)
+        around = self.unchecked((y + offsets.reshape(-1, 1, dim)).reshape(-1, dim)).reshape(4, dim, n)
+        return np.ascontiguousarray((8 * (around[0] - around[1]) - (around[2] - around[3])).T / (12 * step))
+
+    def variation(self, y: Floats, reach: float) -> Floats:
+        """Return estimates (n,) of the largest change of the values within ``reach`` of points (n, d)."""
+        n, dim = y.shape
+        if isinstance(self.function, PlaneDistance):
+            return np.full(n, reach)
+        offsets = reach * np.concatenate([np.eye(dim), -np.eye(dim)])
+        around = self.unchecked((y + offsets[:, None]).reshape(-1, dim)).reshape(2 * dim, n)
+        change = np.abs(around - self.unchecked(y)).max(axis=0)
+        return np.where(np.isfinite(change), 2 * np.sqrt(dim) * change, np.inf)
+
+
+def plane_distance(point: Any, normal: Any, dim: int) -> PlaneDistance:
+    """Return the signed distance from a plane, in 2D from a line.
+
+    Raises
+    ------
+    InputError
+        If a vector has another length than ``dim``, is not finite, or the normal is zero.
+    """
+    base, direction = as_vector(point, dim, "point"), as_vector(normal, dim, "normal")
+    if not direction.any():
+        raise InputError(f"normal must not be zero, got {shown(normal)}.")
+    direction = direction / np.abs(direction).max()
+    return PlaneDistance(base, direction / np.linalg.norm(direction))
+
+
+def position_function(function: Any, dim: int, label: str) -> Callable[[Floats], Any]:
+    """Return ``function`` if it is callable, or the formula in the string ``function``; ``label`` is for messages.
+
+    Raises
+    ------
+    InputError
+        If it is neither.
+    """
+    if isinstance(function, str):
+        formula = Expression(function, dim)
+        if formula.takes_time:
+            raise InputError(f"{label} must not depend on t, got {shown(function)}.")
+        return formula
+    if isinstance(function, bool) or not callable(function):
+        raise InputError(
+            f"{label} must be a formula in x, y, z or a function of points (n, {dim}), got {shown(function)}."
+        )
+    checked: Callable[[Floats], Any] = function
+    return checked
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +163,7 @@ class LevelCut:
     size : float
         Diagonal of the manifold's bounds.
     spacing : float
-        Distance of the samples with which zeros are looked for.
+        Distance of the samples among which zeros are searched.
     """
 
     surface: LocalSource
@@ -53,15 +173,15 @@ class LevelCut:
 
     @property
     def knows_directions(self) -> bool:
-        """True where the manifold's own normals or tangents are used, not differences of its closest points."""
+        """True if the manifold has normals or tangents, so that no differences of closest points are needed."""
         dimension = self.surface.manifold_dim
         return dimension == self.surface.dim or self.surface.knows_directions(dimension or 0)
 
     def project(self, feet: ClosestPoints) -> tuple[ClosestPoints, Bools]:
-        """Return points of the cut near points of the manifold, and where that succeeded.
+        """Return points of the cut near points of the manifold, and a mask (n,) of the converged ones.
 
-        The secant method along the manifold: phi's slope is that between the last two feet, so that neither normals
-        nor the function's surface gradient are asked for. A step is no longer than a spacing.
+        The secant method along the manifold: phi's slope is that between the last two feet, so neither normals nor the
+        surface gradient of phi are needed. A step is at most a spacing.
         """
         y, value = feet.points.copy(), self.phi(feet.points)
         gradient = self.phi.gradient(y, CUT_DIFFERENCE_SHARE * self.size)
@@ -69,47 +189,47 @@ class LevelCut:
             step = -value[:, None] * gradient / dots(gradient, gradient)[:, None]
         length, rows = np.full(len(y), np.inf), np.arange(len(y))
         for k in range(SECANT_STEPS):
-            following = norms(step[rows])
-            # the first step knows the slope in space only and may be shorter than the second
-            stalled = (k > 1) & (following >= length[rows]) & (length[rows] <= NEARLY_ON_CUT_SPACINGS * self.spacing)
-            rows = rows[np.isfinite(following) & ~stalled]
+            next_length = norms(step[rows])
+            # the first step uses the gradient in space and may be shorter than the second
+            stalled = (k > 1) & (next_length >= length[rows]) & (length[rows] <= NEARLY_ON_CUT_SPACINGS * self.spacing)
+            rows = rows[np.isfinite(next_length) & ~stalled]
             if not len(rows):
                 break
             length[rows] = norms(step[rows])
             share = np.minimum(1.0, self.spacing / np.maximum(length[rows], ON_CUT_SHARE * self.size))
-            moved = self.surface.closest_point(y[rows] + share[:, None] * step[rows]).points
-            across, before = moved - y[rows], value[rows]
-            y[rows], value[rows] = moved, self.phi(moved)
+            reached = self.surface.closest_point(y[rows] + share[:, None] * step[rows]).points
+            move, before = reached - y[rows], value[rows]
+            y[rows], value[rows] = reached, self.phi(reached)
             with np.errstate(all="ignore"):
-                step[rows] = -value[rows, None] * across / (value[rows] - before)[:, None]
+                step[rows] = -value[rows, None] * move / (value[rows] - before)[:, None]
             rows = rows[(length[rows] > ON_CUT_SHARE * self.size) & (value[rows] != 0)]
-        near = max(ON_CUT_SHARE * self.size, NEARLY_ON_CUT_SPACINGS * self.spacing)
-        return self.surface.closest_point(y), (value == 0) | (length <= near)
+        tolerance = max(ON_CUT_SHARE * self.size, NEARLY_ON_CUT_SPACINGS * self.spacing)
+        return self.surface.closest_point(y), (value == 0) | (length <= tolerance)
 
     def directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
-        """Return, at points of the cut, its unit tangents, unit conormals towards phi > 0, and phi's surface gradient.
+        """Return unit tangents, unit conormals towards phi > 0, and phi's surface gradient at points of the cut.
 
-        Tangents (n, d) have any sign; of a point on a curve they are zero. The length of the gradient is (n,), as a
-        share of the gradient in space: it vanishes where the cut branches or only touches.
+        Tangents (n, d) have arbitrary signs; of a point on a curve they are zero. Of the surface gradient the length
+        (n,) over that of the gradient in space is returned: it vanishes where the cut branches or only touches.
         """
         step = CUT_DIFFERENCE_SHARE * self.size
         edge = np.flatnonzero(feet.edge >= 0)
         if self.knows_directions or not len(edge):
-            return self._directions(feet)
-        # Differences across the edge would bend the tangent plane: directions are extrapolated from inside.
+            return self._directions_inside(feet)
+        # Differences across the edge would tilt the tangent plane: directions are extrapolated from inside.
         lean = outward_conormals(self.surface, feet.take(edge), step)
         near, far = (self.surface.closest_point(feet.points[edge] - distance * step * lean) for distance in (2.0, 4.0))
-        inner = self._directions(ClosestPoints.join([near, far]))
-        whole = self._directions(feet)
+        inner = self._directions_inside(ClosestPoints.join([near, far]))
+        whole = self._directions_inside(feet)
         for values, of_inner in zip(whole, inner, strict=True):
             first, second = of_inner[: len(edge)], of_inner[len(edge) :]
             if values.ndim == 2:
-                turned = np.where(dots(first, second)[:, None] < 0, -second, second)
-                first = unit(2 * first - turned)
+                aligned = np.where(dots(first, second)[:, None] < 0, -second, second)
+                first = unit(2 * first - aligned)
             values[edge] = first
         return whole
 
-    def _directions(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
+    def _directions_inside(self, feet: ClosestPoints) -> tuple[Floats, Floats, Floats]:
         step, dim = CUT_DIFFERENCE_SHARE * self.size, self.surface.dim
         gradient = self.phi.gradient(feet.points, step)
         if self.surface.manifold_dim == dim:

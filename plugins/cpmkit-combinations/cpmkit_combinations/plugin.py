@@ -1,4 +1,4 @@
-"""What the core itself hands to its hooks: the kinds that are made of other sources."""
+"""The hooks of this distribution: a factory for each kind, and the cases on which the laws are checked."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 from cpmkit.plugin import ClosestPointSource, hookimpl
 from cpmkit_combinations.cut import function_cut, plane_cut
-from cpmkit_combinations.motion import moved
+from cpmkit_combinations.moved import moved_source
 from cpmkit_combinations.points import points
 from cpmkit_combinations.solid import solid
-from cpmkit_combinations.trimmed import trimmed
+from cpmkit_combinations.trimmed import trimmed_source
 from cpmkit_combinations.tube import tube
 from cpmkit_combinations.union import union
 
@@ -23,9 +23,9 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
     """Return the factories of the kinds."""
     return {
         "union": union,
-        "moved": moved,
+        "moved": moved_source,
         "solid": solid,
-        "trimmed": trimmed,
+        "trimmed": trimmed_source,
         "tube": tube,
         "cut.plane": plane_cut,
         "cut.function": function_cut,
@@ -36,6 +36,6 @@ def cpmkit_sources() -> Mapping[str, Callable[..., ClosestPointSource]]:
 @hookimpl
 def cpmkit_conformance_cases() -> Sequence[ConformanceCase]:
     """Return the cases; imported here because they need the test extra."""
-    from cpmkit_combinations import cases, cut_cases
+    from cpmkit_combinations.cases import conformance_cases
 
-    return [*cases.conformance_cases(), *cut_cases.conformance_cases()]
+    return conformance_cases()

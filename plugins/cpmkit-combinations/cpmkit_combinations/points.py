@@ -34,7 +34,7 @@ class PointSet:
     positions : (k, d) float64
         At least one.
     shift : (d,) float64
-        Added to every position: how far the set was translated.
+        Translation, added to every position.
     """
 
     positions: Floats
@@ -52,12 +52,12 @@ class PointSet:
 
     @property
     def bounds(self) -> Floats:
-        """(2, d) corners of the box around the points."""
+        """(2, d) corners of the bounding box."""
         return np.stack([self.positions.min(axis=0), self.positions.max(axis=0)]) + self.shift
 
     @property
     def value_count(self) -> int:
-        """How many points there are: the rows that :meth:`interpolate` expects."""
+        """Number of points, and of rows that :meth:`interpolate` expects."""
         return len(self.positions)
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
@@ -76,14 +76,14 @@ class PointSet:
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
         """Return the rows of ``values`` (value_count, ...) that belong to the points of the feet, (n, ...)."""
         if feet.element is None:
-            raise InputError("feet must be records that this set of points answered: they lack element.")
+            raise InputError("feet must be answers of this set of points: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the points (k, d) and one cell (k, 1) for each, whatever the spacing."""
         return self.positions + self.shift, np.arange(len(self.positions))[:, None]
 
-    def translated(self, offset: Floats, /) -> PointSet:
+    def translate(self, offset: Floats, /) -> PointSet:
         """Return the points moved by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 
@@ -107,7 +107,7 @@ def points(*, at: Any = None, file: str | Path | None = None) -> PointSet:
     Raises
     ------
     InputError
-        If both or neither of ``at`` and ``file`` are given, the file is missing or holds no array, or the points
+        If both or neither of ``at`` and ``file`` are given, the file is missing or contains no array, or the points
         are none, of another shape or not finite.
 
     Examples

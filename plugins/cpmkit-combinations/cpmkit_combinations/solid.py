@@ -1,4 +1,4 @@
-"""The kind ``solid``: what a closed curve encloses in the plane, or a closed surface in space."""
+"""The kind ``solid``: the inside of a closed curve in the plane, or of a closed surface in space."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ from cpmkit.plugin import (
 from cpmkit_combinations.union import Union
 from cpmkit_combinations.wrapper import Wrapper, with_abilities
 
-#: Points along each side of the box on which an open rim is looked for.
-RIM_PROBES = 24
+#: Number of points along each side of the box whose closest points are checked for open edges.
+EDGE_PROBES = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Solid(Wrapper):
 
     @property
     def manifold_dim(self) -> int:
-        """The same: a solid has codimension zero."""
+        """Dimension of the space: a solid has codimension zero."""
         return self.dim
 
     @property
@@ -59,8 +59,7 @@ class Solid(Wrapper):
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d): a point inside is its own.
 
-        ``edge`` is -1 inside. Outside it is 0; where a union encloses the solid, 1000 times the number of the
-        member that answers.
+        ``edge`` is -1 inside and 0 outside; where a union encloses the solid, 1000 times the number of the member.
 
         Raises
         ------
@@ -79,36 +78,36 @@ class Solid(Wrapper):
         )
 
     def _feet_and_inside(self, x: Floats) -> tuple[ClosestPoints, Bools]:
-        """Return the feet on the hypersurface, and which points an odd number of its parts encloses."""
+        """Return the feet on the hypersurface, and which points are enclosed by an odd number of its parts."""
         if not isinstance(self.of, Union):
             feet = self.of.closest_point(x)
-            return feet, self.outward[0] * height(self.of, feet, x) <= 0
+            return feet, self.outward[0] * signed_height(self.of, feet, x) <= 0
         odd = np.zeros(len(x), dtype=bool)
         for part, outward in zip(self.of.members, self.outward, strict=True):
-            odd ^= outward * height(part, part.closest_point(x), x) <= 0
+            odd ^= outward * signed_height(part, part.closest_point(x), x) <= 0
         return self.of.closest_point(x), odd
 
     def _mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
-        """Return triangles (m, 3) of about ``spacing``: in the plane of the inside, in space of what is seen of it."""
+        """Return vertices and triangles (m, 3) of about ``spacing``: of the inside (2D) or of the boundary (3D)."""
         if self.dim == 3:
             mesh: tuple[Floats, Ints] = self.of.mesh(spacing)
             return mesh
-        return filled(self, positive(spacing, "spacing"))
+        return fill_area(self, positive(spacing, "spacing"))
 
-    def _translated(self, offset: Floats, /) -> Solid:
+    def _translate(self, offset: Floats, /) -> Solid:
         """Return the solid moved by ``offset`` (d,)."""
-        return type(self)(self.of.translated(offset), self.outward)
+        return type(self)(self.of.translate(offset), self.outward)
 
     @property
-    def _edge_limit(self) -> int:
-        """What all numbers of edges are below."""
+    def edge_limit(self) -> int:
+        """The number that all edge numbers are below."""
         return MOST_EDGES * (len(self.of.members) if isinstance(self.of, Union) else 1)
 
 
-def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
-    """Return how far (n,) the points ``x`` lie from their feet along the hypersurface's normals.
+def signed_height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
+    """Return the signed distances (n,) of points ``x`` from their feet along the hypersurface's normals.
 
-    A curve in the plane that has tangents alone has its normal on the right of travel.
+    The normal of a plane curve without normals is its tangent turned to the right.
     """
     if isinstance(hypersurface, HasNormals):
         normals = hypersurface.normals(feet)
@@ -118,10 +117,10 @@ def height(hypersurface: Any, feet: ClosestPoints, x: Floats) -> Floats:
     return np.asarray(np.sum((x - feet.points) * normals, axis=1))
 
 
-def filled(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
+def fill_area(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     """Return vertices (v, 2) and triangles (m, 3) that fill an area of the plane.
 
-    The triangles of a square lattice that have a corner inside; corners outside move onto the rim.
+    They are the triangles of a square lattice with a corner inside; corners outside are moved to the edge.
     """
     lower, upper = np.asarray(area.bounds, dtype=np.float64)
     points, triangles = rectangle(lower, upper, spacing)
@@ -131,18 +130,18 @@ def filled(area: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
     vertices, triangles = feet.points[used], triangles.reshape(-1, 3)
     p, q, r = (vertices[triangles[:, k]] for k in range(3))
     twice_area = (q - p)[:, 0] * (r - p)[:, 1] - (q - p)[:, 1] * (r - p)[:, 0]
-    return vertices, triangles[twice_area > 1e-9 * spacing**2]  # three corners on one straight rim fill nothing
+    return vertices, triangles[twice_area > 1e-9 * spacing**2]  # no area: three corners on one straight edge
 
 
 def solid(*, of: ClosestPointSource) -> Any:
-    """Return what a closed hypersurface encloses: a disc, a polygon, a ball, the inside of a mesh.
+    """Return the inside of a closed hypersurface: a disc, a polygon, a ball, the inside of a mesh.
 
     Parameters
     ----------
     of : source
-        A closed curve in the plane with normals or tangents, or a closed surface in space with normals; which way
-        they point does not matter. Of a union of such, what an odd number of members encloses: a circle inside a
-        circle makes a hole.
+        A closed curve in the plane with normals or tangents, or a closed surface in space with normals, of either
+        sign. The solid of a union contains the points that an odd number of members encloses: a circle inside a circle
+        makes a hole.
 
     Raises
     ------
@@ -156,14 +155,14 @@ def solid(*, of: ClosestPointSource) -> Any:
     >>> disc.closest_point([[1.0, 0.5], [0.0, 3.0]]).points.tolist()
     [[1.0, 0.5], [0.0, 2.0]]
     """
-    check_source(of, "what encloses the solid")
+    check_source(of, "the boundary of the solid")
     parts = of.members if isinstance(of, Union) else [of]
-    outward = tuple(_outward(part) for part in parts)
+    outward = tuple(_outward_sign(part) for part in parts)
     return with_abilities(Solid, "solid", of)(of, outward)
 
 
-def _outward(part: ClosestPointSource) -> float:
-    """Return 1 where the normals of a closed hypersurface point outwards, else -1.
+def _outward_sign(part: ClosestPointSource) -> float:
+    """Return 1 if the normals of a closed hypersurface point outwards, else -1.
 
     Raises
     ------
@@ -176,14 +175,16 @@ def _outward(part: ClosestPointSource) -> float:
             f"dimension {part.manifold_dim} in {part.dim}D."
         )
     if not (isinstance(part, HasNormals) or (part.dim == 2 and isinstance(part, HasTangents))):
-        raise InputError(f"{type(part).__name__} has no normals that tell inside from outside; give a source that has.")
+        raise InputError(
+            f"{type(part).__name__} has no normals to distinguish inside and outside; give a source with them."
+        )
     lower, upper = np.asarray(part.bounds, dtype=np.float64)
     size = float((upper - lower).max())
     axes = [
-        np.linspace(low - 0.1 * size, high + 0.1 * size, RIM_PROBES) for low, high in zip(lower, upper, strict=True)
+        np.linspace(low - 0.1 * size, high + 0.1 * size, EDGE_PROBES) for low, high in zip(lower, upper, strict=True)
     ]
     probes = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, part.dim)
     if (part.closest_point(probes).edge >= 0).any():
         raise InputError(f"{type(part).__name__} is open and encloses nothing; give a closed one.")
     far = (upper + 10 * size)[None]
-    return float(np.sign(height(part, part.closest_point(far), far)[0]))
+    return float(np.sign(signed_height(part, part.closest_point(far), far)[0]))

@@ -1,9 +1,9 @@
-"""The kind ``tube``: all points at one distance from a curve, in space a tube around it, in the plane its offset."""
+"""The kind ``tube``: the points at one distance from a curve: a tube in space, an offset to both sides in the plane."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,30 +29,31 @@ from cpmkit.plugin import (
     source_repr,
     unit,
 )
-from cpmkit_combinations.sweep import swept
 
-#: Nearer to the curve than this share of the radius, no direction leads away from it.
+#: Distance from the curve, over the radius, below which the direction away from it is undefined.
 ON_CURVE_SHARE = 1e-10
-#: Nearer than this the direction is rounding in part, and is taken anew from where it leads.
+#: Distance, over the radius, below which rounding affects the direction, so that it is computed again at the foot.
 NEAR_CURVE_SHARE = 1e-4
-#: A point of the tube may lie nearer to the curve than the radius by this share: curves are tried at samples.
+#: Largest amount, over the radius, by which a point of the tube may be nearer to the curve, in the check at samples.
 RADIUS_MISMATCH_SHARE = 1e-3
-#: Of these samples: their distance along the curve as a share of the radius, and how many directions around it.
+#: Samples of that check: their distance along the curve over the radius, and their number around it.
 REACH_STEP_SHARE, REACH_DIRECTIONS = 0.05, 16
-#: No more samples than about this along the curve.
+#: Largest number of those samples along the curve.
 MOST_REACH_SAMPLES = 4096
+#: Least number of corners of a ring around a curve in space.
+LEAST_RING_CORNERS = 8
 
 
 @dataclass(frozen=True, eq=False)
 class Tube:
-    """The points at the distance ``radius`` from a curve; past an open end they round it off.
+    """The points at the distance ``radius`` from a curve; around an open end they form a cap.
 
     Attributes
     ----------
     around : ClosestPointSource
         The curve.
     radius : float
-        Below the curve's reach: each point this near to the curve has one foot on it.
+        Less than the curve's reach, so that each point at this distance has one foot on the curve.
     """
 
     around: ClosestPointSource
@@ -77,13 +78,13 @@ class Tube:
 
     @property
     def bounds(self) -> Floats:
-        """(2, d) corners of the curve's box, the radius farther out."""
+        """(2, d) corners of the curve's box, widened by the radius."""
         return np.asarray(self.around.bounds, dtype=np.float64) + self.radius * np.array([[-1.0], [1.0]])
 
     def closest_point(self, x: Floats, /) -> ClosestPoints:
-        """Return the closest points of ``x`` (n, d): from the foot on the curve, the radius towards ``x``.
+        """Return the closest points of ``x`` (n, d): at the radius from the foot on the curve, towards ``x``.
 
-        On the curve all directions across it are as good, and the feet are ``doubtful``.
+        On the curve itself all directions across it are equal, and the feet are ``doubtful``.
 
         Raises
         ------
@@ -94,16 +95,16 @@ class Tube:
         middle = self.around.closest_point(x)
         away = x - middle.points
         length = norms(away)
-        lost = length <= ON_CURVE_SHARE * self.radius
-        if lost.any():
-            away[lost], length[lost] = self._across(middle.points[lost]), 1.0
+        on_curve = length <= ON_CURVE_SHARE * self.radius
+        if on_curve.any():
+            away[on_curve], length[on_curve] = self._across(middle.points[on_curve]), 1.0
         feet = middle.points + (self.radius / length)[:, None] * away
-        near = lost | (length < NEAR_CURVE_SHARE * self.radius)
-        if near.any():
-            feet[near] = self._put_back(feet[near])
-        # Feet that were put back have left the line through the foot on the curve, and have a distance of their own.
-        distance = np.where(near, norms(x - feet), np.abs(length - self.radius))
-        doubtful = lost if middle.doubtful is None else lost | middle.doubtful
+        inexact = on_curve | (length < NEAR_CURVE_SHARE * self.radius)
+        if inexact.any():
+            feet[inexact] = self._project(feet[inexact])
+        # Projected feet are off the line through the foot on the curve.
+        distance = np.where(inexact, norms(x - feet), np.abs(length - self.radius))
+        doubtful = on_curve if middle.doubtful is None else on_curve | middle.doubtful
         return ClosestPoints(feet, distance, np.full(len(x), -1), doubtful=doubtful)
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
@@ -113,40 +114,40 @@ class Tube:
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the tube and cells (m, d), triangles or segments, of about ``spacing``.
 
-        Triangles are wound counterclockwise as seen from outside; segments have that on their right.
+        Triangles are wound counterclockwise as seen from outside; segments have the outside on their right.
 
         Raises
         ------
         InputError
             If the curve itself cannot be drawn.
         """
-        made = swept(_curves(self.around, positive(spacing, "spacing")), self.radius, spacing)
-        return self.closest_point(made.points).points, made.cells
+        sweep = sweep_curves(_polylines(self.around, positive(spacing, "spacing")), self.radius, spacing)
+        return self.closest_point(sweep.points).points, sweep.cells
 
     def advice(self, spacing: float, /) -> Advice:
-        """Return what the curve has to say of itself."""
+        """Return the advice of the curve."""
         return advice_of(self.around, spacing)
 
-    def translated(self, offset: Floats, /) -> Tube:
+    def translate(self, offset: Floats, /) -> Tube:
         """Return the same tube moved by ``offset`` (d,)."""
         if isinstance(self.around, HasTranslation):
-            return replace(self, around=self.around.translated(as_vector(offset, self.dim, "offset")))
-        from cpmkit_combinations.motion import moved
+            return replace(self, around=self.around.translate(as_vector(offset, self.dim, "offset")))
+        from cpmkit_combinations.moved import moved_source
 
-        return replace(self, around=moved(of=self.around, translation=offset))
+        return replace(self, around=moved_source(of=self.around, translation=offset))
 
-    def _put_back(self, points: Floats) -> Floats:
-        """Return the feet (n, d) of points near the tube: there directions away from the curve are exact."""
+    def _project(self, points: Floats) -> Floats:
+        """Return the feet (n, d) of points near the tube, where directions away from the curve are exact."""
         middle = self.around.closest_point(points).points
         return np.asarray(middle + self.radius * unit(points - middle))
 
     def _across(self, points: Floats) -> Floats:
-        """Return unit vectors (n, d) across the curve at points on it, by its feet a little way off along each axis."""
+        """Return unit vectors (n, d) across the curve at points on it, by feet of points a step off along each axis."""
         step, best = 0.1 * self.radius, np.zeros(points.shape)
         for axis in np.eye(self.dim):
-            found = points + step * axis
-            found = found - self.around.closest_point(found).points
-            best = np.where((norms(found) > norms(best))[:, None], found, best)
+            beside = points + step * axis
+            away = beside - self.around.closest_point(beside).points
+            best = np.where((norms(away) > norms(best))[:, None], away, best)
         return unit(best)
 
 
@@ -156,7 +157,7 @@ def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
     Parameters
     ----------
     around : source
-        A curve. An open one is rounded off at its ends.
+        A curve. The tube has caps at its open ends.
     radius : number
         The distance, above zero, and less than the curve's radii of curvature and half its distance from itself.
 
@@ -172,32 +173,135 @@ def tube(*, around: ClosestPointSource, radius: Any) -> Tube:
     >>> torus.closest_point([[2.0, 0.0, 0.0]]).points.tolist()
     [[1.3, 0.0, 0.0]]
     """
-    check_source(around, "what the tube lies around")
+    check_source(around, "the curve of the tube")
     if around.manifold_dim != 1:
         raise InputError(
             f"A tube lies around a curve, got {shown(around)} of manifold_dim {around.manifold_dim}; of a surface take "
             "a level set of its distance."
         )
-    made = Tube(around, positive(radius, "radius"))
+    result = Tube(around, positive(radius, "radius"))
     if isinstance(around, HasMesh):
-        _refuse_if_it_meets_itself(made, around)
-    return made
+        _check_reach(around, result.radius)
+    return result
 
 
-def _refuse_if_it_meets_itself(made: Tube, around: HasMesh) -> None:
-    size = float(np.ptp(made.around.bounds, axis=0).max())
-    step = max(REACH_STEP_SHARE * made.radius, size / MOST_REACH_SAMPLES)
-    points = swept(_curves(around, step), made.radius, made.radius, REACH_DIRECTIONS).points
-    short = made.radius - made.around.closest_point(points).distance
-    worst = int(np.argmax(short))
-    if short[worst] > RADIUS_MISMATCH_SHARE * made.radius:
+def _check_reach(around: Any, radius: float) -> None:
+    """Refuse a radius at which the tube around a curve would meet itself."""
+    size = float(np.ptp(around.bounds, axis=0).max())
+    step = max(REACH_STEP_SHARE * radius, size / MOST_REACH_SAMPLES)
+    points = sweep_curves(_polylines(around, step), radius, radius, REACH_DIRECTIONS).points
+    shortfall = radius - around.closest_point(points).distance
+    worst = int(np.argmax(shortfall))
+    if shortfall[worst] > RADIUS_MISMATCH_SHARE * radius:
         raise InputError(
-            f"A tube of the radius {made.radius:g} meets itself near {place(points[worst])}: the curve turns there, or "
-            f"comes back to itself, within {made.radius - short[worst]:.3g}; take a smaller radius."
+            f"A tube of the radius {radius:g} meets itself near {place(points[worst])}: the curve turns there, or "
+            f"comes back to itself, within {radius - shortfall[worst]:.3g}; take a smaller radius."
         )
 
 
-def _curves(around: Any, spacing: float) -> list[Polyline]:
+def _polylines(around: Any, spacing: float) -> list[Polyline]:
     if not isinstance(around, HasMesh):
         raise InputError(f"{type(around).__name__} cannot be drawn, so neither can a tube around it.")
     return chain_segments(*around.mesh(spacing))
+
+
+class Sweep(NamedTuple):
+    """Vertices (v, d) around curves, and cells (m, d) between them."""
+
+    points: Floats
+    cells: Ints
+
+
+def sweep_curves(curves: list[Polyline], radius: float, spacing: float, corners: int | None = None) -> Sweep:
+    """Return cells of about ``spacing`` at the distance ``radius`` from curves, with caps at open ends.
+
+    Rings have ``corners``, by default 2 pi radius / spacing.
+    """
+    count = corners or max(LEAST_RING_CORNERS, int(np.ceil(2 * np.pi * radius / spacing)))
+    parts = [_sweep_curve(curve, radius, count) for curve in curves]
+    starts = np.cumsum([0, *(len(part.points) for part in parts)])
+    cells = [part.cells + start for part, start in zip(parts, starts[:-1], strict=True)]
+    return Sweep(np.concatenate([part.points for part in parts]), np.concatenate(cells))
+
+
+def _sweep_curve(curve: Polyline, radius: float, count: int) -> Sweep:
+    points, along = curve.points, _vertex_tangents(curve)
+    if points.shape[1] == 2:
+        return _offset_curve(curve, np.stack([along[:, 1], -along[:, 0]], axis=1), radius, count)
+    first, second = _transport_frame(along, curve.closed)
+    angle = 2 * np.pi * np.arange(count) / count
+    around = np.cos(angle)[:, None] * first[:, None] + np.sin(angle)[:, None] * second[:, None]
+    rings = points[:, None] + radius * around
+    if curve.closed:
+        return Sweep(rings.reshape(-1, 3), _ring_triangles(len(rings), count, closed=True))
+    tilt = np.linspace(0.0, 0.5 * np.pi, max(count // 4, 2) + 1)[1:-1]
+    out, level = np.sin(tilt)[:, None, None], np.cos(tilt)[:, None, None]
+    start = points[0] + radius * (level * around[0] - out * along[0])
+    end = points[-1] + radius * (level * around[-1] + out * along[-1])
+    rings = np.concatenate([start[::-1], rings, end])
+    poles = np.stack([points[0] - radius * along[0], points[-1] + radius * along[-1]])
+    ring, n = np.arange(count), len(rings) * count
+    following = np.roll(ring, -1)
+    low = np.stack([np.full(count, n), following, ring], axis=1)
+    high = np.stack([np.full(count, n + 1), n - count + ring, n - count + following], axis=1)
+    return Sweep(
+        np.concatenate([rings.reshape(-1, 3), poles]),
+        np.concatenate([_ring_triangles(len(rings), count, False), low, high]),
+    )
+
+
+def _offset_curve(curve: Polyline, right: Floats, radius: float, count: int) -> Sweep:
+    """Return the offsets of a plane curve to both sides; of an open one, joined by half circles around its ends."""
+    sides = curve.points + radius * right, (curve.points - radius * right)[::-1]
+    if curve.closed:
+        n = len(curve.points)
+        start = np.arange(n)
+        cells = np.stack([start, (start + 1) % n], axis=1)
+        return Sweep(np.concatenate(sides), np.concatenate([cells, cells + n]))
+    angle = np.linspace(0.0, np.pi, max(count // 2, 2) + 1)[1:-1, None]
+    tangents = np.stack([-right[:, 1], right[:, 0]], axis=1)
+    ends = [
+        curve.points[k] + radius * (np.cos(angle) * sign * right[k] + np.sin(angle) * sign * tangents[k])
+        for k, sign in ((-1, 1.0), (0, -1.0))
+    ]
+    points = np.concatenate([sides[0], ends[0], sides[1], ends[1]])
+    start = np.arange(len(points))
+    return Sweep(points, np.stack([start, (start + 1) % len(points)], axis=1))
+
+
+def _vertex_tangents(curve: Polyline) -> Floats:
+    """Return (n, d) unit tangents at the points: mean directions of their two segments."""
+    p = curve.points
+    steps = unit(np.diff(p, axis=0, append=p[:1]))
+    if not curve.closed:
+        steps[-1] = steps[-2]
+    before = np.roll(steps, 1, axis=0)
+    if not curve.closed:
+        before[0] = steps[0]
+    return unit(steps + before)
+
+
+def _transport_frame(along: Floats, closed: bool) -> tuple[Floats, Floats]:
+    """Return two unit vectors (n, 3) across a curve, transported along it; on a closed curve their twist is spread."""
+    first = np.empty_like(along)
+    across = np.eye(3)[np.argmin(np.abs(along[0]))]
+    for k, t in enumerate(along):
+        across = across - (across @ t) * t
+        across = first[k] = across / np.linalg.norm(across)
+    second = np.cross(along, first)
+    if not closed:
+        return first, second
+    back = first[-1] - (first[-1] @ along[0]) * along[0]
+    twist = np.arctan2(back @ second[0], back @ first[0])
+    turn = -twist * np.arange(len(along))[:, None] / len(along)
+    first, second = np.cos(turn) * first + np.sin(turn) * second, np.cos(turn) * second - np.sin(turn) * first
+    return first, second
+
+
+def _ring_triangles(rings: int, count: int, closed: bool) -> Ints:
+    """Return the triangles (m, 3) between rings of ``count`` corners each, counterclockwise seen from outside."""
+    k, j = np.meshgrid(np.arange(rings if closed else rings - 1), np.arange(count), indexing="ij")
+    here, there = k * count, (k + 1) % rings * count
+    following = (j + 1) % count
+    a, b, c, d = (corner.ravel() for corner in (here + j, here + following, there + following, there + j))
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

@@ -14,7 +14,6 @@ from cpmkit.plugin import (
     ClosestPoints,
     ClosestPointSource,
     Floats,
-    HasMembers,
     InputError,
     Ints,
     advice_of,
@@ -23,6 +22,7 @@ from cpmkit.plugin import (
     check_source,
     edge_limit_of,
     local_minima_of,
+    members_of,
     positive,
     shown,
     source_repr,
@@ -32,7 +32,7 @@ from cpmkit_combinations.wrapper import with_abilities
 
 @dataclass(frozen=True, eq=False)
 class Union:
-    """All points of several sources. The nearest member answers, of equals the first.
+    """All points of several sources. Each query is answered by the nearest member, the first of equals.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class Union:
 
     @property
     def bounds(self) -> Floats:
-        """(2, d) corners of the box around the members' boxes."""
+        """(2, d) corners of the bounding box of the members' boxes."""
         boxes = np.array([member.bounds for member in self.members], dtype=np.float64)
         return np.stack([boxes[:, 0].min(axis=0), boxes[:, 1].max(axis=0)])
 
@@ -69,8 +69,8 @@ class Union:
     def closest_point(self, x: Floats, /) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d).
 
-        ``element`` is the number of the member that answers, and ``edge`` that of its edge on the member plus
-        ``first_edges`` of it: 1000 a member before it, more for one that is itself made of several.
+        ``element`` is the number of the member, and ``edge`` the edge number on the member plus its ``first_edges``:
+        1000 for each member before it, more for members with more edges.
 
         Raises
         ------
@@ -80,23 +80,24 @@ class Union:
         x = as_points(x, self.dim)
         best = self._of_member(0, self.members[0].closest_point(x))
         for number, member in enumerate(self.members[1:], 1):
-            found = self._of_member(number, member.closest_point(x))
-            nearer = np.flatnonzero(found.distance < best.distance)
-            best = best.replaced(nearer, found.take(nearer))
+            feet = self._of_member(number, member.closest_point(x))
+            nearer = np.flatnonzero(feet.distance < best.distance)
+            best = best.replace_rows(nearer, feet.take(nearer))
         return best
 
     @cached_property
     def first_edges(self) -> tuple[int, ...]:
-        """What is added to the numbers of each member's edges; at last the limit of all."""
+        """The number added to the edge numbers of each member; at last the limit of all edge numbers."""
         return tuple(np.cumsum([0] + [edge_limit_of(member) for member in self.members]).tolist())
 
     def _of_member(self, number: int, feet: ClosestPoints) -> ClosestPoints:
+        """Return the records of a member as records of the union."""
         first, limit = self.first_edges[number : number + 2]
         edge = np.where(feet.edge >= 0, feet.edge + first, -1)
         if edge.max(initial=-1) >= limit:
             raise InputError(
-                f"member {number} of a union numbers an edge {int(feet.edge.max())}, and there is room below "
-                f"{limit - first} before the next member's; a source with more edges says so by edge_limit."
+                f"member {number} of a union has an edge with the number {int(feet.edge.max())}, where the limit is "
+                f"{limit - first}; a source with more edges states a larger limit as edge_limit."
             )
         doubtful = np.zeros(len(feet), dtype=bool) if feet.doubtful is None else feet.doubtful
         return ClosestPoints(feet.points, feet.distance, edge, np.full(len(feet), number), doubtful=doubtful)
@@ -104,7 +105,7 @@ class Union:
     def _local_minima(self, x: Floats, radius: float, /) -> tuple[Ints, ClosestPoints]:
         """Return the rows (k,) of ``x`` (n, d) and the feet of all members within ``radius``, the nearest first.
 
-        A member that finds no further feet of its own gives its closest points.
+        A member without local minima contributes its closest points.
 
         Raises
         ------
@@ -112,25 +113,25 @@ class Union:
             If ``x`` holds NaN or infinity, its shape is not (n, d), or ``radius`` is not a number above zero.
         """
         x, radius = as_points(x, self.dim), positive(radius, "radius")
-        found = [local_minima_of(member, x, radius) for member in self.members]
-        rows = np.concatenate([at for at, _ in found])
-        feet = ClosestPoints.join([self._of_member(number, own) for number, (_, own) in enumerate(found)])
+        answers = [local_minima_of(member, x, radius) for member in self.members]
+        rows = np.concatenate([member_rows for member_rows, _ in answers])
+        feet = ClosestPoints.join([self._of_member(number, feet) for number, (_, feet) in enumerate(answers)])
         order = np.lexsort((feet.distance, rows))
         return rows[order], feet.take(order)
 
     def _directions(self, name: str, feet: ClosestPoints, /) -> Floats:
-        """Return the unit vectors (n, d) that the members call ``name``, each asked with records of its own.
+        """Return the unit vectors (n, d) of the members by their method ``name``, at their own records of the feet.
 
-        A record of the union names the member, not the place on it.
+        A record of the union contains the number of the member, not the element of the member.
         """
         if feet.element is None:
             raise InputError("feet must be records that this union answered: they lack element.")
-        answers = np.empty_like(feet.points)
+        vectors = np.empty_like(feet.points)
         for number in np.unique(feet.element):
             rows, member = np.flatnonzero(feet.element == number), self.members[number]
-            own = member.closest_point(np.ascontiguousarray(feet.points[rows]))
-            answers[rows] = getattr(member, name)(own)
-        return answers
+            member_feet = member.closest_point(np.ascontiguousarray(feet.points[rows]))
+            vectors[rows] = getattr(member, name)(member_feet)
+        return vectors
 
     _normals = partialmethod(_directions, "normals")
     _facet_normals = partialmethod(_directions, "facet_normals")
@@ -148,47 +149,44 @@ class Union:
         ]
         return np.concatenate([vertices for vertices, _ in meshes]), np.concatenate(padded)
 
-    def _translated(self, offset: Floats, /) -> Union:
+    def _translate(self, offset: Floats, /) -> Union:
         """Return the union of the members moved by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
-        return replace(self, members=tuple(member.translated(shift) for member in self.members))
+        return replace(self, members=tuple(member.translate(shift) for member in self.members))
 
     @property
-    def _edge_limit(self) -> int:
-        """What all numbers of edges are below."""
+    def edge_limit(self) -> int:
+        """The number that all edge numbers are below."""
         return self.first_edges[-1]
 
-    @property
-    def _foot_count(self) -> int:
-        """How many points the members' feet are among."""
-        return sum(member.foot_count for member in self.members)
-
     def _advice(self, spacing: float, /) -> Advice:
-        """Return what all members have to say at this spacing, and the largest of their floors."""
-        told = [advice_of(member, spacing) for member in self.members]
-        integral = [one.floor if one.integral_floor is None else one.integral_floor for one in told]
+        """Return the warnings of all members at this spacing, and the largest of their errors."""
+        advice = [advice_of(member, spacing) for member in self.members]
+        counts = [part.foot_count for part in advice if part.foot_count is not None]
         return Advice(
-            max(one.floor for one in told),
-            tuple(text for one in told for text in one.warnings),
-            max(integral),
-            tuple(text for one in told for text in one.closest_point_warnings),
+            max(part.floor for part in advice),
+            tuple(text for part in advice for text in part.warnings),
+            max(part.floor if part.integral_floor is None else part.integral_floor for part in advice),
+            tuple(text for part in advice for text in part.closest_point_warnings),
+            all(part.mesh_for_samples for part in advice),
+            sum(counts) if len(counts) == len(advice) else None,
         )
 
 
 def union(*, members: Sequence[ClosestPointSource]) -> Any:
     """Return the union of sources: of disconnected pieces, or of curves, surfaces and solids that touch.
 
-    Where members of different dimensions meet, or are nearer than four spacings, the solution is continuous and flows
-    from one to the other, but no law of the equation holds there: how much flows is decided by the spacing, at any
-    spacing. Solutions and explanations name the members, such a solution has no error estimate, and a tolerance,
-    seconds or memory in place of a spacing is refused.
-    A union has those abilities that all its members have; normals, tangents and further feet only where the members'
-    dimensions agree, for in a mixed union the solver asks the members.
+    Where members of different dimensions meet, or are nearer than four spacings, the solution is continuous, but no law
+    of the equation determines the flux from one to the other: it depends on the spacing, however small. Solutions and
+    explanations name the members, such a solution has no error estimate, and a tolerance, seconds or memory in place of
+    a spacing is refused.
+    A union has the abilities that all its members have; normals, tangents and local minima only if the members'
+    dimensions agree, since in a mixed union the solver queries the members.
 
     Parameters
     ----------
     members : list of sources
-        In the same space. Members that are unions are taken apart. In a scene file a list of tables.
+        In the same space. Members of unions become members of this one. In a scene file a list of tables.
 
     Raises
     ------
@@ -207,7 +205,7 @@ def union(*, members: Sequence[ClosestPointSource]) -> Any:
     flat: list[Any] = []
     for number, member in enumerate(members):
         check_source(member, f"member {number}")
-        flat += member.members if isinstance(member, HasMembers) else [member]
+        flat += members_of(member)
     dims = sorted({member.dim for member in flat})
     if len(dims) > 1:
         raise InputError("All members must lie in the same space, got some in the plane and some in space.")

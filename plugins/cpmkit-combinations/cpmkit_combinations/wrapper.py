@@ -1,8 +1,8 @@
-"""Which abilities of the sources inside a combination the combination has: one table, and the class that follows it.
+"""Which abilities of the sources inside a combination the combination has: a table, and classes that follow it.
 
 The core recognises an ability by its methods, so a combination must have exactly the methods of the abilities that it
-passes on. Each combination writes every ability once, under a private name (``_normals`` for ``normals``);
-:func:`with_abilities` makes those public that the table passes on.
+passes on. Each combination defines the methods of every ability once, under a private name (``_normals`` for
+``normals``); :func:`with_abilities` adds public names for those that the table passes on.
 """
 
 from __future__ import annotations
@@ -18,11 +18,10 @@ from cpmkit.plugin import (
     Floats,
     HasAdvice,
     HasCreases,
-    HasFiniteFeet,
+    HasFacets,
     HasGivenMesh,
     HasLeft,
     HasLocalMinima,
-    HasManyEdges,
     HasMembers,
     HasMesh,
     HasNormals,
@@ -30,44 +29,43 @@ from cpmkit.plugin import (
     HasTranslation,
     HasValues,
     Ints,
-    NamesLeft,
     advice_of,
     edge_limit_of,
 )
 
 Base = TypeVar("Base")
-#: Tells from an ability and the sources that are wrapped whether the wrapper has it.
+#: Decides for an ability and the sources inside a combination whether the combination has it.
 Rule = Callable[[Any, tuple[Any, ...]], bool]
 
 
 def always(_ability: Any, _sources: tuple[Any, ...]) -> bool:
-    """Whatever the sources can do."""
+    """Return True, whatever the abilities of the sources."""
     return True
 
 
-def shared(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Where all sources have it."""
+def all_have(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Return whether all sources have the ability."""
     return all(isinstance(source, ability) for source in sources)
 
 
-def of_one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Where all sources have one dimension: of a mixed union the solver asks the members."""
+def one_dimension(_ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Return whether all sources have one dimension: of a mixed union the solver queries the members."""
     return len({source.manifold_dim for source in sources}) == 1
 
 
-def shared_by_alike(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Where all sources have it, and one dimension."""
-    return shared(ability, sources) and of_one_dimension(ability, sources)
+def all_have_in_one_dimension(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Return whether all sources have the ability and one dimension."""
+    return all_have(ability, sources) and one_dimension(ability, sources)
 
 
-def shared_or_in_plane(ability: Any, sources: tuple[Any, ...]) -> bool:
-    """Where all sources have it, and in the plane in any case."""
-    return sources[0].dim == 2 or shared(ability, sources)
+def all_have_or_plane(ability: Any, sources: tuple[Any, ...]) -> bool:
+    """Return whether all sources have the ability or lie in the plane."""
+    return sources[0].dim == 2 or all_have(ability, sources)
 
 
 @dataclass(frozen=True)
-class Passing:
-    """When each wrapper, by its kind, has an ability; or the reason why it never has."""
+class PassingRules:
+    """The rule by which each combination passes an ability on, or the reason why it never does."""
 
     moved: Rule | str
     union: Rule | str
@@ -76,103 +74,91 @@ class Passing:
 
 
 _FILLS = "a solid fills space: it has no direction of its own and is nowhere a boundary"
-#: Every optional ability, and what becomes of it. (A union is taken apart before it is moved: its members are.)
-ABILITIES: Mapping[type, Passing] = {
-    HasNormals: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
-    HasCreases: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
-    HasTangents: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
-    HasLeft: Passing(moved=shared, union=shared_by_alike, trimmed=shared, solid=_FILLS),
-    NamesLeft: Passing(
-        moved=shared,
-        union="one point cannot be left of all members: the solver asks each for its own",
-        trimmed=shared,
-        solid=_FILLS,
-    ),
-    HasLocalMinima: Passing(
-        moved=shared,
-        union=of_one_dimension,  # each member has at least its closest point to give
+_NOT_READ = "what the assumption of a smooth surface costs is estimated for a mesh itself, not for a combination"
+#: Every optional ability with its rules. (A union is moved member by member.)
+ABILITIES: Mapping[type, PassingRules] = {
+    HasNormals: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
+    HasCreases: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
+    HasTangents: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
+    HasLeft: PassingRules(moved=all_have, union=all_have_in_one_dimension, trimmed=all_have, solid=_FILLS),
+    HasLocalMinima: PassingRules(
+        moved=all_have,
+        union=one_dimension,  # each member has at least its closest point
         trimmed="where a foot of the whole is cut away the nearest may lie on the edge; other sheets are found by "
         "walking",
         solid="a point inside is its own and only foot: a solid has no sheets",
     ),
-    HasValues: Passing(
-        moved=shared,
-        union="nothing says which member's rows come first; give data as functions of position",
-        trimmed=shared,
-        solid="data of the hypersurface say nothing about the points inside",
+    HasValues: PassingRules(
+        moved=all_have,
+        union="the order of the members' rows is undefined; give data as functions of position",
+        trimmed=all_have,
+        solid="data of the hypersurface do not define values at points inside",
     ),
-    HasGivenMesh: Passing(
-        moved=shared,
-        union="nothing says which member's vertices come first; read the solution at each member's own",
-        trimmed=shared,
+    HasGivenMesh: PassingRules(
+        moved=all_have,
+        union="the order of the members' vertices is undefined; evaluate the solution at each member's own",
+        trimmed=all_have,
         solid="the mesh is that of the hypersurface, which bounds the solid",
     ),
-    HasMesh: Passing(moved=shared, union=shared, trimmed=shared, solid=shared_or_in_plane),
-    HasTranslation: Passing(moved=always, union=shared, trimmed=shared, solid=shared),
-    HasMembers: Passing(
-        moved=shared,
+    HasMesh: PassingRules(moved=all_have, union=all_have, trimmed=all_have, solid=all_have_or_plane),
+    HasTranslation: PassingRules(moved=always, union=all_have, trimmed=all_have, solid=all_have),
+    HasMembers: PassingRules(
+        moved=all_have,
         union=always,
-        trimmed="the part answers as one: where its edge lies depends on the whole",
-        solid="what several members enclose is one solid, holes and all",
+        trimmed="the part has no members: its edge depends on the whole",
+        solid="several members enclose one solid, with its holes",
     ),
-    HasManyEdges: Passing(moved=shared, union=always, trimmed=shared, solid=always),
-    HasFiniteFeet: Passing(
-        moved=shared, union=shared, trimmed=shared, solid="a solid's feet inside are the queries themselves"
-    ),
-    HasAdvice: Passing(moved=always, union=always, trimmed=always, solid=always),
+    HasFacets: PassingRules(moved=_NOT_READ, union=_NOT_READ, trimmed=_NOT_READ, solid=_NOT_READ),
+    HasAdvice: PassingRules(moved=always, union=always, trimmed=always, solid=always),
 }
 
 
-def with_abilities(base: type[Base], wrapper: str, *sources: object) -> type[Base]:
-    """Return ``base`` with those abilities that a wrapper of ``sources`` has.
+def with_abilities(base: type[Base], combination: str, *sources: object) -> type[Base]:
+    """Return ``base`` with the abilities of a combination of ``sources``.
 
     Parameters
     ----------
     base : type
-        The wrapper's class, with each method and property of the abilities that it passes on under a private name.
-    wrapper : str
-        Its kind, a column of :data:`ABILITIES`.
+        The class of the combination, with the methods and properties of its abilities under private names.
+    combination : str
+        A column of :data:`ABILITIES`.
     *sources
-        What is wrapped.
+        The sources inside the combination.
 
     Examples
     --------
     >>> import cpmkit as ck
-    >>> from cpmkit.protocols import HasNormals, HasTangents
+    >>> from cpmkit.plugin import HasNormals, HasTangents
     >>> ball = ck.source("moved", of=ck.source("analytic.sphere"), scale=2.0)
     >>> isinstance(ball, HasNormals), isinstance(ball, HasTangents)
     (True, False)
     """
-    rules = {ability: getattr(passing, wrapper) for ability, passing in ABILITIES.items()}
-    shown = tuple(ability for ability, rule in rules.items() if callable(rule) and rule(ability, sources))
-    whole: Any = base  # mypy takes no class of an unknown type for hashable
-    extended: type[Base] = _showing(whole, shown)
+    rules = {ability: getattr(rules, combination) for ability, rules in ABILITIES.items()}
+    abilities = tuple(ability for ability, rule in rules.items() if callable(rule) and rule(ability, sources))
+    hashable_base: Any = base  # mypy does not take a class of an unknown type for hashable
+    extended: type[Base] = _public_class(hashable_base, abilities)
     return extended
 
 
 @cache
-def _showing(base: Any, abilities: tuple[type, ...]) -> Any:
-    names = [name for ability in abilities for name in members_of(ability)]
-    # A field, as the members of a union, has its public name already.
+def _public_class(base: Any, abilities: tuple[type, ...]) -> Any:
+    """Return a subclass of ``base`` with public names for the methods of abilities."""
+    names = [name for ability in abilities for name in vars(ability) if not name.startswith("_")]
+    # Fields, such as the members of a union, have public names already.
     members = {name: getattr_static(base, f"_{name}") for name in names if hasattr(base, f"_{name}")}
-    members["__reduce__"] = lambda self: (_bare, (base, abilities), vars(self))
+    members["__reduce__"] = lambda self: (_new_object, (base, abilities), vars(self))
     return type(base.__name__, (base,), {"__module__": base.__module__, "__doc__": base.__doc__, **members})
 
 
-def _bare(base: Any, abilities: tuple[type, ...]) -> Any:
-    """Return an object of a class that shows abilities, without its state: what pickle begins with."""
-    made = _showing(base, abilities)
-    return made.__new__(made)
-
-
-def members_of(ability: type) -> list[str]:
-    """Return the names of the methods and properties that make an ability."""
-    return [name for name in vars(ability) if not name.startswith("_")]
+def _new_object(base: Any, abilities: tuple[type, ...]) -> Any:
+    """Return an object of a class with abilities, without its state, which pickle sets afterwards."""
+    cls = _public_class(base, abilities)
+    return cls.__new__(cls)
 
 
 @dataclass(frozen=True, eq=False)
 class Wrapper:
-    """A source made ``of`` another: as a rule of its dimension, as exact, and with the same to say of itself."""
+    """A source made ``of`` another, by default of its dimension, as exact, and with its advice."""
 
     of: Any
 
@@ -183,36 +169,31 @@ class Wrapper:
 
     @property
     def manifold_dim(self) -> int | None:
-        """Dimension of what is wrapped."""
+        """Dimension of the source inside."""
         dimension: int | None = self.of.manifold_dim
         return dimension
 
     @property
     def exact(self) -> bool:
-        """True where the feet of what is wrapped are true nearest points."""
+        """True where the feet of the source inside are nearest points."""
         return bool(self.of.exact)
 
     @property
+    def edge_limit(self) -> int:
+        """The number that all edge numbers are below."""
+        return edge_limit_of(self.of)
+
+    @property
     def _value_count(self) -> int:
-        """How many rows of data what is wrapped expects."""
+        """Number of rows of data of the source inside."""
         return int(self.of.value_count)
 
     @property
     def _given_mesh(self) -> tuple[Floats, Ints]:
-        """The vertices and cells that what is wrapped was made from."""
+        """The vertices and cells from which the source inside was made."""
         vertices, cells = self.of.given_mesh
         return vertices, cells
 
-    @property
-    def _edge_limit(self) -> int:
-        """What all numbers of edges are below."""
-        return edge_limit_of(self.of)
-
-    @property
-    def _foot_count(self) -> int:
-        """How many points all feet of what is wrapped are among."""
-        return int(self.of.foot_count)
-
     def _advice(self, spacing: float, /) -> Advice:
-        """Return what the source that is wrapped has to say at this spacing."""
+        """Return the advice of the source inside at this spacing."""
         return advice_of(self.of, spacing)

@@ -4,13 +4,12 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import pytest
-from cpmkit_combinations.wrapper import ABILITIES, Passing
+from cpmkit_combinations.wrapper import ABILITIES, PassingRules
 
 import cpmkit as ck
-from cpmkit import protocols
 from cpmkit.manifold import abilities
 
-KINDS = [field.name for field in fields(Passing)]
+KINDS = [field.name for field in fields(PassingRules)]
 SHIFT, TURN, SCALE = np.array([3.0, -2.0]), 0.7, 2.0
 ROTATION = np.array([[np.cos(TURN), -np.sin(TURN)], [np.sin(TURN), np.cos(TURN)]])
 VALUES = np.array([[1.0, 5.0], [2.0, 3.0]])
@@ -23,7 +22,7 @@ class Able:
     center: np.ndarray
     radius: float = 1.0
 
-    dim, manifold_dim, exact, value_count, edge_limit, foot_count = 2, 1, True, 2, 3000, 7
+    dim, manifold_dim, exact, value_count, edge_limit = 2, 1, True, 2, 3000
 
     @property
     def bounds(self):
@@ -67,12 +66,12 @@ class Able:
     def given_mesh(self):
         return self.mesh(0.1)
 
-    def translated(self, offset, /):
+    def translate(self, offset, /):
         return replace(self, center=self.center + offset)
 
     def advice(self, spacing, /):
         target = f"The circle was asked at {spacing:g}."
-        return protocols.Advice(1e-3 * spacing, (target,), 1e-4 * spacing, (target,))
+        return abilities.Advice(1e-3 * spacing, (target,), 1e-4 * spacing, (target,), foot_count=7)
 
 
 class Pair(Able):
@@ -111,7 +110,7 @@ def test_the_table_answers_for_every_ability():
 @pytest.mark.parametrize("ability", ABILITIES, ids=lambda ability: ability.__name__)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_combination_has_an_ability_or_says_why_not(kind, ability):
-    of = Pair(np.zeros(2)) if ability is protocols.HasMembers and kind == "moved" else FIRST
+    of = Pair(np.zeros(2)) if ability is abilities.HasMembers and kind == "moved" else FIRST
     assert isinstance(made(kind, of)[0], ability) == (not isinstance(getattr(ABILITIES[ability], kind), str))
 
 
@@ -143,7 +142,7 @@ def test_the_point_on_the_left_is_moved_and_is_dropped_with_what_it_is_left_of()
 def test_meshes_and_translations_are_those_of_the_source(kind):
     source, _, placed, _ = made(kind)
     offset = np.array([0.5, 7.0])
-    there = source.translated(offset)
+    there = source.translate(offset)
     x = placed(QUERIES)
     assert there.closest_point(x + offset).points == pytest.approx(source.closest_point(x).points + offset)
     assert all(isinstance(there, one) == isinstance(source, one) for one in ABILITIES)
@@ -181,12 +180,12 @@ def test_a_wrapper_has_no_more_than_its_sources_and_a_mixed_union_leaves_directi
     point = ck.source("analytic.point", at=[9.0, 9.0])
     for kind in KINDS[:3]:
         has = {ability for ability in ABILITIES if isinstance(made(kind, ck.source("analytic.circle"))[0], ability)}
-        assert not has & {protocols.HasLeft, protocols.NamesLeft, protocols.HasValues}
-        assert {protocols.HasNormals, protocols.HasMesh, protocols.HasTranslation} <= has
+        assert not has & {abilities.HasLeft, abilities.HasValues}
+        assert {abilities.HasNormals, abilities.HasMesh, abilities.HasTranslation} <= has
     mixed, alike = (ck.source("union", members=[FIRST, one]) for one in (point, SECOND))
     lost = {ability for ability in ABILITIES if isinstance(alike, ability) > isinstance(mixed, ability)}
-    directions = {protocols.HasNormals, protocols.HasCreases, protocols.HasTangents, protocols.HasLeft}
-    assert lost == {*directions, protocols.HasLocalMinima, protocols.HasFiniteFeet}
+    directions = {abilities.HasNormals, abilities.HasCreases, abilities.HasTangents, abilities.HasLeft}
+    assert lost == {*directions, abilities.HasLocalMinima}
 
 
 def test_members_move():

@@ -46,7 +46,7 @@ def test_a_cut_lies_on_the_surface_and_where_the_function_vanishes():
 def test_a_cut_is_as_exact_in_any_unit_and_far_from_zero(size, place):
     center = np.full(3, place)
     sphere = ck.source("analytic.sphere", radius=size, center=center)
-    cut = plane_cut(surface=sphere, point=center + [0, 0, 0.5 * size], normal=[0, 0, 1]).translated(-center)
+    cut = plane_cut(surface=sphere, point=center + [0, 0, 0.5 * size], normal=[0, 0, 1]).translate(-center)
     points = cut.mesh(0.1 * size)[0]
     assert np.abs(points[:, 2] / size - 0.5).max() < 1e-10
     assert np.abs(np.linalg.norm(points, axis=1) / size - 1).max() < 1e-10

@@ -32,7 +32,7 @@ def test_points_are_read_from_a_file(tmp_path):
 
 def test_points_far_away_are_moved_without_rounding():
     far = points(at=1e9 + np.eye(3))
-    near = far.translated(np.full(3, -1e9))
+    near = far.translate(np.full(3, -1e9))
     assert (near.closest_point(np.zeros((1, 3))).distance == 1.0).all()
 
 

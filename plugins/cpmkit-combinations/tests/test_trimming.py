@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 from bare import Bare
-from cpmkit_combinations.trimmed import trimmed
+from cpmkit_combinations.trimmed import trimmed_source
 from cpmkit_combinations.union import union
 from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.protocols import HasMesh, HasNormals, HasTangents, HasTranslation
+from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation
 
 SPHERE, TORUS = ck.source("analytic.sphere"), ck.source("analytic.torus")
 
@@ -21,7 +21,7 @@ def around(source, count=1500):
 
 @pytest.mark.parametrize("surface", [SPHERE, Bare(SPHERE)], ids=["own normals", "closest points alone"])
 def test_a_sphere_is_trimmed_to_a_cap(surface):
-    found = trimmed(of=surface, trim="0.35 - z")
+    found = trimmed_source(of=surface, trim="0.35 - z")
     cap = ck.source("analytic.cap", height=0.35)
     x = around(cap)
     feet, exact = found.closest_point(x), cap.closest_point(x)
@@ -38,14 +38,14 @@ def test_solutions_on_a_trimmed_sphere_are_those_on_the_cap(edge, form, apart):
     cap = ck.source("analytic.cap", height=0.35)
     points = cap.closest_point(sphere_points(500)).points
     values = []
-    for surface in (cap, trimmed(of=SPHERE, trim=lambda p: 0.35 - p[:, 2])):
+    for surface in (cap, trimmed_source(of=SPHERE, trim=lambda p: 0.35 - p[:, 2])):
         scene = ck.Scene(surface, ck.ScreenedPoisson(lambda p: p[:, 0] * p[:, 1] + 1), edge=edge)
         values.append(ck.solve(scene, 0.2, origin=np.zeros(3), form=form).evaluate(points))
     assert np.abs(values[0] - values[1]).max() < apart
 
 
 def test_a_circle_is_trimmed_to_an_arc_with_its_ends_in_order():
-    found = trimmed(of=ck.source("analytic.circle", center=[0, 0]), trim="-y")
+    found = trimmed_source(of=ck.source("analytic.circle", center=[0, 0]), trim="-y")
     arc = ck.source("analytic.arc", start=0.0, end=np.pi)
     x = around(arc)
     feet, exact = found.closest_point(x), arc.closest_point(x)
@@ -55,7 +55,7 @@ def test_a_circle_is_trimmed_to_an_arc_with_its_ends_in_order():
 
 def test_the_end_that_an_arc_keeps_keeps_its_number():
     arc = ck.source("analytic.arc", start=0.3, end=5.0)
-    found = trimmed(of=arc, trim="-0.5 - y")
+    found = trimmed_source(of=arc, trim="-0.5 - y")
     shorter = ck.source("analytic.arc", start=0.3, end=7 * np.pi / 6)
     x = around(arc)
     assert (found.closest_point(x).edge == shorter.closest_point(x).edge).all()
@@ -65,7 +65,7 @@ def test_feet_are_the_nearest_of_what_is_left():
     """Where the closest point of the whole is cut away, the nearest may lie on another part instead of the edge."""
     inner = ck.source("analytic.sphere", radius=0.8)
     both = union(members=[SPHERE, inner])
-    found = trimmed(of=both, trim=lambda p: np.minimum(np.linalg.norm(p, axis=1) - 0.9, p[:, 2] - 0.5))
+    found = trimmed_source(of=both, trim=lambda p: np.minimum(np.linalg.norm(p, axis=1) - 0.9, p[:, 2] - 0.5))
     x = around(SPHERE, 500)
     feet = found.closest_point(x)
     cap = ck.source("analytic.cap", axis=[0, 0, -1], height=-0.5)
@@ -78,7 +78,7 @@ def test_feet_are_the_nearest_of_what_is_left():
 
 
 def test_edges_are_numbered_from_the_longest_and_after_them_those_of_the_whole():
-    found = trimmed(of=ck.source("analytic.cylinder", length=2.0), trim="0.3 - hypot(x - 1, z)")
+    found = trimmed_source(of=ck.source("analytic.cylinder", length=2.0), trim="0.3 - hypot(x - 1, z)")
     assert set(found.closest_point(around(SPHERE)).edge) == {-1, 0, 1, 2}
     rims = found.closest_point(np.array([[1.0, 0, -2], [1.0, 0, 2]]))
     assert rims.edge.tolist() == [1, 2]
@@ -87,12 +87,12 @@ def test_edges_are_numbered_from_the_longest_and_after_them_those_of_the_whole()
 def test_abilities_are_those_of_the_whole():
     has = (HasNormals, HasTangents, HasMesh, HasTranslation)
     for whole, trim in ((SPHERE, "z"), (Bare(SPHERE), "z"), (ck.source("analytic.circle", center=[0, 0]), "y")):
-        found = trimmed(of=whole, trim=trim)
+        found = trimmed_source(of=whole, trim=trim)
         assert [isinstance(found, each) for each in has] == [isinstance(whole, each) for each in has]
 
 
 def test_the_mesh_ends_on_the_edge():
-    found = trimmed(of=SPHERE, trim="z - 0.4")
+    found = trimmed_source(of=SPHERE, trim="z - 0.4")
     vertices, cells = found.mesh(0.05)
     a, b, c = np.swapaxes(vertices[cells], 0, 1)
     assert abs(0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() - 2 * np.pi * 1.4) < 0.02
@@ -104,7 +104,7 @@ def test_the_mesh_ends_on_the_edge():
 
 
 def test_a_trimmed_surface_can_be_trimmed_again():
-    bowl = trimmed(of=trimmed(of=SPHERE, trim="z - 0.5"), trim="x - 0.3")
+    bowl = trimmed_source(of=trimmed_source(of=SPHERE, trim="z - 0.5"), trim="x - 0.3")
     feet = bowl.closest_point(around(SPHERE))
     assert feet.points[:, 0].max() < 0.3 + 1e-11
     assert feet.points[:, 2].max() < 0.5 + 1e-11
@@ -112,7 +112,9 @@ def test_a_trimmed_surface_can_be_trimmed_again():
 
 
 def test_a_trimmed_surface_far_from_zero_is_trimmed_at_the_same_place():
-    far = trimmed(of=ck.source("analytic.sphere", center=[1e9, 0, 0]), trim="z").translated(np.array([-1e9, 0, 0]))
+    far = trimmed_source(of=ck.source("analytic.sphere", center=[1e9, 0, 0]), trim="z").translate(
+        np.array([-1e9, 0, 0])
+    )
     feet = far.closest_point(np.array([[0.6, 0, 0.9], [0.6, 0, -0.8]]))
     assert np.abs(feet.points - [[1, 0, 0], [0.6, 0, -0.8]]).max() < 1e-6
 
@@ -120,12 +122,15 @@ def test_a_trimmed_surface_far_from_zero_is_trimmed_at_the_same_place():
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: trimmed(of=SPHERE, trim="z - 2"), "trim does not change its sign"),
-        (lambda: trimmed(of=SPHERE, trim="2 - z"), "trim does not change its sign"),
-        (lambda: trimmed(of=SPHERE, trim="x * y"), "branches"),
-        (lambda: trimmed(of=SPHERE, trim=None), "trim must be a formula"),
-        (lambda: trimmed(of=ck.source("analytic.circle", center=[0, 0]), trim="x * y"), "one piece of the curve"),
-        (lambda: trimmed(of=[1, 2], trim="z"), "of must be a closest point source"),
+        (lambda: trimmed_source(of=SPHERE, trim="z - 2"), "trim does not change its sign"),
+        (lambda: trimmed_source(of=SPHERE, trim="2 - z"), "trim does not change its sign"),
+        (lambda: trimmed_source(of=SPHERE, trim="x * y"), "branches"),
+        (lambda: trimmed_source(of=SPHERE, trim=None), "trim must be a formula"),
+        (
+            lambda: trimmed_source(of=ck.source("analytic.circle", center=[0, 0]), trim="x * y"),
+            "one piece of the curve",
+        ),
+        (lambda: trimmed_source(of=[1, 2], trim="z"), "of must be a closest point source"),
     ],
 )
 def test_what_cannot_be_trimmed_is_refused(make, message):

@@ -129,11 +129,6 @@ class LevelSet:
         feet = self.closest_point(vertices + self.shift)
         return feet.points, self._oriented(feet, cells)
 
-    @property
-    def mesh_for_samples(self) -> bool:
-        """Segments serve; triangles out of cut tetrahedra are too many, and of bad shape."""
-        return self.dim == 2
-
     def advice(self, _spacing: float, /) -> Advice:
         """Return the error that the field's own leaves in a solution at any spacing."""
         told = ()
@@ -142,9 +137,10 @@ class LevelSet:
                 f"The gradient of phi, taken by differences, is off by up to {self.slope_error:.1g} of its length on "
                 "the level set: give gradient=..., or a smoother phi.",
             )
-        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, told)
+        # segments serve for quadrature; triangles out of cut tetrahedra are too many and too distorted
+        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, told, mesh_for_samples=self.dim == 2)
 
-    def translated(self, offset: Floats, /) -> LevelSet:
+    def translate(self, offset: Floats, /) -> LevelSet:
         """Return the same level set moved by ``offset`` (d,)."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 

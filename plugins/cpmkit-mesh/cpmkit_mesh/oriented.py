@@ -27,12 +27,9 @@ class OrientedTriangleMesh(TriangleMesh):
         normals[vanished] = self.normals_at_corners[face[vanished], 0]
         return unit(normals)
 
-    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return warnings that hold at any spacing: what was changed, and how much of the mesh is not smooth."""
-        if self._original is not self:
-            return self._original.own_warnings(spacing)
-        warnings = super().own_warnings(spacing)
-        return (*warnings, *support_warnings(self)) if self.smooth else warnings
+    def all_warnings(self) -> tuple[str, ...]:
+        """Return one sentence for each repair, about the pieces, and about triangles that are not read as smooth."""
+        return (*super().all_warnings(), *support_warnings(self)) if self.smooth else super().all_warnings()
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, 3) unit normals of those triangles at ``feet`` that are flat: with a corner at a crease.

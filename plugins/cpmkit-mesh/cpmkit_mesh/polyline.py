@@ -132,7 +132,7 @@ class Polyline:
         """The points (value_count, d) that the user gave, and the segments (m, 2) between them."""
         return self.given_points, self.given_index[self.segments]
 
-    def translated(self, offset: Floats, /) -> Polyline:
+    def translate(self, offset: Floats, /) -> Polyline:
         """Return the polyline translated by ``offset`` (d,)."""
         shift = as_vector(offset, self.dim, "offset")
         return replace(self, vertices=self.vertices + shift, given_points=self.given_points + shift)

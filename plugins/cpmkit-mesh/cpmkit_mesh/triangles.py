@@ -40,6 +40,33 @@ from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 ON_EDGE_COORDINATE = 1e-12
 
 
+class MeshAdvice(Advice):
+    """Advice about a mesh at a spacing, whose parts are computed when they are first read."""
+
+    def __init__(self, mesh: TriangleMesh, spacing: float) -> None:
+        self.__dict__.update(mesh=mesh, spacing=spacing)
+
+    @cached_property
+    def floor(self) -> float:
+        """The error, as a share of the range, in the form ``collocation``."""
+        return solution_error_floor(self.mesh.mean_turning, self.mesh.smooth)
+
+    @cached_property
+    def warnings(self) -> tuple[str, ...]:
+        """One sentence for each repair, and for each property that may spoil a solution."""
+        return self.mesh.all_warnings()
+
+    @cached_property
+    def integral_floor(self) -> float:
+        """The error, as a share of the range, in the form ``galerkin``."""
+        return integral_floor(self.mesh.mean_turning, self.mesh.smooth)
+
+    @cached_property
+    def closest_point_warnings(self) -> tuple[str, ...]:
+        """Further sentences for the form ``collocation``."""
+        return closest_point_warnings(self.mesh, self.spacing)
+
+
 @dataclass(frozen=True, eq=False)
 class TriangleMesh:
     """Triangles in space, welded, none of which repeats a vertex; taken as they are or as samples of a smooth surface.
@@ -150,7 +177,7 @@ class TriangleMesh:
         distinct = distinct_minima(x, rows, points, float(np.ptp(self.bounds, axis=0).max()))
         return rows[distinct], self._records(points, doubtful).take(distinct)
 
-    def faceted(self) -> TriangleMesh:
+    def read_as_facets(self) -> TriangleMesh:
         """Return the same mesh with the nearest points of its triangles as closest points."""
         return replace(self, smooth=False)
 
@@ -174,7 +201,7 @@ class TriangleMesh:
         vertices, faces = self.given_arrays
         return vertices + self.shift, faces
 
-    def translated(self, offset: Floats, /) -> TriangleMesh:
+    def translate(self, offset: Floats, /) -> TriangleMesh:
         """Return the mesh translated by ``offset`` (3,); trees and warnings are computed once for all positions."""
         offset = as_vector(offset, 3, "offset")
         made = replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
@@ -187,26 +214,21 @@ class TriangleMesh:
         """The mesh that this one was translated from, or itself."""
         return self
 
-    def advice(self, spacing: float, /) -> Advice:
-        """Return warnings about the mesh, and the errors that it leaves in any solution and integral."""
+    def advice(self, spacing: float, /) -> MeshAdvice:
+        """Return the error that the mesh causes in solutions, its repairs, and what may spoil a solution on it."""
         if self._original is not self:
             return self._original.advice(spacing)
-        cached = self.__dict__.get("_advice")  # several callers use one spacing
-        if cached is None or cached[0] != spacing:
-            floors = solution_error_floor(self._turning_angle, self.smooth), self.own_integral_floor(spacing)
-            advice = Advice(floors[0], self.own_warnings(spacing), floors[1], closest_point_warnings(self, spacing))
-            self.__dict__["_advice"] = cached = spacing, advice
-        return cached[1]
+        if spacing not in self._advice:  # callers read its parts one by one
+            self._advice[spacing] = MeshAdvice(self, spacing)
+        return self._advice[spacing]
 
-    def own_warnings(self, spacing: float, /) -> tuple[str, ...]:
-        """Return warnings that hold at any spacing: what was changed, and how many components the mesh has."""
-        del spacing
+    @cached_property
+    def _advice(self) -> dict[float, MeshAdvice]:
+        return {}
+
+    def all_warnings(self) -> tuple[str, ...]:
+        """Return one sentence for each repair of the mesh, and about its pieces."""
         return mesh_warnings(self)
-
-    def own_integral_floor(self, spacing: float, /) -> float:
-        """Return the relative error that the mesh leaves in integrals at any spacing."""
-        del spacing
-        return integral_floor(self._turning_angle, self.smooth)
 
     @cached_property
     def inner_edges(self) -> InnerEdges:
@@ -223,10 +245,10 @@ class TriangleMesh:
         return face_components(self.faces, self.adjacency)
 
     @cached_property
-    def _turning_angle(self) -> float:
+    def mean_turning(self) -> float:
         """The root mean square angle between the normals at the ends of edges; zero for a body with flat sides."""
         if self._original is not self:
-            return self._original._turning_angle
+            return self._original.mean_turning
         if not self.smooth and is_flat_sided(self.inner_edges, self.crease_angle):
             return 0.0
         return turning_angle(self.vertices, self.faces, self.normals_at_corners)

@@ -7,7 +7,7 @@ from cpmkit_mesh.chains import order_chains
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.protocols import HasMesh, HasTangents, HasTranslation, HasValues
+from cpmkit.manifold.abilities import HasMesh, HasTangents, HasTranslation, HasValues
 
 
 def length(curve):

@@ -101,7 +101,7 @@ def test_edges_at_which_three_triangles_meet_are_reported():
     assert warnings_found[0].startswith(
         "4 edges of the mesh are shared by three or more triangles, the first near (0, "
     )
-    assert triangles(vertices=tee()[0], faces=tee()[1]).own_warnings(0.1) == warnings_found
+    assert triangles(vertices=tee()[0], faces=tee()[1]).advice(0.1).warnings == warnings_found
 
 
 @pytest.mark.parametrize("closest", ["smooth", "faceted"])
@@ -127,9 +127,8 @@ def test_triangles_given_twice_count_once(sphere):
     once = triangles(vertices=points, faces=faces)
     twice = triangles(vertices=points, faces=np.concatenate([faces, faces[:, ::-1]]))
     assert [text.split(" of ")[0] for text in twice.advice(0.1).warnings] == [str(len(faces))]
-    assert twice.own_warnings(0.1) == twice.advice(0.1).warnings
-    for moved in (twice, twice.translated(np.ones(3))):
-        assert moved.own_integral_floor(0.1) == moved.advice(0.1).integral_floor > 0
+    for moved in (twice, twice.translate(np.ones(3))):
+        assert moved.advice(0.1).integral_floor > 0
     x = np.random.default_rng(1).normal(size=(500, 3))
     np.testing.assert_array_equal(twice.closest_point(x).points, once.closest_point(x).points)
     np.testing.assert_array_equal(twice.closest_point(x).element, once.closest_point(x).element)

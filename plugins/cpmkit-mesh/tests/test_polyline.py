@@ -5,7 +5,8 @@ import pytest
 from cpmkit_mesh import polyline
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPointSource, HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
+from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
+from cpmkit.manifold.source import ClosestPointSource
 
 SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
 
@@ -99,7 +100,7 @@ def test_a_polyline_is_a_source_with_tangents_values_a_mesh_and_translation(dim)
     assert not isinstance(line, HasNormals)
     assert (line.dim, line.manifold_dim, line.exact) == (dim, 1, True)
     offset = np.arange(1.0, dim + 1)
-    moved = line.translated(offset)
+    moved = line.translate(offset)
     x = np.random.default_rng(4).normal(size=(100, dim))
     np.testing.assert_allclose(
         moved.closest_point(x + offset).points, line.closest_point(x).points + offset, atol=1e-13

@@ -5,7 +5,8 @@ import pytest
 from cpmkit_mesh import triangles
 
 from cpmkit.errors import InputError
-from cpmkit.protocols import ClosestPointSource, HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
+from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
+from cpmkit.manifold.source import ClosestPointSource
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 NAN = np.array([[0.0, 0, 0], [1, 0, np.nan], [0, 1, 0]])
@@ -174,8 +175,8 @@ def test_a_translated_mesh_answers_translated(sphere, closest, offset):
     points = np.round(points * 2**20)  # whole numbers, which no offset here rounds
     mesh = triangles(vertices=points, faces=faces, closest=closest)
     x = np.round(np.random.default_rng(5).normal(size=(500, 3)) * 2**20)
-    there = mesh.translated(np.array(offset))
-    back = there.translated(-np.array(offset))
+    there = mesh.translate(np.array(offset))
+    back = there.translate(-np.array(offset))
     np.testing.assert_array_equal(back.closest_point(x).points, mesh.closest_point(x).points)
     feet, moved = mesh.closest_point(x), there.closest_point(x + offset)
     np.testing.assert_allclose(moved.points - offset, feet.points, atol=1e-6)

@@ -10,7 +10,7 @@ import cpmkit as ck
 
 
 def warnings(mesh, **keys):
-    return [text for text in triangles(vertices=mesh[0], faces=mesh[1], **keys).own_warnings(0.1) if "area" in text]
+    return [text for text in triangles(vertices=mesh[0], faces=mesh[1], **keys).advice(0.1).warnings if "area" in text]
 
 
 @pytest.mark.parametrize(

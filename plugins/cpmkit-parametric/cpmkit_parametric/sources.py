@@ -93,7 +93,7 @@ class Parametric:
             [self._search(queries[start : start + PARAMETRIC_PARCEL_QUERIES]) for start in starts]
         )
 
-    def translated(self: Own, offset: Floats, /) -> Own:
+    def translate(self: Own, offset: Floats, /) -> Own:
         """Return the same image moved by ``offset`` (d,); the shift alone is rounded, once."""
         return replace(self, shift=self.shift + as_vector(offset, self.dim, "offset"))
 

@@ -7,7 +7,7 @@ import pytest
 from cpmkit_parametric import curve, helix, klein, moebius, planar_curve, revolution, surface, torus_knot
 
 from cpmkit.formulas.trees import formula_tree
-from cpmkit.protocols import HasNormals, HasTangents
+from cpmkit.manifold.abilities import HasNormals, HasTangents
 
 TURN = [0, "2*pi"]
 SURFACES = {  # source, number of rims, Euler characteristic, orientable

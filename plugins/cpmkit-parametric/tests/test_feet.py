@@ -197,5 +197,5 @@ def test_local_holds_the_parameters_as_the_user_counts_them():
 def test_a_helix_at_1e9_answers_as_the_helix_at_the_origin_seen_from_there():
     offset = np.array([1e9, -1e9, 5e8])
     x = around(helix(), 200, 0.5)
-    here, there = helix().closest_point(x), helix(translation=offset).translated(-offset).closest_point(x)
+    here, there = helix().closest_point(x), helix(translation=offset).translate(-offset).closest_point(x)
     assert np.array_equal(here.points, there.points)

@@ -168,7 +168,9 @@ class PointCloud:
         """Return the error that the samples' distances and noise leave, and the sorts of them that may spoil more."""
         slope, width = self._slope
         floor = fitted_floor(slope, width, positive(spacing, "spacing"), self.dim)
-        return Advice(floor, tuple(self._warnings()), integral_floor(slope, self._noise, len(self.points)))
+        return Advice(
+            floor, tuple(self._warnings()), integral_floor(slope, self._noise, len(self.points)), mesh_for_samples=False
+        )
 
     def _warnings(self) -> list[str]:
         count, degree, found = len(self.points), self.surface.patches.degree, []
@@ -208,16 +210,11 @@ class PointCloud:
         return as_cells(self.closest_point(thinned(self.points, spacing)).points)
 
     @property
-    def mesh_for_samples(self) -> bool:
-        """Points are for pictures alone."""
-        return False
-
-    @property
     def given_mesh(self) -> tuple[Floats, Ints]:
         """The user's points (value_count, d), and their numbers as cells."""
         return as_cells(self.given_points)
 
-    def translated(self, offset: Floats, /) -> PointCloud:
+    def translate(self, offset: Floats, /) -> PointCloud:
         """Return the cloud moved by ``offset`` (d,); what is told of it is looked at once for all places."""
         shift = as_vector(offset, self.dim, "offset")
         moved = replace(self.surface, points=self.points + shift)

@@ -81,25 +81,16 @@ class NearestSamples:
             raise InputError("feet must be records that this cloud answered: they lack element.")
         return one_row_each(values, self.value_count, "points")[feet.element]
 
-    @property
-    def foot_count(self) -> int:
-        """How many points all feet are among."""
-        return len(self.points)
-
     def advice(self, spacing: float, /) -> Advice:
         """Return the error that the distances between samples leave in a solution."""
-        return Advice(plain_floor(self.points, self._tree, positive(spacing, "spacing")))
+        floor = plain_floor(self.points, self._tree, positive(spacing, "spacing"))
+        return Advice(floor, mesh_for_samples=False, foot_count=len(self.points))
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""
         return as_cells(thinned(self.points, spacing))
 
-    @property
-    def mesh_for_samples(self) -> bool:
-        """Points are for pictures alone."""
-        return False
-
-    def translated(self, offset: Floats, /) -> NearestSamples:
+    def translate(self, offset: Floats, /) -> NearestSamples:
         """Return the cloud moved by ``offset`` (d,)."""
         return NearestSamples(self.points + as_vector(offset, self.dim, "offset"))
 

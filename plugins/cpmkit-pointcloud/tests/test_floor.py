@@ -113,4 +113,4 @@ def test_the_floor_is_a_share_whatever_the_cloud():
     assert points(points=[[0.0, 0.0]], method="nearest").advice(0.1).floor == 0.0
     assert points(points=np.random.default_rng(0).uniform(size=(500, 3)), closed=False).advice(1e-3).floor <= 1.0
     even = points(points=sphere(500))
-    assert even.advice(0.1).floor == pytest.approx(even.translated(np.array([5.0, 0, 0])).advice(0.1).floor, rel=1e-6)
+    assert even.advice(0.1).floor == pytest.approx(even.translate(np.array([5.0, 0, 0])).advice(0.1).floor, rel=1e-6)

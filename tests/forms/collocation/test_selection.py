@@ -7,7 +7,8 @@ from layouts import lay_out
 import cpmkit as ck
 from cpmkit.forms.collocation.discretization import tabulate
 from cpmkit.forms.collocation.selection import Centres, Numbering
-from cpmkit.grid.stencils import stencil_cells, stencil_nodes
+from cpmkit.grid.band import stencil_nodes
+from cpmkit.grid.stencils import stencil_cells
 
 
 def cut_spiral(**conditions):

@@ -11,10 +11,12 @@ from cpmkit.errors import ResolutionError
 from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapolation_weights
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.walking import nearest_on_sheet
-from cpmkit.protocols import Bools, BoundarySet, ClosestPoints, Floats, Ints
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, OneSided, Value
+from cpmkit.types import Bools, Floats, Ints
 
 #: Data that jump across a boundary are read at least this share of the spacing inside their side.
 INSIDE_SIDE_SPACINGS = 1e-6

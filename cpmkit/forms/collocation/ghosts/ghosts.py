@@ -27,8 +27,8 @@ from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLatti
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.laws import Interface, OneSided, beta_at
+from cpmkit.types import Bools, Floats, Ints
 
 #: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
 UNDIRECTED_GHOST_SPACINGS = 1e-3
@@ -221,7 +221,7 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
             mirrored = side[orders[side] == 2]
         if len(mirrored):
             points[mirrored] = geometry.mirror.points[mirrored]
-            feet = None if feet is None else feet.replaced(mirrored, geometry.mirror.take(mirrored))
+            feet = None if feet is None else feet.replace_rows(mirrored, geometry.mirror.take(mirrored))
         if not isinstance(law, Interface):
             coefficient[rows], added = _one_sided(geometry, law, rows, points[rows], orders[rows] == 1)
             data += added

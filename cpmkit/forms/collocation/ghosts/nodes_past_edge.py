@@ -30,11 +30,12 @@ from cpmkit.forms.collocation.side_view import BoundaryOnLattice, SideView
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.manifold.walking import nearest_on_sheet
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
+from cpmkit.types import Bools, Floats, Ints
 
 #: Nodes nearer to their foot than this share of the spacing do not define the direction of the conormal.
 UNDIRECTED_EDGE_SPACINGS = 1e-6
@@ -63,7 +64,7 @@ def read_past_edge(
     for past, law, own_order in _loops(band, edge, rows):
         formula = _mirror(surface, band, lattice, edge, law, min(own_order or order, most), past)
         points[past], coefficient[past] = formula.points, formula.coefficient
-        feet = None if feet is None or formula.feet is None else feet.replaced(past, formula.feet)
+        feet = None if feet is None or formula.feet is None else feet.replace_rows(past, formula.feet)
         data += [datum.renumber(past) for datum in formula.data]
     return RowFormula(points, coefficient, data, feet=feet)
 
@@ -82,7 +83,7 @@ def read_at_feet(
     data += [datum.renumber(np.where(chosen, numbers, -1)) for datum in at_feet.data]
     feet = past.feet
     if feet is not None and at_feet.feet is not None:
-        feet = feet.replaced(rows, at_feet.feet.take(rows))
+        feet = feet.replace_rows(rows, at_feet.feet.take(rows))
     return RowFormula(points, coefficient, data, feet=feet)
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, unit_normals
-from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.types import Bools, Floats, Ints
 
 #: Sides of a corner are looked for so many spacings beside it, on either side,
 BESIDE_SPACINGS = 0.6

@@ -17,10 +17,11 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, beyond
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
 from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.lattice import Lattice
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.walking import nearest_on_sheet
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface
+from cpmkit.types import Bools, Floats, Ints
 
 #: Points that a ghost of order 2 reads on each side, a spacing apart. (1.25 and 1.5 spacings have 1.2 to 5 times the
 #: error on arcs, caps and circles on the sphere, and vary more with the position of the lattice.)

@@ -12,9 +12,10 @@ import numpy as np
 
 from cpmkit.forms.collocation.sheets.sheets import SHEET_HEIGHT_SPACINGS, same_sheet
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.walking import walk
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Rows
+from cpmkit.types import Bools, Floats
 
 #: Below this cosine of their normals, height does not decide whether two points lie on one sheet, unless they are
 #: within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
@@ -106,7 +107,7 @@ class BoundaryOnSheets:
         if not len(rows):
             return nearest, offset, on_sheet
         feet, offset[rows], on_sheet[rows] = self._from_samples(start.take(has_sample), targets.take(rows))
-        return nearest.replaced(rows, feet), offset, on_sheet
+        return nearest.replace_rows(rows, feet), offset, on_sheet
 
     def _from_samples(self, start: ClosestPoints, targets: SurfacePoints) -> tuple[ClosestPoints, Floats, Bools]:
         """Return the feet of points, walked to along the boundary from samples; the rest as :meth:`relative_to`.
@@ -119,7 +120,7 @@ class BoundaryOnSheets:
         samples = start.take(strayed)
         from_samples = SurfacePoints.on(self.surface, samples.points, self.spacing)
         offset[strayed], on_sheet[strayed] = self._offsets(from_samples, targets.take(strayed))
-        return feet.replaced(strayed, samples), offset, on_sheet
+        return feet.replace_rows(strayed, samples), offset, on_sheet
 
     def _offsets(self, base: SurfacePoints, targets: SurfacePoints) -> tuple[Floats, Bools]:
         """Return the vectors from boundary points ``base`` to ``targets``, and which of these are on the same sheet.

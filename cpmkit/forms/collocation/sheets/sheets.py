@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.grid.band import Band

@@ -17,13 +17,14 @@ from cpmkit.forms.collocation.sheets.sheets import (
     has_signed_normals,
     same_sheet,
 )
-from cpmkit.grid.band import Band
+from cpmkit.grid.band import Band, stencil_nodes
 from cpmkit.grid.lattice import find
-from cpmkit.grid.stencils import cross_offsets, stencil_cells, stencil_nodes, tensor_offsets
+from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.walking import feet_from
-from cpmkit.protocols import Bools, ClosestPoints, Floats, Ints, Rows
+from cpmkit.types import Bools, Floats, Ints
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
 SHEET_STEP_SPACINGS = 0.3

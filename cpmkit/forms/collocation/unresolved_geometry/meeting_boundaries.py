@@ -14,10 +14,11 @@ from cpmkit.errors import place
 from cpmkit.forms.collocation.ghosts.ghost_geometry import ALONGSIDE_COSINE, INSIDE_SIDE_SPACINGS
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import SIDES, Bools, BoundarySet, Floats
+from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
+from cpmkit.types import SIDES, Bools, Floats
 
 #: Pairs of boundaries within so many spacings are examined.
 MEETING_SPACINGS = 4.0

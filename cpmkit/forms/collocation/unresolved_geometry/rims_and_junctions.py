@@ -15,7 +15,7 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Half widths of gaps (spacings) that are tested ahead of a rim; wider gaps hardly leak. Then the middle of a gap is
 #: found by so many bisections.

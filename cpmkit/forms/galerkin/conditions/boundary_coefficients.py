@@ -12,9 +12,9 @@ from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.space.energy import mean_over_tangents
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, Floats
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity
+from cpmkit.types import Bools, Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

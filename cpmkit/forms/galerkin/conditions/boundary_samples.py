@@ -8,10 +8,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: A triangle less high over its edge than this share of the edge is thin.
 THIN_SHARE = 0.1

@@ -17,11 +17,11 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.space.dof_map import components
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.vectors import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.oriented import OrientedBoundary
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.scene_sampling import SampledScene

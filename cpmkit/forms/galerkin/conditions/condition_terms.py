@@ -31,9 +31,9 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
 )
 from cpmkit.forms.galerkin.conditions.sample_products import LoadRows, SampleRows, sample_rows, symmetric_sum
 from cpmkit.grid.lattice import Lattice
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at, law_of_laplacian
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

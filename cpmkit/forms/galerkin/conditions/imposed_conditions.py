@@ -12,14 +12,14 @@ from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import POINTS_OF_EDGE, BoundarySamples
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import SIDES, Bools, Floats, Ints
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.edge_conditions import LoopConditions, check_parts_used, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
+from cpmkit.types import SIDES, Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

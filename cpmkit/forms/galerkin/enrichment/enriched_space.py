@@ -17,7 +17,7 @@ from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

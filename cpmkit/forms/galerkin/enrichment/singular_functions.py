@@ -20,8 +20,8 @@ from cpmkit.forms.galerkin.enrichment.tip_discs import TipDisc, TipDiscFinder
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.protocols import Floats, Ints
 from cpmkit.scene.laws import Interface, Value
+from cpmkit.types import Floats, Ints
 
 #: Frequency k and phase p of the functions of a tip, by whether a value is held on its boundary's left and right.
 WAVES: dict[tuple[bool, bool], tuple[tuple[float, float], ...]] = {

@@ -8,9 +8,9 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.grid.lattice import find
-from cpmkit.manifold.vectors import norms, unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Edges, Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: The disc ends where the surface has turned by more than the angle of this cosine, 37 degrees,
 LEAST_COSINE = 0.8

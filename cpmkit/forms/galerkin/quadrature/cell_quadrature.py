@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.manifold.vectors import norms, unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
 SINGLE_MOMENT_OF_ANGLE = 0.5

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.polygon_rules import MOST_CORNERS, MOST_PLACES, fanned, rule
-from cpmkit.protocols import Bools, Floats
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats
 
 #: A piece that is past a knot plane by less than this, in spacings, is not split there.
 ON_PLANE_SPACINGS = 1e-3

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.protocols import Floats
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats
 
 #: Pieces have no more corners than this; a triangle has 3, and each plane adds one.
 MOST_CORNERS = 32

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import NORMAL_UNIT, PLACE_UNIT
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats, Ints
 
 
 @compiled

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.space.dof_map import DofMap
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: What one unit of a place is in spacings, and one of a normal's component: 1 and -1 are whole numbers of it.
 PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30

@@ -16,8 +16,8 @@ from cpmkit.forms.galerkin.quadrature.clipping_kernels import (
     project,
     slopes,
 )
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Bools, Floats, Ints
 
 #: The centroid: shares of the first two corners, as the rule of one place makes them of a whole triangle.
 FIRST_SHARE, SECOND_SHARE = 1.0 - (1.0 / 3.0) / 0.5, (0.5 / 3.0) / 0.5

@@ -18,9 +18,9 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
-from cpmkit.protocols import Floats, Progress, no_progress
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Progress, no_progress
 
 #: Solutions to mark by need not be better: the residual's own error is larger.
 MARKING_TOLERANCE = 1e-6

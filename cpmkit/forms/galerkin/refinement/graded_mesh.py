@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
 from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
 from cpmkit.mesh.subdivision import halve_edges
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: Edges are looked at from these places between their ends.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)

@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.forms.galerkin.levels import two_scale, two_scale_shares
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.space.dof_map import DofMap, dof_map_from_patches
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

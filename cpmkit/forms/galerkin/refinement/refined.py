@@ -35,7 +35,8 @@ from cpmkit.forms.galerkin.space.energy import (
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
-from cpmkit.protocols import Floats, Ints, Operator
+from cpmkit.linear.protocols import Operator
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

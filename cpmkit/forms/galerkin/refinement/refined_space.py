@@ -20,7 +20,7 @@ from cpmkit.forms.galerkin.refinement.hierarchical_splines import LevelSplines, 
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace, build_spline_space
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -13,9 +13,9 @@ import numpy as np
 from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.refinement.refined import RefinedGalerkin
 from cpmkit.forms.galerkin.space.sample_kernels import spline_slopes, spline_values
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data
+from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled

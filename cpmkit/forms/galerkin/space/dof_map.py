@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.manifold.vectors import norms
-from cpmkit.protocols import Bools, Floats, Ints
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.types import Bools, Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)

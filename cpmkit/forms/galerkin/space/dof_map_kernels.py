@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Bools, Floats, Ints
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.disjoint_sets import find_root, unite
+from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled

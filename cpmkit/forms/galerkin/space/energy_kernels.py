@@ -14,8 +14,8 @@ import numpy as np
 from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
 from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.types import Floats, Ints
 
 #: Linear forms that are gathered before their products are added; at most so many belong to one sample.
 GATHERED, FORMS_OF_A_SAMPLE = 64, 12

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled
+from cpmkit.types import Floats, Ints
 
 
 @compiled

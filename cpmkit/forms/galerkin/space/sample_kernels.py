@@ -8,8 +8,8 @@ import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
 from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
-from cpmkit.protocols import Floats, Ints
 from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.types import Floats, Ints
 
 
 @inlined

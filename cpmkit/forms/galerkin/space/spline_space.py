@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.space.dof_map import DofMap, connected_pieces
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

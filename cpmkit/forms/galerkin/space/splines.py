@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.galerkin.space.dof_map import DofMap
-from cpmkit.protocols import Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.forms.free_constants import Imbalance
-from cpmkit.protocols import ClosestPoints
+from cpmkit.manifold.source import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
 

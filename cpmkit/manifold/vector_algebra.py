@@ -1,4 +1,4 @@
-"""Rotations of the plane and of space, read from what a user gives, and applied row by row."""
+"""Inner products, lengths and rotations of rows, computed by components: a row's result never depends on its batch."""
 
 from __future__ import annotations
 
@@ -7,10 +7,29 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.protocols import Floats
+from cpmkit.types import Floats
 
-#: Its corner (d, d) is the rotation that turns nothing.
-UNTURNED = np.eye(3)
+
+def dots(a: Floats, b: Floats) -> Floats:
+    """Return the inner products along the last axis."""
+    total = a[..., 0] * b[..., 0]
+    for k in range(1, a.shape[-1]):
+        total = total + a[..., k] * b[..., k]
+    return np.asarray(total)
+
+
+def norms(a: Floats) -> Floats:
+    """Return the lengths along the last axis."""
+    return np.sqrt(dots(a, a))
+
+
+def unit(a: Floats) -> Floats:
+    """Return the rows (n, d) scaled to length one; rows of length zero stay zero."""
+    length = norms(a)[:, None]
+    if (length > 0).all():
+        return np.asarray(a / length)
+    with np.errstate(all="ignore"):
+        return np.where(length > 0, a / length, 0.0)
 
 
 def as_rotation(rotation: Any, dim: int) -> Floats:
@@ -19,7 +38,7 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     Parameters
     ----------
     rotation : None, angle, (3,) vector or (dim, dim) matrix
-        An angle in radians in the plane; in space a vector along the axis, as long as the angle.
+        An angle in radians in the plane; in space a vector along the axis, as long as the angle. None is no rotation.
     dim : int
         2 or 3.
 
@@ -31,39 +50,34 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     if rotation is None:
         return np.eye(dim)
     accepted = "an angle or a 2 x 2 matrix" if dim == 2 else "a vector of 3 numbers or a 3 x 3 matrix"
-    short: tuple[int, ...] = () if dim == 2 else (3,)
     try:
-        given = np.array(rotation, dtype=np.float64)
+        array = np.array(rotation, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"rotation must be {accepted}, got {shown(rotation)}.") from error
-    if given.shape not in (short, (dim, dim)) or not np.isfinite(given).all():
+    if array.shape not in (() if dim == 2 else (3,), (dim, dim)) or not np.isfinite(array).all():
         raise InputError(f"rotation must be {accepted} of finite numbers, got {shown(rotation)}.")
-    if given.shape == (dim, dim):
-        return _checked(given)
+    if array.shape == (dim, dim):
+        _check_orthogonal(array)
+        return array
     if dim == 2:
-        return np.array([[np.cos(given), -np.sin(given)], [np.sin(given), np.cos(given)]])
+        return np.array([[np.cos(array), -np.sin(array)], [np.sin(array), np.cos(array)]])
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_rotvec(given).as_matrix())
+    return np.asarray(Rotation.from_rotvec(array).as_matrix())
 
 
-def _checked(matrix: Floats) -> Floats:
+def _check_orthogonal(matrix: Floats) -> None:
     excess = np.abs(matrix @ matrix.T - np.eye(len(matrix))).max()
     if excess > 1e-12 or np.linalg.det(matrix) < 0:
         raise InputError(
             f"rotation must be orthogonal with determinant +1, got one that is off by {excess:.1e} with determinant "
             f"{np.linalg.det(matrix):.6g}; give a rotation vector or an angle if its digits are rounded."
         )
-    return matrix
 
 
 def rotate(rotation: Floats, vectors: Floats) -> Floats:
-    """Return ``rotation @ v`` for the rows v of ``vectors``.
-
-    Written out by columns: the result of a row then never depends on the size of the batch, which
-    a matrix product does not promise.
-    """
-    if (rotation == UNTURNED[: len(rotation), : len(rotation)]).all():
+    """Return ``rotation @ v`` for the rows v of ``vectors`` (n, d)."""
+    if (rotation == np.eye(len(rotation))).all():
         return vectors
     rotated = vectors[:, :1] * rotation[:, 0]
     for k in range(1, len(rotation)):

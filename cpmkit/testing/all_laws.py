@@ -1,17 +1,17 @@
-"""All laws in one list, and the two ways to run them."""
+"""The list of all laws, and two ways to check them: by a call, and as a parametrised test."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from cpmkit.testing import ability_laws, foot_laws, form_laws, left_laws, local_minima_laws
+from cpmkit.testing import ability_laws, answer_laws, local_minima_laws
 from cpmkit.testing.cases import ConformanceCase
 
-#: Every law: called with a case, it returns or raises an AssertionError.
+#: Every law: a function of a case that raises AssertionError where the case breaks it.
 LAWS: tuple[Callable[[ConformanceCase], None], ...] = tuple(
     check
-    for module in (form_laws, foot_laws, ability_laws, local_minima_laws, left_laws)
+    for module in (answer_laws, ability_laws, local_minima_laws)
     for name, check in vars(module).items()
     if name.startswith("check_")
 )
@@ -23,14 +23,14 @@ def run_laws(case: ConformanceCase) -> None:
     Raises
     ------
     AssertionError
-        At the first law that is broken; it names the law, the kind and a query.
+        At the first broken law; it names the law, the kind and a query.
     """
     for law in LAWS:
         law(case)
 
 
 def parametrize_with_laws(cases: Iterable[ConformanceCase]) -> Callable[[Any], Any]:
-    """Return a pytest decorator that runs a test once a case and law, as arguments ``case`` and ``law``."""
+    """Return a pytest decorator that runs a test for each pair of a ``case`` and a ``law``, its arguments."""
     import pytest
 
     pairs = [

@@ -1,4 +1,4 @@
-"""Which spacing is right: one that is given, one to start with, and the finest that fits into memory."""
+"""The choice of a spacing: a first suggestion, and the finest that fits into memory."""
 
 from __future__ import annotations
 
@@ -7,28 +7,29 @@ import math
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
+from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.manifold.local_source import LocalSource, localize
-from cpmkit.protocols import ClosestPointSource
+from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime import memory
 from cpmkit.runtime.arrays import positive
 
-#: A suggested spacing gives about this many cells on the manifold, by its dimension.
+#: Number of cells on the manifold at a suggested spacing, by the manifold's dimension.
 SUGGESTED_CELLS = {0: 1, 1: 200, 2: 10_000, 3: 60_000}
-#: Blocks of the manifold from which the number of unknowns is foretold.
+#: Least number of blocks from which the number of unknowns is estimated.
 COUNTED_BLOCKS = 12_000
-#: Such blocks are cells of at least this share of the largest side of the surface; half a cell is beyond it.
+#: Side of the finest blocks of that estimate, over the manifold's largest side: 4096 blocks with half a block to spare.
 FINEST_CELL_SHARE = 1 / 4095.5
-#: Share of the memory that a spacing which is named leaves unused.
+#: Share of the memory that a suggested spacing leaves unused.
 SPARE_MEMORY_SHARE = 0.2
 
 
 def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
-    """Return ``spacing`` if it is one.
+    """Return ``spacing`` if it is a number above zero.
 
     Raises
     ------
     InputError
-        If there is none, with a suggestion, or it is not above zero.
+        If it is None, with a suggestion, or not above zero.
     """
     if spacing is None:
         raise InputError(
@@ -39,9 +40,7 @@ def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
 
 
 def suggest_spacing(surface: ClosestPointSource) -> float:
-    """Return a spacing, rounded to two digits, at which a scene is quick to solve and its surface's shape is seen."""
-    from cpmkit.grid.band import cell_levels
-
+    """Return a spacing, rounded to two digits, for a fast solve that resolves the surface's overall shape."""
     source = localize(surface, np.zeros(surface.dim))
     bounds, manifold_dim = source.bounds, source.largest_dim
     size = float((bounds[1] - bounds[0]).max()) or 1.0
@@ -59,25 +58,25 @@ def check_fits(
     solver: str = "reference",
     excess: float = 1.0,
 ) -> None:
-    """Refuse a band that the memory of this process cannot hold.
+    """Refuse a band that does not fit into the memory of this process.
 
     Parameters
     ----------
     source : LocalSource
-        What the band is around.
+        The manifold.
     unknowns : float
-        That the band has, about.
+        Estimated number of unknowns of the band.
     spacing, degree : float, int
         Of the lattice and the interpolation.
     solver : str
-        That will be taken.
+        Name of the linear solver.
     excess : float
-        How many times too large the band must be: more than 1 while ``unknowns`` is a rough number.
+        Factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
 
     Raises
     ------
     ResolutionError
-        With the spacing that would fit.
+        With a spacing that fits.
     """
     needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
     if needed > excess * limit.bytes:
@@ -90,22 +89,20 @@ def check_fits(
 
 
 def fitting_spacing(source: LocalSource, degree: int, available: int, solver: str = "reference") -> float:
-    """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes.
+    """Return a spacing, rounded up to two digits, at which a solve fits into ``available`` bytes.
 
-    It does not depend on the spacing that was asked for, nor on where the lattice is.
+    It depends neither on the spacing of the user nor on the origin of the lattice.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
     return rounded_up((unknowns_at_one(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
 def unknowns_at_one(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
-    """Return how many unknowns a band has, times the spacing to the power of the manifold's dimension.
+    """Estimate the number of unknowns of a band, times the spacing to the power of the manifold's dimension.
 
-    Counted from the blocks that the manifold meets, ``counted`` or more, coarse ones: thin parts look as thick as a
-    block.
+    Estimated from the first level with more than ``counted`` blocks that the manifold meets; thin parts count as
+    thick as a block.
     """
-    from cpmkit.grid.band import cell_levels, nodes_of_blocks
-
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE
     levels = cell_levels(source, cell, -source.bounds[0] / cell)
@@ -121,5 +118,5 @@ def rounded_up(value: float) -> float:
 
 
 def other_solver_hint(solver: str, other: str = "reference") -> str:
-    """Return that another solver would fit where the direct one is too large, as the end of a sentence."""
+    """Return the end of a sentence that recommends ``other`` in place of the direct solver; empty for other solvers."""
     return f", or solver={other!r}" if solver == "direct" else ""

@@ -1,0 +1,232 @@
+"""The laws of every source: the form of its answers, and feet against each other, the query and the manifold."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cpmkit.errors import InputError
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.testing.queries import (
+    Subject,
+    certain,
+    for_queries,
+    law,
+    query_law,
+    require,
+    require_rows,
+    symmetric_points,
+)
+from cpmkit.types import Floats
+
+
+@law()
+def check_statement(subject: Subject) -> None:
+    """A source states its dimensions, finite ordered bounds and whether it is exact."""
+    source = subject.source
+    require(isinstance(source, ClosestPointSource), "It lacks a member of ClosestPointSource.")
+    require(source.dim in (2, 3), f"dim is {source.dim!r}, not 2 or 3.")
+    allowed = (None, *range(source.dim + 1))
+    require(source.manifold_dim in allowed, f"manifold_dim is {source.manifold_dim!r}, not one of {allowed}.")
+    require(isinstance(source.exact, (bool, np.bool_)), f"exact is {source.exact!r}, not True or False.")
+    bounds = source.bounds
+    shape, kind = (2, source.dim), np.float64
+    require(bounds.shape == shape and bounds.dtype == kind, f"bounds are {bounds.dtype} {bounds.shape}, not float64.")
+    require(np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all(), f"bounds are {bounds.tolist()}.")
+
+
+@query_law()
+def check_shapes(subject: Subject, x: Floats) -> None:
+    """Every array of an answer has its length, its shape and its type."""
+    _require_arrays(subject.source.closest_point(x), x)
+
+
+@law()
+def check_empty(subject: Subject) -> None:
+    """The answer to no queries consists of empty arrays of the right shapes."""
+    x = np.empty((0, subject.source.dim))
+    _require_arrays(subject.source.closest_point(x), x)
+
+
+@query_law(together=True)
+def check_input_untouched(subject: Subject, x: Floats) -> None:
+    """The queries are not modified."""
+    queries = x.copy()
+    feet = subject.source.closest_point(queries)
+    require_rows((queries == x).all(axis=1), x, "The query was changed", queries)
+    require(not np.shares_memory(feet.points, queries), "The answer shares memory with the queries.")
+
+
+@query_law()
+def check_batches(subject: Subject, x: Floats) -> None:
+    """An answer does not depend on the other queries of its batch."""
+    whole = subject.source.closest_point(x.copy())  # not in the batch of all laws: where feet tie, rounding decides
+    for parts in (np.array_split(x, 3), [x[i : i + 1] for i in range(min(3, len(x)))]):
+        answers = [subject.source.closest_point(np.ascontiguousarray(part)) for part in parts]
+        queries = np.concatenate(parts)
+        points = np.concatenate([answer.points for answer in answers])
+        edge = np.concatenate([answer.edge for answer in answers])
+        apart = np.linalg.norm(points - whole.points[: len(queries)], axis=1)
+        require_rows(apart <= subject.round_off(queries), queries, "In a smaller batch the foot moves by", apart)
+        require_rows(edge == whole.edge[: len(queries)], queries, "In a smaller batch edge becomes", edge)
+
+
+@query_law()
+def check_finite(subject: Subject, x: Floats) -> None:
+    """Finite queries get finite answers."""
+    feet = subject.feet(x)
+    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+    require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
+    if feet.local is not None:
+        require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
+
+
+@law()
+def check_bad_input(subject: Subject) -> None:
+    """NaN, infinity and wrong shapes are refused with InputError."""
+    dim = subject.source.dim
+    for value in (np.nan, np.inf, -np.inf):
+        x = np.tile(subject.centre, (3, 1))
+        x[1, dim - 1] = value
+        _require_refusal(subject.source, x, f"a coordinate {value}")
+    for shape in ((dim,), (4, dim + 1), (4, 1), (2, 2, dim)):
+        _require_refusal(subject.source, np.zeros(shape), f"the shape {shape}")
+
+
+@query_law()
+def check_edge(subject: Subject, x: Floats) -> None:
+    """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none."""
+    last = {0: -1, 1: 1}.get(subject.source.manifold_dim)
+    edge = subject.feet(x).edge
+    require_rows(edge >= -1, x, "edge is", edge)
+    if last is not None:
+        require_rows(edge <= last, x, "edge is", edge)
+
+
+@query_law("near unless exact", together=True)
+def check_idempotence(subject: Subject, x: Floats) -> None:
+    """The closest point of a foot is that foot, at distance zero."""
+    feet = subject.feet(x)
+    feet = feet.take(certain(feet))
+    again = subject.source.closest_point(np.ascontiguousarray(feet.points))
+    apart = np.linalg.norm(again.points - feet.points, axis=1)
+    round_off = subject.round_off(feet.points)
+    require_rows(apart <= round_off, feet.points, "The closest point of a foot is apart from it by", apart)
+    require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
+
+
+@query_law(together=True)
+def check_lipschitz(subject: Subject, x: Floats) -> None:
+    """Distances differ by no more than the queries are apart."""
+    rng = np.random.default_rng(0)
+    steps = subject.size * 10.0 ** rng.uniform(-6, 0, (len(x), 1)) * rng.normal(size=x.shape)
+    both = np.concatenate([x, x + steps])
+    distance_after_step = subject.source.closest_point(np.ascontiguousarray(both[len(x) :])).distance
+    distance = np.concatenate([subject.feet(x).distance, distance_after_step])
+    apart = np.linalg.norm(both[:, None] - both, axis=2)
+    round_off = subject.round_off(both)
+    excess = np.abs(distance[:, None] - distance) - apart - round_off[:, None] - round_off
+    excess = excess.max(axis=1)
+    require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
+
+
+@query_law()
+def check_distance(subject: Subject, x: Floats) -> None:
+    """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
+    feet = subject.feet(x)
+    excess = feet.distance - np.linalg.norm(x - feet.points, axis=1)
+    require_rows(feet.distance >= 0, x, "distance is", feet.distance)
+    require_rows(excess <= subject.round_off(x), x, "distance is above |x - points| by", excess)
+    if subject.source.exact:
+        require_rows(-excess <= subject.round_off(x), x, "distance is below |x - points| by", -excess)
+
+
+@law()
+def check_nearest(subject: Subject) -> None:
+    """No point of the manifold is nearer than ``distance``: neither a sample nor the foot of another query."""
+    known = subject.known_points()
+
+    def check(x: Floats) -> None:
+        feet = subject.feet(x)
+        others = feet.points if known is None else np.concatenate([feet.points, known])
+        nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
+        excess = feet.distance - nearest
+        require_rows(excess <= subject.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
+
+    for_queries(subject, check)
+
+
+@law()
+def check_foot(subject: Subject) -> None:
+    """A foot of a source that is not exact lies within turning angle x distance of the exact foot.
+
+    The exact foot is not known, but its distance is: |x - points| is at most (1 + turning angle) x distance, which is
+    checked. A foot that slides along the manifold by much less than the distance passes.
+    """
+
+    def check(x: Floats) -> None:
+        feet = subject.feet(x)
+        allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
+        excess = np.linalg.norm(x - feet.points, axis=1) - allowed
+        require_rows((excess <= 0) | ~certain(feet), x, "|x - points| is too large by", excess)
+
+    if not subject.source.exact:
+        for_queries(subject, check, within_radius=True)
+
+
+@law()
+def check_degenerate(subject: Subject) -> None:
+    """A query with many closest points gets one of them, never itself."""
+    x = symmetric_points(subject)
+    feet = subject.source.closest_point(x)
+    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+    off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= subject.round_off(x), x, "The foot lies off the manifold by", off)
+    for axis in range(subject.source.dim):
+        step = 1e-3 * subject.size * np.eye(subject.source.dim)[axis]
+        distance = subject.source.closest_point(x + step).distance
+        drop = distance - np.linalg.norm(step) - np.linalg.norm(x - feet.points, axis=1)
+        require_rows(drop <= subject.round_off(x), x, "The foot is nearer than the manifold, by", drop)
+
+
+@law()
+def check_bounds(subject: Subject) -> None:
+    """The bounds contain every foot and every sample."""
+    lower, upper = subject.source.bounds
+    known = subject.known_points()
+
+    def check(x: Floats) -> None:
+        points = subject.feet(x).points
+        points = points if known is None else np.concatenate([points, known])
+        beyond = np.maximum(lower - points, points - upper).max(axis=1)
+        require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)
+
+    for_queries(subject, check)
+
+
+def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
+    n, dim = x.shape
+    expected = {
+        "points": ((n, dim), np.float64),
+        "distance": ((n,), np.float64),
+        "edge": ((n,), np.int64),
+        "element": ((n,), np.int64),
+        "local": ((n, None), np.float64),
+        "doubtful": ((n,), np.bool_),
+    }
+    for name, (shape, kind) in expected.items():
+        array = getattr(feet, name)
+        if array is None and name in ("element", "local", "doubtful"):
+            continue
+        require(isinstance(array, np.ndarray), f"{name} is {type(array).__name__}, not an array.")
+        fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
+        require(fits and array.dtype == kind, f"{name} is {array.dtype} {array.shape} for {n} queries in {dim}D.")
+
+
+def _require_refusal(source: ClosestPointSource, x: Floats, fault: str) -> None:
+    try:
+        source.closest_point(x)
+    except InputError:
+        return
+    except Exception as error:
+        raise AssertionError(f"Queries with {fault} raise {type(error).__name__}, not InputError.") from error
+    raise AssertionError(f"Queries with {fault} are accepted.")

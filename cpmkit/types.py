@@ -1,0 +1,27 @@
+"""Types of arrays, of sides and of progress callbacks that the whole package uses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
+Side = Literal["left", "right"]
+#: The side of boundaries from which a solution is evaluated: one for all, or one for each by name.
+Sides = Side | Mapping[str, Side] | None
+#: The same, or both sides at once.
+ReadSides = Sides | Literal["both"]
+#: Both sides of a boundary.
+SIDES: tuple[Side, Side] = ("left", "right")
+
+#: Called with the name of a stage and the share of it that is done, from 0 to 1.
+Progress = Callable[[str, float], None]
+
+
+def no_progress(stage: str, fraction: float) -> None:
+    """Report no progress."""

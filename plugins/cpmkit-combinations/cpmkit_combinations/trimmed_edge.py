@@ -1,0 +1,192 @@
+"""The edge made by trimming, a curve on a surface or one or two points on a curve, and meshes clipped at it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from cpmkit.plugin import (
+    Bools,
+    ClosestPoints,
+    ClosestPointSource,
+    Floats,
+    InputError,
+    Ints,
+    dots,
+    number_edges,
+    rotate_triangles,
+)
+from cpmkit_combinations.curve import TracedCurve
+from cpmkit_combinations.level_cut import LevelCut
+from cpmkit_combinations.points import PointSet
+
+
+class TrimmedEdge(Protocol):
+    """The points at which a manifold is cut off."""
+
+    @property
+    def source(self) -> ClosestPointSource:
+        """Its points."""
+
+    @property
+    def deviation(self) -> float:
+        """Its largest distance from the zeros of trim."""
+
+    def outward(self, feet: ClosestPoints, /) -> Floats:
+        """Return unit conormals (n, d) at feet on the edge, towards the part that is cut away."""
+
+    def numbers(self, feet: ClosestPoints, /) -> Ints:
+        """Return the ``edge`` (n,) of feet on it."""
+
+    def numbers_of_whole(self, edge: Ints, /) -> Ints:
+        """Return the ``edge`` (n,) of feet inside the part, given their edge numbers on the whole."""
+
+    def translate(self, offset: Floats, /) -> TrimmedEdge:
+        """Return the edge moved by ``offset`` (d,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class CurveEdge:
+    """The edge of a trimmed surface, on whose left the surface is cut away."""
+
+    source: TracedCurve
+
+    @property
+    def deviation(self) -> float:
+        """The largest distance of the curve from the zeros of trim."""
+        return self.source.deviation
+
+    def outward(self, feet: ClosestPoints, /) -> Floats:
+        """Return the unit conormals (n, d) to the left."""
+        return self.source.leftward(feet)
+
+    def numbers(self, feet: ClosestPoints, /) -> Ints:
+        """Return the numbers of the curve's pieces, the longest first."""
+        return self.source.piece(feet)
+
+    def numbers_of_whole(self, edge: Ints, /) -> Ints:
+        """Return the numbers of the whole's edges, which follow those of the curve's pieces."""
+        return np.where(edge >= 0, edge + len(self.source.pieces), edge)
+
+    def translate(self, offset: Floats, /) -> CurveEdge:
+        """Return the edge moved by ``offset`` (d,)."""
+        return CurveEdge(self.source.translate(offset))
+
+
+@dataclass(frozen=True, eq=False)
+class PointEdge:
+    """The new ends of a trimmed curve.
+
+    Attributes
+    ----------
+    source : PointSet
+    directions : (k, d) float64
+        Unit vectors along the curve, towards the part that is cut away.
+    ends : (k,) int64
+        0 for the start and 1 for the end of the part, one a point.
+    """
+
+    source: PointSet
+    directions: Floats
+    ends: Ints
+
+    deviation = 0.0
+
+    def outward(self, feet: ClosestPoints, /) -> Floats:
+        """Return the directions at the feet, (n, d)."""
+        return np.asarray(self.directions[feet.element])
+
+    def numbers(self, feet: ClosestPoints, /) -> Ints:
+        """Return 0 at the start and 1 at the end."""
+        return np.asarray(self.ends[feet.element], dtype=np.int64)
+
+    def numbers_of_whole(self, edge: Ints, /) -> Ints:
+        """Return the number of the whole's end that is left: the one that is not an end made by trimming."""
+        return np.where(edge >= 0, 1 - self.ends[0], edge)
+
+    def translate(self, offset: Floats, /) -> PointEdge:
+        """Return the edge moved by ``offset`` (d,)."""
+        return replace(self, source=self.source.translate(offset))
+
+
+def point_edge(cut: LevelCut, points: PointSet, ends_left: Ints) -> PointEdge:
+    """Return the ends of a trimmed curve.
+
+    Parameters
+    ----------
+    cut : LevelCut
+    points : PointSet
+        The zeros of trim on the curve.
+    ends_left : (k,) int64
+        The ends of the whole that belong to the part.
+
+    Raises
+    ------
+    InputError
+        If the part is not one piece with two ends.
+    """
+    feet = cut.surface.closest_point(points.positions)
+    outward = cut.directions(feet)[1]
+    count = len(points.positions)
+    if count + len(ends_left) != 2:
+        raise InputError(
+            f"trim must leave one piece of the curve, with two ends, got {count} cuts and {len(ends_left)} ends of its "
+            "own; use the kind union for several pieces."
+        )
+    if len(ends_left):
+        ends = 1 - ends_left
+    elif cut.surface.has_tangents:
+        ends = (dots(outward, cut.surface.tangents(feet)) > 0).astype(np.int64)
+    else:
+        ends = np.arange(2)
+    return PointEdge(points, outward, ends)
+
+
+def clip_mesh(vertices: Floats, cells: Ints, values: Floats, onto: Callable[[Floats], Floats]) -> tuple[Floats, Ints]:
+    """Return the vertices and cells of the part where ``values`` are negative.
+
+    Parameters
+    ----------
+    vertices : (v, d) float64
+    cells : (m, k) int64
+        Segments or triangles.
+    values : (v,) float64
+        At the vertices.
+    onto : callable
+        Moves points (n, d), zeros of the linear interpolation, to the end of the part.
+    """
+    inside = values < 0
+    edges, cell_edges = number_edges(cells, len(vertices))
+    a, b = edges.T
+    crossed = np.flatnonzero(inside[a] != inside[b])
+    a, b = a[crossed], b[crossed]
+    with np.errstate(all="ignore"):
+        share = np.clip(np.nan_to_num(values[a] / (values[a] - values[b]), nan=0.5), 0.0, 1.0)[:, None]
+    number = np.full(len(edges), -1)
+    number[crossed] = len(vertices) + np.arange(len(crossed))
+    points = np.concatenate([vertices, onto((1 - share) * vertices[a] + share * vertices[b])])
+    clip = _clip_segments if cells.shape[1] == 2 else _clip_triangles
+    cells = clip(cells, number[cell_edges], inside[cells])
+    used, cells = np.unique(cells, return_inverse=True)
+    return points[used], cells.reshape(-1, cells.shape[-1]).astype(np.int64)
+
+
+def _clip_segments(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
+    crossed = inside.sum(axis=1) == 1
+    clipped = np.where(inside[crossed], cells[crossed], crossings[crossed])
+    return np.concatenate([cells[inside.all(axis=1)], clipped])
+
+
+def _clip_triangles(cells: Ints, crossings: Ints, inside: Bools) -> Ints:
+    """Return whole triangles, corners where one vertex is inside, and halves of the quadrangles where two are."""
+    count = inside.sum(axis=1)
+    single, pair = count == 1, count == 2
+    (a, _, _), (ab, _, ca) = rotate_triangles(cells[single], crossings[single], inside[single].argmax(axis=1))
+    corner = np.stack([a, ab, ca], axis=1)
+    # the vertex outside comes first
+    (_, b, c), (ab, _, ca) = rotate_triangles(cells[pair], crossings[pair], inside[pair].argmin(axis=1))
+    halves = [np.stack([ab, b, c], axis=1), np.stack([ab, c, ca], axis=1)]
+    return np.concatenate([cells[count == 3], corner, *halves])
