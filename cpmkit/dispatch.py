@@ -7,10 +7,10 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.backend import Backend
 from cpmkit.forms.choice import every_option, explain_memory_error, module_of, options_of
@@ -29,7 +29,7 @@ from cpmkit.types import Floats, Progress, no_progress
 FAMILIES = {
     "steady": ("cpmkit.families.steady", "solve_steady"),
     "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
-    "eigen": ("cpmkit.families.eigen.solving", "solve_eigen"),
+    "eigen": ("cpmkit.families.eigen.solve_eigen", "solve_eigen"),
     "coupled": ("cpmkit.families.coupled", "solve_coupled"),
     "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
 }
@@ -49,13 +49,13 @@ def solve_scene(
     started = time.perf_counter()
     discretize, solver, target = resolve_options(backend, scene, spacing, progress, rest)
     with explain_memory_error(scene, target, solver.solver):  # no local holds the tables, should memory run out
-        return solve_discretized(discretize(), solver, Kept(), progress, checkpointing, started=started)
+        return solve_discretized(discretize(), solver, OperatorCache(), progress, checkpointing, started=started)
 
 
 def solve_discretized(
     form: Discretized,
     options: SolverOptions,
-    cache: Kept,
+    cache: OperatorCache,
     progress: Progress,
     checkpointing: Checkpointing,
     guess: Floats | None = None,
@@ -84,7 +84,6 @@ def solve_discretized(
     chosen = solver_of(form, options.solver)
     steps = form.scene.problem.family == "time"
     solver = make_step_solver(options, chosen) if steps else make_solver(chosen, options.further)
-    by_default = options.solver_tolerance is None
     return _solve_family(
         SolveContext(
             form,
@@ -96,7 +95,7 @@ def solve_discretized(
             checkpointing,
             guess,
             cache,
-            by_default=by_default,
+            default_tolerance=options.solver_tolerance is None,
         )
     )
 

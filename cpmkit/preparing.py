@@ -10,14 +10,14 @@ from typing import Any, Generic, Literal, Unpack, overload
 from cpmkit.dispatch import resolve_options, solve_discretized
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
-from cpmkit.families.checkpointing import Checkpointing
-from cpmkit.families.context import Kept
-from cpmkit.families.keywords import CheckpointingKeywords, PreparingKeywords
+from cpmkit.families.context import OperatorCache
+from cpmkit.families.solve_options import Checkpointing, CheckpointingKeywords, PreparingKeywords
 from cpmkit.forms.choice import FORMS, explain_memory_error
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
 from cpmkit.forms.options import Options
 from cpmkit.linear.solver_options import SolverOptions
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import did_you_mean, warn_each
 from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.runtime.progress import ShownProgress, shown_progress
@@ -41,7 +41,7 @@ class Prepared(Generic[Family]):
         As for :func:`cpmkit.solve`.
     options : Options, optional
         How it is discretised by the closest point method.
-    kept : Kept
+    cache : OperatorCache
         Operators and factors that were used last.
     others : dict
         The same tables with other solvers, see :meth:`solved_by`.
@@ -51,7 +51,7 @@ class Prepared(Generic[Family]):
     solver: SolverOptions
     progress: ShownProgress = None
     options: Options[Any] | None = None
-    kept: Kept = field(default_factory=Kept)
+    cache: OperatorCache = field(default_factory=OperatorCache)
     others: dict[str, Prepared[Any]] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
@@ -181,17 +181,19 @@ class Prepared(Generic[Family]):
             return self
         key = repr(target)
         if key not in self.others:
-            self.others[key] = replace(self, solver=target, kept=Kept())
+            self.others[key] = replace(self, solver=target, cache=OperatorCache())
         return self.others[key]
 
-    def lending(self) -> Prepared[Family]:
-        """Return the same tables for equations that differ a little, as the rounds of an iteration do.
+    def sharing_preconditioner(self) -> Prepared[Family]:
+        """Return the same tables for equations that differ a little, as those of an iteration do.
 
-        What preconditions the first one that has a velocity preconditions the following ones too, which then take some
-        iterations more, and half of the time or less. One that does not converge so gets its own. Direct solvers, and
-        equations without a velocity, are not concerned.
+        The preconditioner of the first equation with a velocity serves the following ones too, which then take a few
+        iterations more, and half of the time or less. An equation that does not converge with it gets its own. Direct
+        solvers, and equations without a velocity, are not affected.
         """
-        return replace(self, kept=Kept(lends=True), others={})
+        return replace(self, cache=OperatorCache(shares_preconditioner=True), others={})
+
+    lending = DeprecatedMember("sharing_preconditioner")
 
     @property
     def scene(self) -> Scene:
@@ -219,7 +221,7 @@ class Prepared(Generic[Family]):
         started = time.perf_counter()
         form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
         with shown_progress(self.progress) as progress:
-            return solve_discretized(form, self.solver, self.kept, progress, checkpointing, guess, started)
+            return solve_discretized(form, self.solver, self.cache, progress, checkpointing, guess, started)
 
 
 @overload

@@ -22,7 +22,7 @@ from cpmkit.accuracy.estimate import (
 )
 from cpmkit.accuracy.solve_history import Purpose, SolveStep
 from cpmkit.errors import ResolutionError, SceneError
-from cpmkit.families.eigen.fewer import fewer_modes
+from cpmkit.families.eigen.selected_modes import fewer_modes
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.options import lattice_options

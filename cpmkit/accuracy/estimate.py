@@ -13,8 +13,8 @@ from cpmkit.accuracy.coarse_solutions import difference, estimate_alone, estimat
 from cpmkit.accuracy.error_estimate import ErrorEstimate
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.families.eigen.resonance import resolves_waves
-from cpmkit.families.keywords import PreparingKeywords
+from cpmkit.families.solve_options import PreparingKeywords
+from cpmkit.families.steady import resolves_waves
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.options import Options, lattice_options

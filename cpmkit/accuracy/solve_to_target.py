@@ -18,7 +18,7 @@ from cpmkit.accuracy.solve_history import SolveHistory, Status
 from cpmkit.accuracy.spacing_search import errors_stay, predicted_bytes, search_spacing
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
-from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import joints_warning, touching_joints

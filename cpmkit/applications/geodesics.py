@@ -48,7 +48,7 @@ def transport_solver(prepared: Prepared) -> Prepared:
     solver = prepared.solver
     if solver.solver_tolerance is None:
         prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
-    return prepared.lending()
+    return prepared.sharing_preconditioner()
 
 
 def transport_distance(

@@ -1,8 +1,8 @@
-"""The biharmonic equation c u + Lap^2 u = f, as two equations of second order on the same unknowns.
+"""The biharmonic equation c u + Lap^2 u = f as two equations of second order on the same unknowns.
 
-With ``v = -Lap u``, K the operator of -Lap and M the form's mass, ``K u - M v = r`` and ``c M u + K v = q``, r and q
-what the data of u and of v add (Ciarlet and Raviart, 1974). For ``w = v + i s u``, ``s^2 = c``, these are one:
-``(K - i s M) w = q + i s r``. It has K's size and not its square's condition number.
+With ``v = -Lap u``, K the operator of -Lap and M the mass matrix, ``K u - M v = r`` and ``c M u + K v = q``, where r
+and q come from the data of u and of v (Ciarlet and Raviart, 1974). For ``w = v + i s u``, ``s^2 = c``, both are the one
+complex system ``(K - i s M) w = q + i s r``. It has the size of K, and not the condition number of its square.
 """
 
 from __future__ import annotations
@@ -44,8 +44,8 @@ class BiharmonicRecord(SolutionRecord):
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
         """Return Lap u; the parameters are those of :meth:`cpmkit.Solution.evaluate`."""
-        found: Floats = replace(self, values=self.second).evaluate(points, side)
-        return found
+        values: Floats = replace(self, values=self.second).evaluate(points, side)
+        return values
 
     def arrays(self) -> dict[str, Any]:
         """Return the lattice, the nodes, the values and the Laplacian as plain arrays."""
@@ -55,12 +55,12 @@ class BiharmonicRecord(SolutionRecord):
 def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     """Solve a biharmonic problem.
 
-    Where c is zero and a constant is free on a piece of the manifold, the solution is that of mean zero there.
+    Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there.
 
     Raises
     ------
     InputError
-        If the solver is one that solves real systems alone.
+        If the solver solves real systems alone.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
@@ -74,27 +74,28 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
             f"{COMPLEX_SOLVERS[-1]!r}, got {context.solver_name!r}: its system is complex."
         )
     stiffness = form.stiffness(Terms())
-    r, q = form.condition_load(stiffness), form.load(problem.f) + form.condition_load(stiffness, of="laplacian")
+    r = form.condition_load(stiffness)
+    q = form.load(problem.f) + form.condition_load(stiffness, of="laplacian")
     built = time.perf_counter()
     solve_pair = _solve_coupled if problem.c else _solve_in_turn
-    u, v, report, unbalanced = solve_pair(context, stiffness, problem.c, r, q)
+    u, v, report, imbalances = solve_pair(context, stiffness, problem.c, r, q)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     work = form.work(stiffness, report)
-    told = (*form.warnings(), *(text for one in unbalanced for text in one.warnings))
-    return BiharmonicRecord(form, u, report, work, seconds, -v, warnings=told, imbalances=unbalanced)
+    warnings = (*form.warnings(), *(text for defect in imbalances for text in defect.warnings))
+    return BiharmonicRecord(form, u, report, work, seconds, -v, warnings=warnings, imbalances=imbalances)
 
 
-#: u and v, the report, and what of f has no solution.
+#: u and v, the report, and the part of f that has no solution.
 _Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
 
 
 def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
     """Return u and v with ``K u - M v = r`` and ``c M u + K v = q``.
 
-    M is that of equations in time: where c is large, the mass of integrals leaves some unknowns free.
+    M is that of equations in time: where c is large, the mass matrix of integrals leaves some unknowns free.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
-    prepared, constants = context.kept.get(("complex", s), _prepared, context, ComplexShift(stiffness, s, mass))
+    prepared, constants = context.cache.get(("complex", s), _prepared, context, ComplexShift(stiffness, s, mass))
     b: Any = q + 1j * s * r
     w, report = constants.solve(prepared, b, context.tolerance, progress=context.progress)
     report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
@@ -105,18 +106,20 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     """Return u and v with ``K v = q`` and ``K u = r + M v``."""
     del c  # zero
     form = context.discretized
-    operator, (prepared, constants) = context.kept.get(("pair", 0.0), _ready, context, stiffness)
+    operator, (prepared, constants) = context.cache.get(("pair", 0.0), _prepared_laplacian, context, stiffness)
     v, first = constants.solve(prepared, q, context.tolerance, progress=context.progress)
-    unbalanced: tuple[Imbalance, ...] = ()
+    imbalances: tuple[Imbalance, ...] = ()
     if isinstance(operator, Bordered):
-        v, unbalanced = defects_of(operator, q, v, form)
-    u, second = constants.solve(prepared, r + _weighed(form, v), context.tolerance, progress=context.progress)
+        v, imbalances = defects_of(operator, q, v, form)
+    u, second = constants.solve(prepared, r + _weighted(form, v), context.tolerance, progress=context.progress)
     if isinstance(operator, Bordered):
         u, v = _with_mean_of_laplacian(operator, form, u, v)
-    return u, v, _together(first, second), unbalanced
+    return u, v, _combined_report(first, second), imbalances
 
 
-def _ready(context: SolveContext, stiffness: Stiffness) -> tuple[Operator, tuple[PreparedSolver, ConstantFunctions]]:
+def _prepared_laplacian(
+    context: SolveContext, stiffness: Stiffness
+) -> tuple[Operator, tuple[PreparedSolver, ConstantFunctions]]:
     free = context.discretized.free_constants(stiffness)
     operator: Operator = stiffness if free is None else Bordered(stiffness, free)
     return operator, _prepared(context, operator)
@@ -127,27 +130,27 @@ def _prepared(context: SolveContext, operator: Operator) -> tuple[PreparedSolver
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Return u with mean zero on free pieces, and v with the mean there that the slopes of u at its rim ask for.
+    """Return u with mean zero on free pieces, and v with the mean there that balances the slopes of u at its edge.
 
-    ``K v = q`` leaves v's mean free, and ``K u = r + M v`` has a solution for one mean alone: what had none is moved
-    into it.
+    ``K v = q`` leaves the mean of v free, and ``K u = r + M v`` has a solution for one mean alone: the imbalance of the
+    second system gives that mean.
     """
     border = operator.border
     u, means = border.remove_means(u)
     indicator = border.indicator.toarray()
-    measure = (indicator * _weighed(form, indicator)).sum(axis=0)
+    measure = (indicator * _weighted(form, indicator)).sum(axis=0)
     excess = operator.shift * means * ((indicator * border.constant_load.toarray()).sum(axis=0) / measure)[:, None]
     return u, np.asarray(v - indicator @ excess)
 
 
-def _weighed(form: Discretized, u: Floats) -> Floats:
+def _weighted(form: Discretized, u: Floats) -> Floats:
     """Return M u."""
     return u if form.mass is None else form.mass.apply(u)
 
 
-def _together(first: SolveReport, second: SolveReport) -> SolveReport:
+def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
     """Return the report of two solves one after the other."""
-    worse = max(first, second, key=lambda one: one.residual)
+    worse = max(first, second, key=lambda report: report.residual)
     return replace(
         worse,
         iterations=first.iterations + second.iterations,

@@ -1,4 +1,4 @@
-"""What a family of equations works on: a discretised scene, and the solver that was chosen."""
+"""The context of a solve: a discretised scene, the linear solver, and operators kept for the next solve."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
@@ -18,69 +18,70 @@ from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Progress
 
-#: So many operators are kept with their factors: of a run in time, those of shortened steps before frames, too.
-KEPT = 4
+#: Number of operators that are kept with their factors: a run in time has those of shortened steps before frames too.
+MOST_CACHED = 4
 
 
 @dataclass(frozen=True, eq=False)
-class Kept:
-    """What was made of a discretised scene, by what it was made for; what was used last is kept.
+class OperatorCache:
+    """Operators and prepared solvers of a discretised scene, by their keys; those used last are kept.
 
     Attributes
     ----------
-    made : dict
-        Operators and prepared solvers.
-    lends : bool
-        Whether the first operator's preconditioner serves the others of its size.
-    lenders : dict
-        The prepared solvers that lend theirs, by the size of their operators.
+    entries : dict
+        By key.
+    shares_preconditioner : bool
+        Whether the preconditioner of the first operator serves further operators of its size.
+    shared : dict
+        The prepared solvers whose preconditioners serve others, by the size of their operators.
     """
 
-    made: dict[Hashable, Any] = field(default_factory=dict)
-    lends: bool = False
-    lenders: dict[int, ReusablePreconditioner] = field(default_factory=dict)
+    entries: dict[Hashable, Any] = field(default_factory=dict)
+    shares_preconditioner: bool = False
+    shared: dict[int, ReusablePreconditioner] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"made": {}, "lends": self.lends, "lenders": {}}  # factors do not pickle, and are made again
+        # factors cannot be pickled, and are made again
+        return {"entries": {}, "shares_preconditioner": self.shares_preconditioner, "shared": {}}
 
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
-        """Return what was made for ``key``, or make it of the ``arguments``.
+        """Return the entry of a key; without one make it by ``make(*arguments)``.
 
-        No closure: where memory runs out, one would hold the tables.
+        ``make`` is no closure: where memory runs out, a closure would keep the tables alive.
         """
-        self.made[key] = self.made.pop(key) if key in self.made else make(*arguments)
-        while len(self.made) > KEPT:
-            del self.made[next(iter(self.made))]
-        return self.made[key]
+        self.entries[key] = self.entries.pop(key) if key in self.entries else make(*arguments)
+        while len(self.entries) > MOST_CACHED:
+            del self.entries[next(iter(self.entries))]
+        return self.entries[key]
 
 
-def left_side(terms: Terms) -> Hashable:
-    """Return what tells the operators of two equations apart: all terms but f, functions and arrays by themselves."""
+def operator_key(terms: Terms) -> Hashable:
+    """Return a key that is equal for equations with the same operator: all terms but f, compared by identity."""
     parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative, terms.lumped
-    return tuple(_Itself(one) if callable(one) or isinstance(one, np.ndarray) else one for one in parts)
+    return tuple(_IdentityKey(part) if callable(part) or isinstance(part, np.ndarray) else part for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
-class _Itself:
-    """A key that is equal to another of the same thing alone, and keeps it alive."""
+class _IdentityKey:
+    """A key that is equal to a key of the same object alone, and keeps the object alive."""
 
-    thing: Any
+    target: Any
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Itself) and other.thing is self.thing
+        return isinstance(other, _IdentityKey) and other.target is self.target
 
     def __hash__(self) -> int:
-        return id(self.thing)
+        return id(self.target)
 
 
 @dataclass(frozen=True, eq=False)
 class SolveContext:
-    """A solve under way: each family of equations makes a solution of it.
+    """A solve in progress, from which each family of equations makes a solution.
 
     Attributes
     ----------
     discretized : Discretized
-        The scene on a form's unknowns.
+        The scene on the unknowns of a form.
     solver : LinearSolver
         Solves linear systems.
     solver_name : str
@@ -88,17 +89,18 @@ class SolveContext:
     tolerance : float
         Relative residual of each linear solve.
     progress : callable
-        Told the stage and the share of it that is done.
+        ``progress(stage, fraction)``.
     started : float
         ``time.perf_counter()`` when the solve began.
     checkpointing : Checkpointing
         Where the state of a run in time is written and read.
     guess : (n, channels) float64, optional
         Where the iteration of a steady problem starts.
-    kept : Kept
+    cache : OperatorCache
         Operators and prepared solvers, shared by all solves on the same tables.
-    by_default : bool
-        True if nobody asked for that tolerance: one solve that nothing is built on may then stop by its error.
+    default_tolerance : bool
+        Whether ``tolerance`` is the default, not one that the user gave: a single steady solve may then stop by its
+        error.
     """
 
     discretized: Discretized
@@ -109,27 +111,27 @@ class SolveContext:
     started: float
     checkpointing: Checkpointing
     guess: Floats | None = None
-    kept: Kept = field(default_factory=Kept)
-    by_default: bool = False
+    cache: OperatorCache = field(default_factory=OperatorCache)
+    default_tolerance: bool = False
 
     @property
     def scene(self) -> Scene:
-        """What is solved."""
+        """The scene that is solved."""
         return self.discretized.scene
 
     def prepare(self, operator: Operator) -> PreparedSolver:
-        """Return the solver of systems with ``operator``, with what it makes once of it and of the form's levels."""
-        lender = self.kept.lenders.get(operator.size)
+        """Return the solver of systems with ``operator``, prepared with the levels of the form."""
+        lender = self.cache.shared.get(operator.size)
         if lender is not None:
             return SharedPreconditioner(lender.for_operator(operator), lambda: self._prepare(operator))
-        made = self._prepare(operator)
-        if self.kept.lends and isinstance(made, ReusablePreconditioner):
-            self.kept.lenders[operator.size] = made
-        return made
+        prepared = self._prepare(operator)
+        if self.cache.shares_preconditioner and isinstance(prepared, ReusablePreconditioner):
+            self.cache.shared[operator.size] = prepared
+        return prepared
 
     def _prepare(self, operator: Operator) -> PreparedSolver:
-        takes = getattr(self.solver, "takes_levels", True)
-        return self.solver.prepare(operator, self.discretized.levels(operator) if takes else ())
+        takes_levels = getattr(self.solver, "takes_levels", True)
+        return self.solver.prepare(operator, self.discretized.levels(operator) if takes_levels else ())
 
     def constants(self, operator: Operator) -> ConstantFunctions:
         """Return the constants that are taken out of systems with ``operator``."""

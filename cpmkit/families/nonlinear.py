@@ -1,7 +1,7 @@
-"""Nonlinear fluxes ``du/db = j(u)`` by Newton's method, all steps on the same tables.
+"""Fluxes that depend on the solution, ``du/db = j(u)``, by Newton's method on the same tables.
 
-A step takes ``du/db = j(v) + j'(v) (u - v)``, v the last solution, a Robin condition. The form is asked for its tangent
-at v; no closest point is asked for again.
+A step replaces the flux by its tangent at the last solution v, ``du/db = j(v) + j'(v) (u - v)``: a Robin condition. No
+closest point is queried again.
 """
 
 from __future__ import annotations
@@ -14,34 +14,33 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, SceneError, place
-from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.solution.record import SolutionRecord
 
-#: At most this many steps.
 MOST_NEWTON_STEPS = 30
-#: Newton's method has converged when u changes by less than this share, on the boundaries: below it a linear solve
-#: to the default tolerance may not agree with itself.
+#: Newton's method has converged when u changes by less than this share on the boundaries: linear solves to the default
+#: tolerance scatter by about as much.
 CONVERGED_CHANGE_SHARE = 1e-8
 
 
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
-    """Solve a scene with nonlinear fluxes.
+    """Solve a scene with fluxes that depend on the solution.
 
     Parameters
     ----------
     context : SolveContext
         With the discretised scene.
     solve_linear : callable
-        Solves one whose conditions are linear.
+        Solves a scene whose conditions are linear.
 
     Raises
     ------
     SceneError
-        If the scene has several channels, or a flux fixes no constant that is free.
+        If the scene has several channels, or the fluxes do not fix a free constant.
     ResolutionError
-        If a flux grows with u more strongly than the spacing can follow.
+        If a flux grows with u more strongly than the spacing resolves.
     ConvergenceError
-        If Newton's method does not settle.
+        If Newton's method does not converge.
     """
     scene, form = context.scene, context.discretized
     if scene.channels > 1:
@@ -50,9 +49,8 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     boundary_values = [np.full(len(flux.points), flux.guess) for flux in fluxes]
     applications = iterations = 0
     for step in range(1, MOST_NEWTON_STEPS + 1):
-        solution = solve_linear(
-            replace(context, discretized=form.linearise(boundary_values), kept=Kept(), by_default=False)
-        )
+        tangent = form.linearise(boundary_values)
+        solution = solve_linear(replace(context, discretized=tangent, cache=OperatorCache(), default_tolerance=False))
         if not all(flux.grows(v) for flux, v in zip(fluxes, boundary_values, strict=True)):
             _check_balance(solution)
         applications += solution.report.operator_applications
@@ -65,30 +63,30 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
                 solution.report,
                 iterations=iterations,
                 operator_applications=applications,
-                reason=f"{solution.report.reason}; Newton's method settled in {step} steps",
+                reason=f"{solution.report.reason}; Newton's method converged in {step} steps",
             )
             work: Any = solution.work
             work = replace(work, operator_applications=applications)
             seconds = {**solution.seconds, "solve": time.perf_counter() - context.started - solution.seconds["build"]}
             return replace(solution, discretized=form, report=report, work=work, seconds=seconds)
     raise ConvergenceError(
-        f"Newton's method did not settle in {MOST_NEWTON_STEPS} steps: u still changes by {change:.2g} on the "
+        f"Newton's method did not converge in {MOST_NEWTON_STEPS} steps: u still changes by {change:.2g} on the "
         "boundaries; give a guess nearer to the solution, or check that the flux does not grow with u.",
         solution.report,
     )
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Refuse to go on from a solution whose data were changed because a flux fixed no constant.
+    """Refuse a solution whose data were changed because the fluxes do not fix a free constant.
 
     Raises
     ------
     SceneError
         Naming a point of the piece.
     """
-    for one in solution.imbalances:
-        if one.of == "data" and one.relative > one.explained:
-            near = place(one.near)
+    for defect in solution.imbalances:
+        if defect.of == "data" and defect.relative > defect.explained:
+            near = place(defect.near)
             raise SceneError(
                 f"Nothing fixes the solution near {near}: the nonlinear flux does not change with u at the values "
                 "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."

@@ -1,7 +1,7 @@
-"""Steady problems whose diffusivity depends on u, by Newton's method or with the diffusivity of the step before.
+"""Steady problems whose diffusivity depends on u, by Newton's method or with the diffusivity of the last iterate.
 
-Whatever the steps are, the last one is a linear steady problem with the diffusivity of the solution itself: it changes
-nothing, and what is told of linear problems is told of it.
+The last step is always a linear steady problem with the diffusivity of the solution itself: it leaves the solution
+unchanged, and gives the warnings of linear problems.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.families.context import Kept, SolveContext
+from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
 from cpmkit.forms.contract import require
@@ -24,13 +24,13 @@ from cpmkit.scene.nonlinear_equations import QuasilinearEquation, check_one_chan
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: At most so many steps.
+#: The largest number of steps of each method.
 MOST_STEPS = {"newton": 60, "lagged": 500}
-#: It has converged when u changes by less than this share of its range: what is lagged settles slowly.
+#: A method has converged when u changes by less than this share of its range: lagged steps converge slowly.
 CONVERGED_CHANGE_SHARE = {"newton": 1e-8, "lagged": 1e-6}
-#: The same of equations that lead to the one that is solved.
+#: The same of the equations of a continuation that lead to the one that is solved.
 APPROACHED_CHANGE_SHARE = 1e-2
-#: To the range this share of the largest value is added, which is rounding: of a solution that is far from zero.
+#: This share of the largest value is added to the range: the rounding of a solution that is far from zero.
 ROUNDING_SHARE = 1e-5
 
 
@@ -43,7 +43,7 @@ class StepRecord:
     change : float
         The largest change of u, over its range.
     energy : float or None
-        What the solution makes least, where that is known.
+        The energy that the solution minimises, where it is known.
     """
 
     change: float
@@ -64,26 +64,26 @@ class QuasilinearRecord(SolutionRecord):
 
 
 @dataclass(frozen=True, eq=False)
-class _Frozen(Equation):
-    """An equation with its diffusivity at one state."""
+class _FrozenEquation(Equation):
+    """An equation with its diffusivity frozen at one iterate."""
 
-    given: Terms
+    frozen_terms: Terms
     kind: ClassVar[str] = "frozen"
 
     def terms(self) -> Terms:
-        return self.given
+        return self.frozen_terms
 
 
 @dataclass(frozen=True, eq=False)
-class _Counted:
-    """What the steps cost, and how they went."""
+class _StepCount:
+    """Iterations and products of the steps so far, and their records."""
 
     iterations: int = 0
     products: int = 0
     records: tuple[StepRecord, ...] = ()
 
-    def and_one(self, report: SolveReport, record: StepRecord) -> _Counted:
-        return _Counted(
+    def plus(self, report: SolveReport, record: StepRecord) -> _StepCount:
+        return _StepCount(
             self.iterations + report.iterations,
             self.products + report.operator_applications,
             (*self.records, record),
@@ -100,26 +100,26 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     InputError
         If the diffusivity is not above zero.
     ConvergenceError
-        If the steps do not settle.
+        If the steps do not converge.
     """
     form, problem = context.discretized, context.scene.problem
     assert isinstance(problem, QuasilinearEquation)
     require(form, "diffusivity that depends on u")
     check_one_channel(context.scene.channels)
     form.check(context.solver_name)
-    terms = replace(problem.terms(), f=_Remembered(problem.terms().f))
+    terms = replace(problem.terms(), f=_CachedData(problem.terms().f))
     u = _start(context, problem, terms)
-    held = _mean_diffusivity(context, problem, u) if problem.uniform_penalty else None
-    steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), held)
-    u, counted = _approached(steps, problem, u) if context.guess is None else (u, _Counted())
-    u, counted = _settled(steps, problem, u, counted)
-    last = _linear(context, steps.frozen(u), u)
+    penalty_scale = _mean_diffusivity(context, problem, u) if problem.uniform_penalty else None
+    steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), penalty_scale)
+    u, count = _continuation(steps, problem, u) if context.guess is None else (u, _StepCount())
+    u, count = _converge(steps, problem, u, count)
+    last = _solve_linear(context, steps.frozen(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
     report = replace(
         last.report,
-        iterations=counted.iterations + last.report.iterations,
-        operator_applications=counted.products + last.report.operator_applications,
-        reason=f"{last.report.reason}; {name} settled in {len(counted.records)} steps",
+        iterations=count.iterations + last.report.iterations,
+        operator_applications=count.products + last.report.operator_applications,
+        reason=f"{last.report.reason}; {name} converged in {len(count.records)} steps",
     )
     work: Any = replace(last.work, operator_applications=report.operator_applications)  # type: ignore[type-var]
     seconds = {**last.seconds, "solve": time.perf_counter() - context.started - last.seconds["build"]}
@@ -131,66 +131,66 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
         seconds,
         warnings=last.warnings,
         imbalances=last.imbalances,
-        history=counted.records,
+        history=count.records,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Remembered:
-    """Data that are asked for at the same points in every step, and computed once."""
+class _CachedData:
+    """Data that every step reads at the same points: their values at the last points are kept."""
 
-    given: Data
-    known: list[tuple[Floats, Floats]] = field(default_factory=list)
+    data: Data
+    cache: list[tuple[Floats, Floats]] = field(default_factory=list)
     takes_time: ClassVar[bool] = False
 
     def __call__(self, points: Floats) -> Floats:
-        if not self.known or not np.array_equal(self.known[0][0], points):
-            self.known[:] = [(points, evaluate_data(self.given, points, None, "the right-hand side f"))]
-        return self.known[0][1]
+        if not self.cache or not np.array_equal(self.cache[0][0], points):
+            self.cache[:] = [(points, evaluate_data(self.data, points, None, "the right-hand side f"))]
+        return self.cache[0][1]
 
 
 def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
-    """Return where the steps begin (n, 1)."""
+    """Return the first iterate (n, 1)."""
     form, data = context.discretized, problem.initial_guess
     if context.guess is not None:
         return context.guess
     if data is not None:
         return form.interpolate(data, "the data")
-    return _linear(context, replace(terms, diffusivity=1.0)).values
+    return _solve_linear(context, replace(terms, diffusivity=1.0)).values
 
 
-def _linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
+def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
     """Return the solution of the linear problem with ``terms``."""
-    scene = replace(context.scene, problem=_Frozen(terms))
+    scene = replace(context.scene, problem=_FrozenEquation(terms))
     form = context.discretized.with_scene(scene)
-    return solve_steady(replace(context, discretized=form, guess=guess, kept=Kept()))
+    return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
-def _approached(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _Counted]:
-    """Return a start (n, 1): about the solution of the last equation of the approach, each solved from the one before.
+def _continuation(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _StepCount]:
+    """Return a first iterate (n, 1): the solution of the last equation of a continuation, each from the one before.
 
     Raises
     ------
     ConvergenceError
-        If one of them does not settle.
+        If one of them does not converge.
     """
-    counted = _Counted()
+    count = _StepCount()
     for nearer in problem.continuation:
         law = nearer.diffusivity_of_u
-        own = replace(steps, terms=replace(steps.terms, diffusivity=law), law=law)
-        u, counted = _settled(own, nearer, u, counted, APPROACHED_CHANGE_SHARE)
-    return u, counted
+        nearer_steps = replace(steps, terms=replace(steps.terms, diffusivity=law), law=law)
+        u, count = _converge(nearer_steps, nearer, u, count, APPROACHED_CHANGE_SHARE)
+    return u, count
 
 
-def _settled(
-    steps: Steps, problem: QuasilinearEquation, u: Floats, counted: _Counted, share: float | None = None
-) -> tuple[Floats, _Counted]:
-    """Return where the steps settle (n, 1): change by less than a ``share`` of u's range, that of the method.
+def _converge(
+    steps: Steps, problem: QuasilinearEquation, u: Floats, count: _StepCount, share: float | None = None
+) -> tuple[Floats, _StepCount]:
+    """Return the iterate (n, 1) from which a step changes less than a ``share`` of u's range.
 
     Raises
     ------
     ConvergenceError
-        If there were too many.
+        If there were too many steps.
     """
     method, state = problem.method, steps.state(u)
     share = CONVERGED_CHANGE_SHARE[method] if share is None else share
@@ -198,13 +198,13 @@ def _settled(
     for _ in range(MOST_STEPS[method]):
         before = state.u
         state, report = step(state)
-        counted = counted.and_one(report, _record(steps, problem, before, state))
-        change = counted.records[-1].change
+        count = count.plus(report, _record(steps, problem, before, state))
+        change = count.records[-1].change
         if change <= share:
-            return state.u, counted
+            return state.u, count
     other = "lagged" if method == "newton" else "newton"
     raise ConvergenceError(
-        f"{problem.kind!r} did not settle in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
+        f"{problem.kind!r} did not converge in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
         f"{change:.2g} of its range; use method={other!r}, a larger regularization, or start from the solution "
         "of a problem that is nearer to a linear one (guess of Prepared.solve).",
         report,
@@ -219,9 +219,9 @@ def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: S
 
 
 def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
-    """Return what the solution makes least: the integral of the density, and what is quadratic and linear in u.
+    """Return the energy that the solution minimises: the integral of its density, and terms quadratic and linear in u.
 
-    ``u . A u / 2`` holds half of ``a s^2``, in whose place the density stands.
+    ``u . A u / 2`` contains half of ``a |grad u|^2``, in place of which the density counts.
     """
     form, u = steps.context.discretized, state.u
     slopes = form.gradient(u)[:, 0]

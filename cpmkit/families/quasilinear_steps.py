@@ -1,6 +1,6 @@
-"""Steps towards A(u) u = b(u): with the diffusivity of the step before, or by Newton's method.
+"""Steps towards A(u) u = b(u): with the diffusivity of the last iterate, or by Newton's method.
 
-Of Newton's tangent the symmetric part is solved with, the rest by GMRES over that.
+Of a Newton tangent the symmetric part is solved with; the rest by GMRES with that as preconditioner.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Floats
 
-#: Relative residual to which a step is solved: the next one puts right what is left.
+#: Relative residual to which a step is solved: the next step corrects the rest.
 STEP_TOLERANCE = 1e-6
-#: A step is halved until the residual falls by at least this share of the step.
-LEAST_FALL = 0.1
-#: The shortest step.
-SHORTEST_STEP = 2.0**-12
-#: GMRES is started anew after so many products.
+#: A step is halved until the residual falls by at least this share of the step's length, down to the shortest.
+LEAST_FALL, SHORTEST_STEP = 0.1, 2.0**-12
+#: A change below this share of u is rounding.
+ROUNDING_CHANGE = 1e-11
+#: GMRES restarts after so many products.
 RESTART = 40
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """u, and what is left of A(u) u = b(u).
+    """An iterate u, and the residual of A(u) u = b(u).
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class State:
     b : (n, 1) float64
         b(u).
     residual : (n, 1) float64
-        b - A u, less what has no solution on pieces where a constant is free.
+        b - A u, without the part that has no solution on pieces where a constant is free.
     border : Border or None
         These pieces.
     """
@@ -62,35 +62,35 @@ class Steps:
     Attributes
     ----------
     context : SolveContext
-        With the form, and how linear systems are solved.
+        The form, and how linear systems are solved.
     terms : Terms
         Of the equation.
     law : StateDiffusivity
         Their diffusivity.
     loads : (n, 1) float64
-        What f adds to b.
-    held : float, optional
-        What terms of the form's own are in units of; the diffusivity unless given.
+        The load of f.
+    penalty_scale : float, optional
+        The diffusivity by which penalties and stabilisation are scaled; by default the diffusivity itself.
     """
 
     context: SolveContext
     terms: Terms
     law: StateDiffusivity
     loads: Floats
-    held: float | None = None
+    penalty_scale: float | None = None
 
     def frozen(self, u: Floats) -> Terms:
-        """Return the terms with the diffusivity at u."""
-        held = None if self.held is None else self._number
-        return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, held))
+        """Return the terms with the diffusivity frozen at u."""
+        scale = None if self.penalty_scale is None else self._scale_at
+        return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
 
-    def _number(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+    def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         del slopes, points
-        assert self.held is not None
-        return np.full(len(u), self.held)
+        assert self.penalty_scale is not None
+        return np.full(len(u), self.penalty_scale)
 
     def state(self, u: Floats) -> State:
-        """Return what is left at u."""
+        """Return the residual at u."""
         form = self.context.discretized
         stiffness = form.stiffness(self.frozen(u))
         b = self.loads + form.condition_load(stiffness)
@@ -105,73 +105,72 @@ class Steps:
 
     def lagged(self, state: State) -> tuple[State, SolveReport]:
         """Return the state at the solution with the diffusivity of this one."""
-        change, report = self._solved(state.stiffness, state)
+        change, report = self._solve(state.stiffness, state)
         return self.state(state.u + change), report
 
     def newton(self, state: State) -> tuple[State, SolveReport]:
-        """Return the next state of Newton's method: as far along the tangent's solution as the residual falls.
+        """Return the next state of Newton's method, with a line search along the solution of the tangent.
 
         Raises
         ------
         ConvergenceError
-            If it falls nowhere.
+            If no step lessens the residual.
         """
         form = self.context.discretized
-        held = self.law.at if self.held is None else self._number
-        tangent = form.stiffness(
-            replace(self.terms, diffusivity=StateDependentCoefficient(self.law.tangent, state.u, held))
-        )
-        drift = (
-            form.advection(StateDependentCoefficient(self.law.drift, state.u)) if self.law.depends_on_value else None
-        )
-        change, report = self._solved(tangent, state, drift)
+        scale = self.law.at if self.penalty_scale is None else self._scale_at
+        coefficient = StateDependentCoefficient(self.law.tangent, state.u, scale)
+        tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
+        drift = None
+        if self.law.depends_on_value:
+            drift = form.advection(StateDependentCoefficient(self.law.drift, state.u))
+        change, report = self._solve(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)
-        before, length, why = _size(state.residual, weights), 1.0, None
+        before, length = _size(state.residual, weights), 1.0
+        refusal: InputError | None = None
         while length >= SHORTEST_STEP:
             try:
-                found = self.state(state.u + length * change)
-            except InputError as error:  # a is not positive there
-                found, why = None, error
-            if found is not None and _size(found.residual, weights) <= (1 - LEAST_FALL * length) * before:
-                return found, report
-            if found is not None and float(np.abs(change).max()) <= 1e-11 * float(np.abs(state.u).max()):
-                return found, report  # rounding is all that is left
+                trial = self.state(state.u + length * change)
+            except InputError as error:  # the diffusivity is not positive there
+                refusal, length = error, length / 2
+                continue
+            falls = _size(trial.residual, weights) <= (1 - LEAST_FALL * length) * before
+            if falls or float(np.abs(change).max()) <= ROUNDING_CHANGE * float(np.abs(state.u).max()):
+                return trial, report
             length /= 2
         raise ConvergenceError(
-            "Newton's method found no step that lessens what is left of the equation"
-            + (f", and of longer ones {why}" if why else "")
+            "Newton's method found no step that lessens the residual of the equation"
+            + (f", and of longer ones {refusal}" if refusal else "")
             + "; use method='lagged', another start (guess), a larger regularization or a smaller spacing.",
             report,
-        ) from why
+        ) from refusal
 
-    def _solved(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
+    def _solve(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
         """Return the solution (n, 1) of the linear system of a step, ``tangent + drift``."""
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
         prepared = context.prepare(operator)
         tolerance = max(context.tolerance, STEP_TOLERANCE)
 
-        def inverse(b: Floats) -> Floats:
-            found = prepared.solve(b, tolerance)[0]
-            return found if border is None else border.remove_means(found)[0]
-
-        if drift is None:
-            found, report = prepared.solve(state.residual, tolerance, progress=context.progress)
-            return found if border is None else border.remove_means(found)[0], report
-        from scipy.sparse.linalg import LinearOperator, gmres
-
-        carried = drift
-
-        def product(v: Any) -> Any:
-            return v.ravel() + inverse(np.asarray(carried.apply(v.reshape(-1, 1)))).ravel()
+        def centred(u: Floats) -> Floats:
+            return u if border is None else border.remove_means(u)[0]
 
         start, report = prepared.solve(state.residual, tolerance, progress=context.progress)
-        start = start if border is None else border.remove_means(start)[0]
+        start = centred(start)
+        if drift is None:
+            return start, report
+        from scipy.sparse.linalg import LinearOperator, gmres
+
+        advection = drift
+
+        def product(v: Any) -> Any:
+            image = np.asarray(advection.apply(v.reshape(-1, 1)))
+            return v.ravel() + centred(prepared.solve(image, tolerance)[0]).ravel()
+
         n = len(start)
-        found, info = gmres(
+        solution, failed = gmres(
             LinearOperator((n, n), matvec=product), start.ravel(), rtol=100 * tolerance, restart=RESTART, maxiter=2
         )
-        return (start if info else found.reshape(-1, 1)), report
+        return (start if failed else solution.reshape(-1, 1)), report
 
 
 def _size(residual: Floats, weights: Any) -> float:

@@ -1,22 +1,40 @@
-"""Steady problems: one linear system, A u = b."""
+"""Steady problems, A u = b: one linear system, with checks of waves and of eigenvalues near zero."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-from cpmkit.families.context import SolveContext, left_side
-from cpmkit.families.eigen.resonance import near_resonance, solved_or_resonant, unresolved_waves
-from cpmkit.forms.contract import Discretized
+import numpy as np
+
+from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.families.context import SolveContext, operator_key
+from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, LinearSystem
+from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
 from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
+from cpmkit.linear.solve_report import SolveReport
+from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Nonlinear
+from cpmkit.solution.modes import Resonance
 from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats
+
+#: Relative residual to which the distance to an eigenvalue is computed.
+ROUGH_RESIDUAL = 1e-3
+#: Steps of inverse iteration towards the eigenvalue nearest to zero, from so many plane waves: each mode of about their
+#: length has a part in these, and after three steps that of the nearest mode is the largest where it matters.
+INVERSE_STEPS, PLANE_WAVES = 3, 6
+#: Number of points at which the wavenumber of a mode is measured, and the diffusivity.
+MODE_POINTS = 500
 
 
 def assemble(form: Discretized) -> LinearSystem:
-    """Return the linear system A u = b of a steady problem, constants moved out of the kernel where they are free.
+    """Return the linear system A u = b of a steady problem, shifted on pieces where a constant is free.
 
     Parameters
     ----------
@@ -28,26 +46,25 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
-    """Return A as it is, and with its free constants moved out of the kernel."""
+    """Return A, and A with the constants that are free shifted out of its kernel."""
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     return stiffness, stiffness if free is None else Bordered(stiffness, free)
 
 
 @dataclass(frozen=True, eq=False)
-class _Ready:
-    """A, A with its free constants moved out of the kernel, the solver of systems with it, and its constants."""
+class _PreparedSystem:
+    """A, A without free constants, the prepared solver, and the constants that are taken out of its systems."""
 
     stiffness: Stiffness
     operator: Operator
-    prepared: PreparedSolver
+    solver: PreparedSolver
     constants: ConstantFunctions
 
 
-def _ready(context: SolveContext) -> _Ready:
-    form = context.discretized
-    stiffness, operator = _operators(form)
-    return _Ready(stiffness, operator, context.prepare(operator), context.constants(operator))
+def _prepare_system(context: SolveContext) -> _PreparedSystem:
+    stiffness, operator = _operators(context.discretized)
+    return _PreparedSystem(stiffness, operator, context.prepare(operator), context.constants(operator))
 
 
 def solve_steady(context: SolveContext) -> SolutionRecord:
@@ -56,35 +73,180 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
     Raises
     ------
     ResolutionError
-        If the spacing is too coarse for waves or a velocity, or gives the operator an eigenvalue of the wrong sign.
+        If the spacing is too coarse for waves or a velocity.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
     form, terms = context.discretized, context.scene.problem.terms()
-    poor = unresolved_waves(form, terms)
+    coarse_waves = unresolved_waves(form, terms)
     form.check(context.solver_name)
     load = form.load(terms.f)
-    ready: _Ready = context.kept.get(("steady", left_side(terms)), _ready, context)
-    operator, prepared = ready.operator, ready.prepared
-    b = load + form.condition_load(ready.stiffness)
+    system: _PreparedSystem = context.cache.get(("steady", operator_key(terms)), _prepare_system, context)
+    b = load + form.condition_load(system.stiffness)
     built = time.perf_counter()
-    values, report = solved_or_resonant(context, prepared, ready.constants, b)
-    work: Any = form.work(operator, report)
-    settled = form.remove_constants(operator, b, values)
-    if settled.queries:
-        work = replace(work, closest_point_queries=work.closest_point_queries + settled.queries)
-    resonant, resonance = near_resonance(context, prepared, settled.values)
-    small_c = () if isinstance(operator, Bordered) else ready.constants.cancellation_warnings(b, values)
-    seconds = {"build": built - context.started, "solve": time.perf_counter() - built, **settled.seconds}
-    found = form.warnings()
-    unbalanced = [text for one in settled.imbalances for text in (*one.warnings, *one.nothing_given)]
+    values, report = _solve_system(context, system, b)
+    work = form.work(system.operator, report)
+    result = form.remove_constants(system.operator, b, values)
+    resonant, resonance = nearest_resonance(context, system.solver, result.values)
+    small_c = () if isinstance(system.operator, Bordered) else system.constants.cancellation_warnings(b, values)
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    unbalanced = [text for defect in result.imbalances for text in (*defect.warnings, *defect.nothing_given)]
     return SolutionRecord(
         form,
-        settled.values,
+        result.values,
         report,
         work,
         seconds,
-        warnings=(*found, *poor, *resonant, *small_c, *unbalanced, *settled.warnings),
-        imbalances=settled.imbalances,
+        warnings=(*form.warnings(), *coarse_waves, *resonant, *small_c, *unbalanced),
+        imbalances=result.imbalances,
         resonance=resonance,
     )
+
+
+def _solve_system(context: SolveContext, system: _PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
+    """Return the solution of a steady problem's system, and the report.
+
+    Raises
+    ------
+    ConvergenceError
+        If the solver does not reach the tolerance; for standing waves it says whether an eigenvalue is the cause.
+    """
+    by_error = stop_by_preconditioned_residual(system.solver) if context.default_tolerance else None
+    solver, tolerance = (system.solver, context.tolerance) if by_error is None else by_error
+    try:
+        return system.constants.solve(solver, b, tolerance, context.guess, context.progress)
+    except ConvergenceError as error:
+        square = squared_wavenumber(context.scene.problem.terms())
+        if not square:
+            raise
+        try:
+            rough = system.constants.solve(system.solver, b, ROUGH_RESIDUAL)[0]
+            causes, _ = nearest_resonance(context, system.solver, rough)
+        except ConvergenceError:
+            causes = [
+                f"It may be that k^2={square:.6g} is an eigenvalue on this lattice, to rounding, and that there is no "
+                "solution; use a smaller spacing or another wavenumber."
+            ]
+        raise ConvergenceError(" ".join([str(error), *causes]), error.report) from error
+
+
+def squared_wavenumber(terms: Terms) -> float:
+    """Return k^2 of the equation of standing waves -Lap u - k^2 u = f; 0 for other equations."""
+    varies = (
+        callable(terms.c) or callable(terms.diffusivity) or not isinstance(terms.diffusivity, (int, float, np.number))
+    )
+    if varies or terms.velocity is not None:
+        return 0.0
+    return max(-float(terms.c) / float(terms.diffusivity), 0.0)
+
+
+def resolves_waves(form: Discretized, terms: Terms) -> bool:
+    """Return whether the spacing resolves the standing waves of an equation, if it has any."""
+    return float(np.sqrt(squared_wavenumber(terms))) * form.spacing <= form.traits.dispersion.resolved
+
+
+def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
+    """Return a warning where the spacing resolves standing waves poorly.
+
+    Raises
+    ------
+    ResolutionError
+        If there are too few nodes a wavelength to distinguish eigenvalues.
+    """
+    if resolves_waves(form, terms):
+        return []
+    k, spacing, dispersion = float(np.sqrt(squared_wavenumber(terms))), form.spacing, form.traits.dispersion
+    sentence = (
+        f"spacing={spacing:g} gives {2 * np.pi / (k * spacing):.2g} nodes a wavelength of {2 * np.pi / k:.3g}, and "
+        f"{2 * np.pi / dispersion.resolved:.2g} are needed to keep eigenvalues to 1 percent; use "
+        f"{dispersion.resolved / k:.2g} or less."
+    )
+    if k * spacing > dispersion.coarsest:
+        raise ResolutionError(sentence)
+    return [sentence]
+
+
+def may_resonate(form: Discretized) -> bool:
+    """Return whether the operator of a steady linear problem may have an eigenvalue near zero.
+
+    That is so where c or a condition takes from the energy.
+    """
+    terms = form.scene.problem.terms()
+    linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
+    linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
+    return form.scene.problem.family == "steady" and terms.velocity is None and linear and not surely_positive(form)
+
+
+def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
+    """Return the eigenvalue nearest to zero, and a warning where its error may determine the solution.
+
+    By inverse iteration from plane waves; one more step from u (n, channels) gives the part of u in its modes.
+    """
+    form = context.discretized
+    terms, mass = context.scene.problem.terms(), form.mass
+    square = squared_wavenumber(terms)
+    if not may_resonate(form) or (not square and "gradients" in form.cannot):
+        return [], None
+    tolerance = max(context.tolerance, ROUGH_RESIDUAL)
+
+    def weighted(values: Floats) -> Floats:
+        return values if mass is None else mass.apply(values)
+
+    try:
+        b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
+        for _ in range(INVERSE_STEPS):
+            mode, _ = solver.solve(b, tolerance)
+            size = float(np.sum(mode * weighted(mode)))
+            gap = float(np.sum(mode * b)) / size
+            b = weighted(mode) / np.sqrt(size)
+        step, _ = solver.solve(weighted(u), tolerance)
+    except ConvergenceError:
+        return [
+            "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be determined: the "
+            "solver did not converge on it."
+        ], None
+    a = mean_diffusivity(terms.diffusivity, form.some_points(MODE_POINTS)[1])
+    resonance = _resonance(form, gap / a, square or _squared_wavenumber_of(form, mode), gap * step, u)
+    if not resonance.undetermined:
+        return [], resonance
+    where = f"k^2={square:.6g}" if square else "zero, to which conditions or c bring it,"
+    cure = "another wavenumber" if square else "other coefficients"
+    return [
+        f"An eigenvalue lies within {abs(resonance.gap):.2g} of {where} and at spacing={form.spacing:g} eigenvalues "
+        f"are off by about {resonance.error:.2g}: the size of the solution, and its sign, are not determined; use a "
+        f"smaller spacing or {cure}."
+    ], resonance
+
+
+def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
+    """Return the record of an eigenvalue ``gap`` from zero with squared wavenumber ``square`` and ``part`` of u."""
+    bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
+    error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
+    values, whole = form.at_points(part), form.at_points(u)
+    unit = np.ptp(whole, axis=0)
+    unit = np.where(unit > 0, unit, 1.0)
+    rms = np.sqrt(np.mean(values**2, axis=0)) / unit
+    return Resonance(gap, error, float(rms.max()), float((np.abs(values).max(axis=0) / unit).max()))
+
+
+def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
+    """Return a sum of plane waves in random directions, as long as those of the equation, or as the manifold."""
+    bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
+    own = float(np.sqrt(squared_wavenumber(form.scene.problem.terms())))
+    k = max(own, np.pi / float(np.ptp(bounds, axis=0).max()))
+    rng = np.random.default_rng(0)
+    directions, phases = rng.normal(size=(PLANE_WAVES, bounds.shape[1])), rng.uniform(0, 2 * np.pi, PLANE_WAVES)
+    directions *= k / np.linalg.norm(directions, axis=1)[:, None]
+
+    def waves(points: Floats) -> Floats:
+        summed = np.cos(points @ directions.T + phases).sum(axis=1)
+        return np.repeat(summed[:, None], form.channels, axis=1)
+
+    return waves
+
+
+def _squared_wavenumber_of(form: Discretized, mode: Floats) -> float:
+    """Return the mean of |grad u|^2 over that of u^2."""
+    rows, points = form.some_points(MODE_POINTS)
+    values, slopes = form.at_points(mode, rows), form.gradient(mode, points)
+    return float(np.sum(slopes**2) / np.sum(values**2))

@@ -13,7 +13,7 @@ import cpmkit as ck
 from cpmkit.accuracy.adaptive_run import TimedSolve
 from cpmkit.accuracy.coarse_solutions import estimate_alone
 from cpmkit.accuracy.solve_to_target import algebraic_tolerance
-from cpmkit.families.eigen.fewer import fewer_modes
+from cpmkit.families.eigen.selected_modes import fewer_modes
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 AT = np.stack([np.cos(turn := np.linspace(0, 2 * np.pi, 700)), np.sin(turn)], axis=1)

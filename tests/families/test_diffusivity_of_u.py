@@ -182,5 +182,5 @@ def test_what_is_refused(monkeypatch):
         ck.solve(ck.Scene(CIRCLE, ck.NonlinearDiffusion(lambda v: 1 + v**2, [1.0, 2.0], 1.0)), 0.2)
     monkeypatch.setitem(quasilinear.MOST_STEPS, "lagged", 5)
     problem = ck.PLaplacian(6.0, lambda x: 5 * x[:, 0], 1.0, regularization=1e-3, method="lagged")
-    with pytest.raises(ConvergenceError, match="did not settle in 5 steps"):
+    with pytest.raises(ConvergenceError, match="did not converge in 5 steps"):
         ck.solve(ck.Scene(CIRCLE, problem), 0.2)

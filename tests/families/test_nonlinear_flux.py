@@ -58,7 +58,7 @@ def test_one_side_of_a_circle_on_the_sphere(form):
 
 def test_newton_is_quick_and_says_so():
     solution = ck.solve(sphere_problem(derivative=lambda v, x: -3 * v**2)[0], 0.25)
-    steps = int(solution.report.reason.split("settled in ")[1].split()[0])
+    steps = int(solution.report.reason.split("converged in ")[1].split()[0])
     assert steps <= 7
     assert solution.scene.boundaries[0].condition("left").kind == "nonlinear flux"
     far = ck.solve(sphere_problem(guess=5.0)[0], 0.25)
@@ -82,7 +82,7 @@ def test_what_does_not_settle_raises():
     """du/db = u^2 + 1 on an arc has no solution that stays finite."""
     arc = ck.source("analytic.arc", start=0.0, end=2.0)
     scene = ck.Scene(arc, ck.Laplace(), edge={0: ck.Dirichlet(0.0), 1: ck.NonlinearFlux(lambda u: u**2 + 1)})
-    with pytest.raises(ck.CpmkitError, match=r"did not settle|too coarse for the nonlinear flux"):
+    with pytest.raises(ck.CpmkitError, match=r"did not converge|too coarse for the nonlinear flux"):
         ck.solve(scene, 0.02)
 
 
@@ -128,7 +128,7 @@ def test_newton_asks_for_no_closest_point_again(form):
     for flux in (lambda u: 1 - u, lambda u: 1 - u**3, lambda u: np.exp(-3 * u)):
         solution = solved(ck.NonlinearFlux(flux))
         assert solution.report.iterations == 0
-        assert "settled in" in solution.report.reason
+        assert "converged in" in solution.report.reason
         assert solution.work.closest_point_queries == once.closest_point_queries
         assert getattr(solution.work, "queries", None) == getattr(once, "queries", None)
 

@@ -52,5 +52,5 @@ def test_steps_that_do_not_settle_raise(monkeypatch):
     from cpmkit.families import quasilinear
 
     monkeypatch.setitem(quasilinear.MOST_STEPS, "newton", 2)
-    with pytest.raises(ck.ConvergenceError, match=r"'p-laplacian' did not settle in 2 steps"):
+    with pytest.raises(ck.ConvergenceError, match=r"'p-laplacian' did not converge in 2 steps"):
         error(on_circle(8.0, 0.0), 0.2)

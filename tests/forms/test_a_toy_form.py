@@ -161,7 +161,7 @@ def test_a_flux_that_depends_on_the_solution():
         error = solution.values[:, 0] - (2**0.25 + 1 - np.sum(form.vertices**2, axis=1))
         errors.append(np.sqrt(form.areas @ error**2))
         sizes.append(1 / rings)
-        assert "Newton's method settled" in solution.report.reason
+        assert "Newton's method converged" in solution.report.reason
     assert errors[-1] < 5e-3
     assert order_of(sizes, errors) > 1.7
 

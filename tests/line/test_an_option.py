@@ -8,7 +8,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.errors import shown
-from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms import choice
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.options import Options

@@ -45,9 +45,9 @@ def test_a_system_that_differs_a_little_is_solved_with_another_ones_precondition
 
 def test_equations_on_a_lending_scene_have_the_solutions_of_any() -> None:
     prepared = ck.prepare(_turning(1.0), 0.2, form="galerkin", solver="multigrid")
-    lending, points = prepared.lending(), SPHERE.closest_point(np.eye(3)).points
+    lending, points = prepared.sharing_preconditioner(), SPHERE.closest_point(np.eye(3)).points
     for rate in (1.0, 1.1, 1.2):
         problem = _turning(rate).problem
         found = lending.solve(problem=problem).evaluate(points)
         assert found == pytest.approx(prepared.solve(problem=problem).evaluate(points), abs=1e-8)
-    assert len(lending.kept.lenders) == 1
+    assert len(lending.cache.shared) == 1

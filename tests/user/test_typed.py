@@ -15,8 +15,8 @@ import pytest
 
 import cpmkit as ck
 import cpmkit.applications
-from cpmkit.families import keywords
-from cpmkit.families.checkpointing import Checkpointing
+from cpmkit.families import solve_options
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.options import Options
@@ -65,10 +65,10 @@ def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
 @pytest.mark.parametrize(
     ("seen", "kinds", "more"),
     [
-        (keywords.SolverKeywords, [SolverOptions], {one for of_one in SOLVER_OPTIONS.values() for one in of_one}),
-        (keywords.DiscretizingKeywords, [Options, *FORMS.values()], set()),
-        (keywords.CheckpointingKeywords, [Checkpointing], set()),
-        (keywords.AskedKeywords, [AccuracyTarget], set()),
+        (solve_options.SolverKeywords, [SolverOptions], {one for of_one in SOLVER_OPTIONS.values() for one in of_one}),
+        (solve_options.DiscretizingKeywords, [Options, *FORMS.values()], set()),
+        (solve_options.CheckpointingKeywords, [Checkpointing], set()),
+        (solve_options.TargetKeywords, [AccuracyTarget], set()),
     ],
 )
 def test_typed_options_are_those_that_are_declared(seen, kinds, more):

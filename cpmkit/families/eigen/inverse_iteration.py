@@ -1,6 +1,8 @@
-"""One step of inverse iteration, ``(A - sigma B)^-1 B``, for the eigenvalue problem ``A u = lambda B u``.
+"""Inverse iteration, ``(A - sigma B)^-1 B``, for the eigenvalue problem ``A u = lambda B u``, and ARPACK on its steps.
 
-B is the form's mass, or, where conditions of Steklov stand, what they bring.
+B is the mass matrix of the form, or that of Steklov conditions. Lanczos' iteration (on symmetric problems) or Arnoldi's
+finds the largest eigenvalues theta of a step; lambda is ``sigma + 1 / theta``. Spurious eigenvalues, of ghosts, of the
+stabilisation, of functions in the kernel of B, have theta near zero.
 """
 
 from __future__ import annotations
@@ -10,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import SceneError
-from cpmkit.families.context import SolveContext, left_side
+from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.families.context import SolveContext, operator_key
 from cpmkit.linear.direct import IndefiniteError, PositiveFactors
 from cpmkit.linear.protocols import Operator, Preconditioner, PreparedSolver, Stiffness
 from cpmkit.scene.compound_equations import Eigen
@@ -23,10 +25,12 @@ from cpmkit.types import Floats
 SHIFT_BELOW_EIGENVALUES, SHIFT_BESIDE_EIGENVALUES = 1.0, 0.05
 #: How often the shift is lowered, by four times as much each time, where there are eigenvalues below it.
 LOWERED_SHIFTS = 12
+#: Eigenvalues that differ by less than this share of the tolerance are equal.
+SAME_EIGENVALUE_TOLERANCES = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class EigenPairs:
     """Eigenvalues (k,) and vectors (n, k), complex of unsymmetric problems, in any order."""
 
     values: Any
@@ -44,13 +48,13 @@ class InverseIteration:
     operator : Operator
         A - sigma B.
     prepared : PreparedSolver
-        Solves with it.
+        Solves systems with it.
     mass : Operator or None
         B; None where it is the identity.
     shift : float
         sigma.
     unit : float
-        An eigenvalue of a manifold of this size.
+        A typical eigenvalue of a manifold of this size.
     products : int
         Products with the operator so far.
     solves : int
@@ -68,12 +72,12 @@ class InverseIteration:
 
     @property
     def symmetric(self) -> bool:
-        """Whether A and B are surely symmetric: eigenvalues are real then, and functions orthogonal."""
+        """Whether A and B are symmetric: eigenvalues are then real, and functions orthogonal."""
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
     def preconditioner(self) -> Preconditioner | None:
-        """What is a cheap step in place of a solve; None where solves are cheap, or none is known."""
+        """A cheap approximation of a solve; None where solves are cheap, or none is known."""
         return self.prepared if self.symmetric and isinstance(self.prepared, Preconditioner) else None
 
     def image(self, v: Floats) -> Floats:
@@ -89,53 +93,53 @@ class InverseIteration:
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1
-        self.report_progress()
+        self._report_progress()
         return np.asarray(u.reshape(image.shape))
 
     def preconditioned(self, residual: Floats) -> Floats:
-        """Return one cheap step from a residual (n, k)."""
+        """Return the preconditioner times a residual (n, k)."""
         assert self.preconditioner is not None
         self.products += self.preconditioner.step_products * residual.shape[1]
         self.solves += 1
-        self.report_progress()
+        self._report_progress()
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
-    def report_progress(self) -> None:
-        """Tell how far it is, as well as that is known."""
+    def _report_progress(self) -> None:
+        """Report progress: the number of solves is not known in advance."""
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
 
 
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
-    """Return the step of inverse iteration about the number near which eigenvalues are sought."""
+    """Return inverse iteration about the number near which eigenvalues are sought."""
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     length = float((bounds[1] - bounds[0]).max())
-    beside = SHIFT_BELOW_EIGENVALUES if problem.near is None else SHIFT_BESIDE_EIGENVALUES
+    distance = SHIFT_BELOW_EIGENVALUES if problem.near is None else SHIFT_BESIDE_EIGENVALUES
     mass = form.boundary_mass(stiffness)
     if mass is not None:
-        _check_reached(context, stiffness, mass)
-        unit = 1 / length
-        shift = (problem.near or 0.0) - beside * unit
+        _check_steklov(context, stiffness, mass)
+        unit, near = 1 / length, problem.near or 0.0
     else:
         mass = form.mass
         unit = mean_diffusivity(problem.diffusivity, form.points) / length**2
-        near = float(form.data_at_points(problem.c, "the factor c").min()) if problem.near is None else problem.near
-        shift = near - beside * unit
+        least = float(form.data_at_points(problem.c, "the factor c").min()) if problem.near is None else 0.0
+        near = least if problem.near is None else problem.near
+    shift = near - distance * unit
     if problem.near is None and stiffness.symmetric and form.traits.iterative_solver != "multigrid":
-        key = ("below", left_side(problem.terms()), shift)
-        shift = context.kept.get(key, _below_all, stiffness, mass, shift, unit)
-    key = ("less", left_side(problem.terms()), shift)
-    operator, prepared = context.kept.get(key, _ready, context, stiffness, shift, mass)
+        key = ("below", operator_key(problem.terms()), shift)
+        shift = context.cache.get(key, _below_spectrum, stiffness, mass, shift, unit)
+    key = ("less", operator_key(problem.terms()), shift)
+    operator, prepared = context.cache.get(key, _prepare_shifted, context, stiffness, shift, mass)
     return InverseIteration(context, operator, prepared, mass, shift, unit)
 
 
-def _below_all(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
-    """Return a number below all eigenvalues, of which conditions that feed may bring some far below zero.
+def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
+    """Return a number below all eigenvalues; conditions that add energy may bring some far below zero.
 
     Raises
     ------
     SceneError
-        If there is none to be found.
+        If none is found.
     """
     for _ in range(LOWERED_SHIFTS):
         try:
@@ -145,23 +149,25 @@ def _below_all(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> fl
             continue
         return shift
     raise SceneError(
-        f"There are eigenvalues below {shift:.3g}, and no end of them was found: conditions or c feed more than the "
-        "spacing resolves; give near= for those that are meant, or use a smaller spacing."
+        f"There are eigenvalues below {shift:.3g}, and no lower bound of them was found: conditions or c feed more "
+        "than the spacing resolves; give near= for the eigenvalues that are meant, or use a smaller spacing."
     )
 
 
-def _ready(context: SolveContext, stiffness: Stiffness, shift: float, mass: Any) -> tuple[Operator, PreparedSolver]:
+def _prepare_shifted(
+    context: SolveContext, stiffness: Stiffness, shift: float, mass: Any
+) -> tuple[Operator, PreparedSolver]:
     operator = stiffness.minus_shifted_mass(shift, mass)
     return operator, context.prepare(operator)
 
 
-def _check_reached(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:
-    """Refuse a Steklov problem with a piece that has every lambda as its eigenvalue.
+def _check_steklov(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:
+    """Refuse a Steklov problem with a piece of the manifold that has Neumann conditions alone.
 
     Raises
     ------
     SceneError
-        If nothing holds on a piece of the manifold but Neumann conditions.
+        If there is one: every lambda is an eigenvalue there.
     """
     free = context.discretized.free_constants(stiffness)
     if free is not None and not mass.apply(free.indicator.toarray()).any(axis=0).all():
@@ -169,3 +175,48 @@ def _check_reached(context: SolveContext, stiffness: Stiffness, mass: Any) -> No
             "The boundaries cut off a piece of the manifold on which nothing holds but Neumann conditions: there every "
             "lambda is an eigenvalue; give it a Steklov, Dirichlet or Robin condition."
         )
+
+
+def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
+    """Return the ``count`` eigenpairs nearest to the shift, by ARPACK.
+
+    Raises
+    ------
+    ConvergenceError
+        If a linear solve or the iteration misses the tolerance.
+    """
+    from scipy.sparse.linalg import ArpackNoConvergence
+
+    context = iteration.context
+    tolerance = SAME_EIGENVALUE_TOLERANCES * context.tolerance
+    start = np.random.default_rng(0).normal(size=iteration.operator.size)
+    find, name = (_lanczos, "Lanczos") if iteration.symmetric else (_arnoldi, "Arnoldi")
+    try:
+        return find(iteration, count, start, tolerance)
+    except ArpackNoConvergence as error:
+        reason = f"{name}'s iteration found {len(error.eigenvalues)} of {count} eigenvalues"
+        report = context.report(False, iteration.solves, iteration.products, np.inf, reason)
+        remedy = "ask for fewer, or for a larger solver_tolerance"
+        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report) from error
+
+
+def _arnoldi(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
+    from scipy.sparse.linalg import LinearOperator, eigs
+
+    matrix = LinearOperator((len(start), len(start)), matvec=iteration.step, dtype=np.float64)
+    theta, vectors = eigs(matrix, count, which="LM", v0=start, tol=tolerance)
+    return EigenPairs(iteration.shift + 1 / theta, vectors)
+
+
+def _lanczos(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
+    """Return the pairs in B's inner product; a singular B does no harm, as steps lie in its range."""
+    from scipy.sparse.linalg import LinearOperator, eigsh
+
+    shape = (len(start), len(start))
+    inverse = LinearOperator(shape, matvec=iteration.inverted, dtype=np.float64)
+    matrix = LinearOperator(shape, matvec=iteration.operator.apply, dtype=np.float64)  # not applied in this mode
+    mass = None if iteration.mass is None else LinearOperator(shape, matvec=iteration.mass.apply, dtype=np.float64)
+    values, vectors = eigsh(
+        matrix, count, mass, sigma=iteration.shift, OPinv=inverse, v0=iteration.step(start), tol=tolerance
+    )
+    return EigenPairs(values, vectors)

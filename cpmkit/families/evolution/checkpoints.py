@@ -1,4 +1,4 @@
-"""Checkpoints: the state of a run in time, written now and then, from which it goes on as if it had not stopped."""
+"""Checkpoints: the state of a run in time in a file, from which it continues as if it had not stopped."""
 
 from __future__ import annotations
 
@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.families.evolution.moment import REMEMBERED_MOMENTS, Moment
-from cpmkit.families.evolution.run import RunPlan, RunState, describe_run, digest_arrays, digest_run
-from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
-from cpmkit.families.evolution.shifted import SolveTally
+from cpmkit.families.evolution.run_state import RunPlan, RunState, describe_run, digest_arrays, digest_run
+from cpmkit.families.evolution.schedule import REMEMBERED_MOMENTS, ROUNDED_STEP_SHARE, Moment
+from cpmkit.families.evolution.semidiscrete import SolveTally
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.whole_files import written_whole
@@ -22,7 +21,7 @@ from cpmkit.types import Floats
 
 #: Arrays of a moment.
 MOMENT_ARRAYS = ("u", "rate", "acceleration")
-#: What a checkpoint holds. ``digest`` tells the run, ``contents`` all other arrays: no bit of the state may differ.
+#: The arrays of a checkpoint. ``digest`` identifies the run, ``contents`` all other arrays: no bit may differ.
 CHECKPOINT_ARRAYS = (
     SavedArray("run", "U"),
     SavedArray("tally", "U"),
@@ -43,7 +42,7 @@ CHECKPOINT_WORDS = "a checkpoint of a run in time"
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
-    """Write ``state``, whole or not at all, with all that tells which run it belongs to.
+    """Write ``state``, completely or not at all, with the digests that identify its run.
 
     Raises
     ------
@@ -72,12 +71,12 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTal
 
 
 def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
-    """Return the state that ``path`` holds.
+    """Return the state in a file.
 
     Raises
     ------
     InputError
-        If it is no checkpoint, is damaged or was altered, or is one of another run: scene, spacing, scheme, step and
+        If it is no checkpoint, is damaged or was altered, or belongs to another run: scene, spacing, scheme, step and
         frames so far must agree.
     """
     (text,) = read_saved(path, CHECKPOINT_ARRAYS[:1], CHECKPOINT_WORDS).values()
@@ -109,15 +108,15 @@ def _differs(path: Path) -> str:
 
 
 def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuse steps that are not those of this run, and a state that is not what they lead to."""
-    ends, kept = arrays["ends"], arrays["kept"]
+    """Refuse steps that are not those of this run, and a state that does not belong to them."""
+    ends, is_frame = arrays["ends"], arrays["kept"]
     done = plan.steps[: len(ends)]
-    same = len(done) == len(ends) > 0 and np.array_equal(kept, [step.is_frame for step in done])
+    same = len(done) == len(ends) > 0 and np.array_equal(is_frame, [step.is_frame for step in done])
     if not same or not _same_times(ends, [step.end for step in done], plan):
         raise InputError(f"{_differs(path)}: its {len(ends)} steps and their frames are not those of this one.")
     lengths = [0.0, *(step.length for step in done)][-REMEMBERED_MOMENTS:]
     moments = range(len(lengths))
-    frames = int(np.count_nonzero(kept)) + (plan.start.time in plan.evolution.frame_times)
+    frames = int(np.count_nonzero(is_frame)) + (plan.start.time in plan.evolution.frame_times)
     needed = [f"{name}_{k}" for name in ("u", "rate")[: 1 if plan.start.rate is None else 2] for k in moments]
     lacking = [name for name in needed if name not in arrays]
     if lacking or len(arrays["frames"]) != frames or not _same_times(arrays["lengths"], lengths, plan):
@@ -128,6 +127,6 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
         )
 
 
-def _same_times(given: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
+def _same_times(times: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
     rounding = ROUNDED_STEP_SHARE * plan.evolution.step
-    return len(given) == len(expected) and bool(np.abs(given - expected).max() <= rounding)
+    return len(times) == len(expected) and bool(np.abs(times - expected).max() <= rounding)

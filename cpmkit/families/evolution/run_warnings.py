@@ -1,54 +1,155 @@
-"""What a reader of a solution in time should know: where its steps or its waves are not resolved."""
+"""Warnings of a run in time: heat that is lost, growth without a cause, and steps or waves that are not resolved."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from cpmkit.families.evolution.moment import History, Moment
+from cpmkit.errors import ResolutionError
+from cpmkit.families.evolution.schedule import History, Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
-from cpmkit.forms.contract import Discretized
-from cpmkit.scene.data import evaluate_data
+from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
+from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 
-#: Crank-Nicolson rings where its last step takes back more than this share of the one before, and both are more than
+#: A drift is reported if it exceeds this share of the total heat and this share of the range of u.
+DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3
+#: A solution that exceeds its bound by this factor grows because of discretisation errors: the norm is that over the
+#: band, whose nodes are not equally dense everywhere.
+UNSTABLE_GROWTH = 4.0
+#: Crank-Nicolson oscillates where its last step reverses more than this share of the one before, and both are more than
 #: the second share of the solution.
 RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
-#: Schemes that can ring: one that does not damp, and those of a reaction.
-RINGING_SCHEMES = ("crank-nicolson", "sbdf2", "euler")
-#: Waves are not resolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
+#: Waves are unresolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
 #: 0.49, of a jump 0.3.
 SHORTEST_WAVE_SHARE = 0.4
-#: Nor where the form has a mass and the solution's phase turns by more than this over a spacing: a quarter of a wave.
+#: With a mass matrix: where the phase turns by more than this over a spacing, a quarter of a wave.
 SHORTEST_WAVE_PHASE = 0.5 * np.pi
-#: What a scheme leaves of a wave for each radian that a velocity carries it, at r radians a step: ``share r^order``, of
-#: its phase by BDF2 and Crank-Nicolson, of its size by backward Euler (cos 3t carried round the circle in 12 to 400
-#: steps: .6 to 1.1 of that up to .3). From the first share of what is carried on it is told, and a step is advised
-#: that leaves the second.
+#: Error of a wave for each radian of advection, at r radians a step: ``factor r^order``, of its phase by BDF2 and
+#: Crank-Nicolson, of its size by backward Euler (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to
+#: .3). It is reported from the first share on, and a step is advised that leaves the second.
 ADVECTION_ERRORS = {"bdf2": (1 / 3, 2), "crank-nicolson": (1 / 12, 2), "backward-euler": (1 / 2, 1)}
-TOLD_ADVECTION_ERROR, ADVISED_ADVECTION_ERROR = 0.1, 0.02
-#: A run has come to rest where its last step changed less than this share of what varies, and it varies as before.
+REPORTED_ADVECTION_ERROR, ADVISED_ADVECTION_ERROR = 0.1, 0.02
+#: A run is at rest where its last step changed less than this share of the variation, and that is this share of the
+#: variation at the start.
 AT_REST_SHARE, STILL_VARIES_SHARE = 1e-3, 0.1
-#: Points at which the length of a pattern is measured, and the share of u's size that one is worth telling of.
+#: Number of points at which the length of a pattern is measured, and the least variation as a share of u's size.
 PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
-#: The spacing that is advised, as a share of the largest that carries the pattern.
+#: The advised spacing, as a share of the largest that resolves the pattern.
 WELL_BELOW = 0.9
 
 
+def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
+    """Return a warning where heat was lost or gained in ``time`` on pieces that nothing flows out of, if c is zero.
+
+    There the mean of u grows by the mean of f times the time, in every scheme.
+    """
+    heat = scene.problem
+    if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
+        return []
+    if heat.after_step is not None:
+        return []
+    mean = problem.form.means_without_flux()
+    if mean is None:
+        return []
+    supplied = time * (mean @ problem.steady_forcing)
+    drift = mean @ u - mean @ start - supplied
+    size = mean @ np.abs(start) + np.abs(supplied)
+    span = np.maximum(np.ptp(start, axis=0), np.ptp(u, axis=0))
+    share = np.divide(np.abs(drift), size, out=np.zeros_like(drift), where=size > 0)
+    share[np.abs(drift) <= DRIFT_SHARE_OF_RANGE * span] = 0.0
+    if share.max(initial=0.0) <= DRIFT_SHARE_OF_HEAT:
+        return []
+    worst = np.unravel_index(int(share.argmax()), share.shape)
+    verb = "gained" if drift[worst] > 0 else "lost"
+    return [
+        f"Heat was {verb} on a piece that nothing flows out of: the mean of u is off by {drift[worst]:.3g}, "
+        f"{share[worst]:.1%} of the heat there, because creases or thin parts that the spacing does not resolve let it "
+        "leak; the solution is off by as much at least; use a smaller spacing."
+    ]
+
+
+def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | None:
+    """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``; the forcing counts as a potential.
+
+    None for heat, and where A is not symmetric. Where b does not depend on the time, the energy is conserved.
+    """
+    if moment.rate is None or not problem.stiffness.symmetric:
+        return None
+    kinetic = 0.5 * np.sum(moment.rate * problem.weighted(moment.rate), axis=0)
+    force = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(time)
+    return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
+
+
+@dataclass(frozen=True)
+class GrowthBound:
+    """A bound of the norm of u: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.
+
+    t runs from ``begin``. Where A has no eigenvalue below zero and the data do not depend on time, u grows no faster.
+    """
+
+    start: float
+    rate: float
+    push: float
+    begin: float = 0.0
+
+    def check(self, u: Floats, time: float) -> None:
+        """Refuse a solution that exceeds the bound.
+
+        Raises
+        ------
+        ResolutionError
+            If it does: that proves an eigenvalue of the wrong sign.
+        """
+        elapsed = time - self.begin
+        bound = self.start + self.rate * elapsed + 0.5 * self.push * elapsed**2
+        size = float(np.linalg.norm(u))
+        if size > UNSTABLE_GROWTH * bound > 0:
+            raise ResolutionError(
+                f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
+                "the data allow; it grows from what the spacing does not resolve, such as limbs that are two spacings "
+                'thick; use a smaller spacing, or form="galerkin".'
+            )
+
+
+def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBound | None:
+    """Return the bound of a run; None for data that depend on time, an operator without a sign, or a mass matrix.
+
+    With a mass matrix the norm of b says nothing of that of ``M^-1 b``.
+    """
+    evolution, form = scene.problem, problem.form
+    if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
+        return None
+    if problem.depends_on_time or form.mass is not None or not surely_positive(form):
+        return None
+    size, forcing = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady_forcing))
+    if isinstance(evolution, Wave):
+        rate = 0.0 if start.rate is None else float(np.linalg.norm(start.rate))
+        return GrowthBound(size, rate, forcing, start.time)
+    return GrowthBound(size, forcing, 0.0, start.time)
+
+
 def run_warnings(problem: SemiDiscrete, evolution: Evolution, start: Moment, history: History) -> tuple[str, ...]:
-    """Return one sentence for each thing found at the end of a run that began at ``start``."""
-    waves = _unresolved_wave_sentence(problem, evolution, history) if isinstance(evolution, Wave) else []
-    patterns = _short_pattern_sentence(problem, history) if isinstance(evolution, ReactionDiffusion) else []
-    carried = _long_step_sentence(problem, evolution, start, history) if isinstance(evolution, Heat) else []
-    return (*_ringing_sentence(evolution, history), *waves, *patterns, *carried)
+    """Return the warnings at the end of a run that began at ``start``."""
+    warnings = _oscillation_warning(evolution, history)
+    if isinstance(evolution, Wave):
+        warnings += _unresolved_wave_warning(problem, evolution, history)
+    if isinstance(evolution, ReactionDiffusion):
+        warnings += _short_pattern_warning(problem, history)
+    if isinstance(evolution, Heat):
+        warnings += _long_step_warning(problem, evolution, start, history)
+    return tuple(warnings)
 
 
-def _long_step_sentence(problem: SemiDiscrete, evolution: Heat, start: Moment, history: History) -> list[str]:
-    """Tell where a velocity carries u so far in a step that the scheme leaves it behind, or damps it.
+def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, history: History) -> list[str]:
+    """Return a warning where the error of advection in the scheme is large.
 
-    Over the whole run, or over the time in which diffusion takes away what is carried: later nobody sees it.
+    Over the whole run, or over the time in which diffusion removes the variation of u.
     """
     if evolution.velocity is None or len(history) < 2:
         return []
@@ -58,7 +159,7 @@ def _long_step_sentence(problem: SemiDiscrete, evolution: Heat, start: Moment, h
     values, slopes = form.evaluate(start.u, points), form.gradient(start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
     varies = size > PATTERN_SHARE * np.sqrt(share @ values**2)
-    if not varies.any() or _at_rest(problem, history, size, points, share):
+    if not varies.any() or _is_at_rest(problem, history, size, points, share):
         return []
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
@@ -67,36 +168,37 @@ def _long_step_sentence(problem: SemiDiscrete, evolution: Heat, start: Moment, h
     errors = factor * (along * evolution.step) ** order * along * lasts
     worst = int(errors.argmax())
     error, radians = float(errors[worst]), float(along[worst] * evolution.step)
-    if error <= TOLD_ADVECTION_ERROR:
+    if error <= REPORTED_ADVECTION_ERROR:
         return []
     spacings = float(np.linalg.norm(v, axis=1).max()) * evolution.step / form.spacing
-    wanted = evolution.step * (ADVISED_ADVECTION_ERROR / error) ** (1 / order)
+    advised = evolution.step * (ADVISED_ADVECTION_ERROR / error) ** (1 / order)
     return [
-        f"step={evolution.step:g} is long for the velocity, which carries u by up to {spacings:.2g} spacings in it, "
+        f"step={evolution.step:g} is long for the velocity, which moves u by up to {spacings:.2g} spacings in it, "
         f"{radians:.2g} radians of its waves: scheme {evolution.scheme!r} then leaves "
-        f"{'much' if error > 1 else f'about {error:.0%}'} of what is carried behind, or damps it; use a step of "
-        f"{wanted:.2g} or less."
+        f"{'much' if error > 1 else f'about {error:.0%}'} of the advected variation behind, or damps it; use a step of "
+        f"{advised:.2g} or less."
     ]
 
 
-def _at_rest(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
-    """Tell whether the last step changed nothing of a solution that varies, as where it is driven to a steady one."""
-    now, before = (problem.form.evaluate(one.u, points) for one in (history[-1], history[-2]))
-    left = np.sqrt(share @ (now - share @ now) ** 2)
-    changed = np.sqrt(share @ (now - before) ** 2)
-    return bool((changed <= AT_REST_SHARE * left).all() and (left >= STILL_VARIES_SHARE * size).all())
+def _is_at_rest(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
+    """Return whether the last step changed nothing of a solution that still varies: it is driven to a steady one."""
+    now, before = (problem.form.evaluate(moment.u, points) for moment in (history[-1], history[-2]))
+    variation = np.sqrt(share @ (now - share @ now) ** 2)
+    change = np.sqrt(share @ (now - before) ** 2)
+    return bool((change <= AT_REST_SHARE * variation).all() and (variation >= STILL_VARIES_SHARE * size).all())
 
 
-def _short_pattern_sentence(problem: SemiDiscrete, history: History) -> list[str]:
-    """Tell where what a reaction has grown is so short that the lattice decides its length and direction."""
+def _short_pattern_warning(problem: SemiDiscrete, history: History) -> list[str]:
+    """Return a warning where the pattern of a reaction is so short that the lattice determines it."""
     form = problem.form
     longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
-    if longest <= form.traits.dispersion.coarsest:
+    coarsest = form.traits.dispersion.coarsest
+    if longest <= coarsest:
         return []
-    wanted = WELL_BELOW * form.spacing * form.traits.dispersion.coarsest / longest
+    advised = WELL_BELOW * form.spacing * coarsest / longest
     return [
         f"The pattern is {2 * np.pi / longest:.2g} spacings long, too few for the lattice not to be felt: its length "
-        f"and the directions of its stripes are not those of the equation; use a spacing of {wanted:.2g} or less."
+        f"and the directions of its stripes are not those of the equation; use a spacing of {advised:.2g} or less."
     ]
 
 
@@ -112,22 +214,22 @@ def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
 
 
 def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
-    """Return points (k, d) spread over the manifold, and the share of it (k,) that each stands for."""
+    """Return points (k, d) spread over the manifold, and the share of it (k,) that each represents."""
     every = slice(None, None, max(1, len(form.points) // PATTERN_POINTS))
     points, weights = form.points[every], form.point_weights
     share = np.full(len(points), 1.0) if weights is None else weights[every]
     return points, share / share.sum()
 
 
-def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
-    """Tell where the last steps swing back and forth instead of settling."""
-    if evolution.scheme not in RINGING_SCHEMES or len(history) < 3:
+def _oscillation_warning(evolution: Evolution, history: History) -> list[str]:
+    """Return a warning where the last steps oscillate, in schemes that do not damp or have an explicit reaction."""
+    if evolution.scheme not in ("crank-nicolson", "sbdf2", "euler") or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
     size = float(np.abs(history[-1].u).max(initial=0.0))
     swing = float(np.abs(after).max(initial=0.0))
-    taken_back = -float(np.sum(before * after)) > RINGING_SHARE_OF_STEP * float(np.sum(before * before))
-    if swing <= RINGING_SHARE_OF_SOLUTION * size or not taken_back:
+    reversed_ = -float(np.sum(before * after)) > RINGING_SHARE_OF_STEP * float(np.sum(before * before))
+    if swing <= RINGING_SHARE_OF_SOLUTION * size or not reversed_:
         return []
     if evolution.scheme != "crank-nicolson":
         return [
@@ -140,13 +242,12 @@ def _ringing_sentence(evolution: Evolution, history: History) -> list[str]:
     ]
 
 
-def _unresolved_wave_sentence(problem: SemiDiscrete, evolution: Wave, history: History) -> list[str]:
-    """Tell where a wave consists of what the lattice cannot carry."""
+def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: History) -> list[str]:
+    """Return a warning where the lattice does not resolve a wave."""
     if problem.form.mass_in_time is None:
         u = history[-1].u
-        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest_eigenvalue(
-            problem, evolution.speed
-        )
+        largest = largest_eigenvalue(problem, evolution.speed)
+        sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest
         if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
             return []
         return [
@@ -167,5 +268,5 @@ def _mean_wavenumber(problem: SemiDiscrete, history: History) -> float:
     assert before.rate is not None
     assert now.rate is not None
     pair = ((now.rate - before.rate) / now.length, 0.5 * (before.u + now.u))
-    bend, size = (float(np.trace(problem.form.inner(one, one))) for one in pair)
-    return float((bend / size) ** 0.25) if size > 0 else 0.0
+    acceleration, size = (float(np.trace(problem.form.inner(values, values))) for values in pair)
+    return float((acceleration / size) ** 0.25) if size > 0 else 0.0

@@ -1,14 +1,21 @@
-"""The steps of a run in time: equal ones, and a shorter one before each frame and the end where they do not fit."""
+"""The steps of a run in time, and the moments at their ends.
+
+Steps are equal, with a shorter one before each frame and the end where they do not fit.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from cpmkit.types import Floats
+
 #: A last step shorter than this share of the others is rounding.
 ROUNDED_STEP_SHARE = 1e-9
-#: Digits of the ratio of a shortened step to the others: equal ones are then equal as numbers, and share a system.
+#: Digits of the ratio of a shortened step to the others: equal steps are then equal as numbers, and share a system.
 STEP_RATIO_DIGITS = 9
+#: Number of moments that schemes read.
+REMEMBERED_MOMENTS = 3
 
 
 @dataclass(frozen=True)
@@ -22,7 +29,7 @@ class Step:
     length : float
         ``end - start`` but for rounding; equal steps have equal lengths.
     is_frame : bool
-        True where the solution at the end is kept.
+        Whether the solution at the end is stored.
     """
 
     start: float
@@ -31,8 +38,36 @@ class Step:
     is_frame: bool
 
 
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The unknowns at one time.
+
+    Attributes
+    ----------
+    u : (n, channels) float64
+        Their values.
+    rate : (n, channels) float64 or None
+        Of a wave: their rates, for leapfrog those half a step before.
+    length : float
+        Of the step that ends here; zero at the start.
+    acceleration : (n, channels) float64 or None
+        Of leapfrog: at the start of that step.
+    time : float
+        The end of the step, as the schedule has it.
+    """
+
+    u: Floats
+    rate: Floats | None
+    length: float
+    acceleration: Floats | None = None
+    time: float = 0.0
+
+
+History = Sequence[Moment]
+
+
 def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
-    """Return the steps from time ``start`` to ``until``, of which one ends at each time in ``frames``.
+    """Return the steps from time ``start`` to ``until``, with a step that ends at each time in ``frames``.
 
     Examples
     --------

@@ -5,11 +5,19 @@ section III.5 for variable steps):
 
 backward Euler: ``(M + h A) u1 = M u0 + h b1``;
 BDF2: ``(M + g h A) u1 = M [(1 + w)^2 u0 - w^2 u_1] / (1 + 2 w) + g h b1`` with ``g = (1 + w) / (1 + 2 w)``, after a
-first step of two half steps of backward Euler, which leave half of the error of one whole step;
+first step of two half steps of backward Euler, whose error is half that of one whole step;
 a reaction r, which is explicit: backward Euler adds ``h r0``, BDF2 ``g h [(1 + w) r0 - w r_1]``;
 Crank-Nicolson: ``(M + h/2 A) u1 = M u0 + h/2 (-A u0 + b0 + b1)``.
 
-For waves see :mod:`cpmkit.families.evolution.wave_schemes`.
+For waves, M u'' = -A u + b(t):
+
+Newmark's average acceleration, with v for u': ``(M + h^2/4 A) u1 = M (u0 + h v0) + h^2/4 (-A u0 + b0 + b1)``,
+``v1 = 2 (u1 - u0) / h - v0``. It conserves the energy ``v'Mv/2 + u'Au/2`` where A is symmetric and b zero. No
+acceleration is stored, as M may be singular.
+Leapfrog, M being the identity: ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v half a step before u. It is
+damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so large that
+waves of a few spacings decay, which grow where A has complex eigenvalues (:mod:`cpmkit.forms.collocation.refusals`).
+The implicit scheme is BDF2 for u' = v, M v' = -A u + b: ``(M + (g h)^2 A) u1 = ...``, v eliminated.
 """
 
 from __future__ import annotations
@@ -18,20 +26,22 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.families.evolution.moment import History, Moment
-from cpmkit.families.evolution.schedule import Step
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
-from cpmkit.families.evolution.shifted import ShiftedSolver
+from cpmkit.families.evolution.schedule import History, Moment, Step
+from cpmkit.families.evolution.semidiscrete import SemiDiscrete, ShiftedSolver, largest_eigenvalue
+from cpmkit.scene.equations_in_time import Wave
 from cpmkit.types import Floats
 
-#: Takes the moments so far, the last one last, and returns the next.
+#: Damping of the shortest waves of the lattice by leapfrog, per time in which a wave crosses a spacing.
+LEAPFROG_DAMPING = 0.8
+
+#: Takes the moments so far, the latest last, and a step; returns the moment at its end.
 Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 
 
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Take one step of backward Euler."""
     h = step.length
-    right_side = problem.weighed(history[-1].u) + h * problem.forcing(step.end)
+    right_side = problem.weighted(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
         right_side += h * problem.reacting(history[-1])
     return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h, time=step.end)
@@ -43,7 +53,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     if before is None:
         return half_steps(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-    right_side = problem.weighed(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
+    right_side = problem.weighted(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     if problem.reaction is not None:
         now, past = problem.reacting(history[-1]), problem.reacting(before)
         right_side += gh * (now + ratio * (now - past))
@@ -54,7 +64,7 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     """Take one step of Crank-Nicolson."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
-    right_side = problem.weighed(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
+    right_side = problem.weighted(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
     return Moment(solver.solve(half, right_side, extrapolate(history, step.length)), None, step.length)
 
 
@@ -74,7 +84,7 @@ def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, s
 
 
 def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:
-    """Return the moment that BDF2 looks back on, and the step's ``length`` over the time since then.
+    """Return the earlier moment that BDF2 reads, and the step's ``length`` over the time since then.
 
     It lies at least half a step back: from a shortened step to a full one the coefficients would be large.
     """
@@ -87,15 +97,63 @@ def previous_moment(history: History, length: float) -> tuple[Moment | None, flo
 
 
 def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
-    """Return what BDF2 steps from: ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``."""
+    """Return the combination of earlier values in BDF2: ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``."""
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through the values so far, a step of ``length`` later: where a solver starts."""
+    """Return the polynomial through the values so far, a step of ``length`` later: the initial guess of a solver."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
         others = np.delete(times, k)
         values += np.prod((length - others) / (times[k] - others)) * moment.u
     return values
+
+
+def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of Newmark's average acceleration."""
+    now, h = history[-1], step.length
+    assert now.rate is not None
+    solver.tally.operator_applications += now.u.shape[1]
+    force = problem.rate(now.u, step.start) + problem.forcing(step.end)
+    right_side = problem.weighted(now.u + h * now.rate) + 0.25 * h**2 * force
+    u = solver.solve(0.25 * h**2, right_side, extrapolate(history, h))
+    return Moment(u, 2 / h * (u - now.u) - now.rate, h)
+
+
+def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of leapfrog: first the rate over half of the last step and half of this, then the values."""
+    now = history[-1]
+    assert now.rate is not None
+    acceleration = problem.rate(now.u, step.start)
+    rate = now.rate + 0.5 * (now.length + step.length) * acceleration
+    if now.acceleration is not None:
+        rate += _damping(problem, (acceleration - now.acceleration) / now.length, step.length)
+    solver.tally.operator_applications += (1 if now.acceleration is None else 2) * now.u.shape[1]
+    return Moment(now.u + step.length * rate, rate, step.length, acceleration)
+
+
+def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
+    """Return ``-h eps A^2 v0``, with A v0 from the change of A u0, which includes boundary data."""
+    wave = problem.form.scene.problem
+    assert isinstance(wave, Wave)
+    largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
+    strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
+    return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
+
+
+def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
+    """Take one step of BDF2 for values and rates; the first one of backward Euler."""
+    now = history[-1]
+    before, ratio = previous_moment(history, step.length)
+    assert now.rate is not None
+    if before is None:
+        gh, u, rate = step.length, now.u, now.rate
+    else:
+        assert before.rate is not None
+        gh = (1 + ratio) / (1 + 2 * ratio) * step.length
+        u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
+    right_side = problem.weighted(u + gh * rate) + gh**2 * problem.forcing(step.end)
+    values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
+    return Moment(values, (values - u) / gh, step.length)

@@ -1,4 +1,4 @@
-"""Problems in time: one step after the other, with frames and checkpoints on the way."""
+"""Problems in time: the loop over the steps, with frames and checkpoints."""
 
 from __future__ import annotations
 
@@ -11,17 +11,21 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
-from cpmkit.families.evolution.between_steps import after_step, rate_of_change, rest_sentence
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
-from cpmkit.families.evolution.conservation import GrowthBound, growth_bound, heat_drift, wave_energy
-from cpmkit.families.evolution.moment import REMEMBERED_MOMENTS, Moment
-from cpmkit.families.evolution.run import RunPlan, RunState
-from cpmkit.families.evolution.run_warnings import run_warnings
-from cpmkit.families.evolution.schedule import Step, schedule
-from cpmkit.families.evolution.schemes import Scheme, backward_euler, bdf2, crank_nicolson, damped_crank_nicolson
-from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete
-from cpmkit.families.evolution.shifted import ShiftedSolver, SolveTally
-from cpmkit.families.evolution.wave_schemes import implicit_wave, leapfrog, newmark
+from cpmkit.families.evolution.run_state import RunPlan, RunState, after_step, rate_of_change, rest_warning
+from cpmkit.families.evolution.run_warnings import GrowthBound, growth_bound, heat_drift, run_warnings, wave_energy
+from cpmkit.families.evolution.schedule import REMEMBERED_MOMENTS, Moment, Step, schedule
+from cpmkit.families.evolution.schemes import (
+    Scheme,
+    backward_euler,
+    bdf2,
+    crank_nicolson,
+    damped_crank_nicolson,
+    implicit_wave,
+    leapfrog,
+    newmark,
+)
+from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete, ShiftedSolver, SolveTally
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
@@ -37,8 +41,8 @@ SCHEMES: dict[str, Scheme] = {
     "sbdf2": bdf2,
     "euler": backward_euler,
 }
-#: What schemes need that not every form has.
-NEEDED = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
+#: Abilities of a form that schemes need.
+NEEDED_ABILITIES = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
 
 
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
@@ -47,10 +51,9 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     Raises
     ------
     ResolutionError, SceneError
-        If the scheme would not be stable, or limbs side by side give the operator an eigenvalue of the wrong sign, or
-        the solution grows although nothing makes it.
+        If the scheme would be unstable, or the solution grows without a cause.
     ConvergenceError
-        If a step does not reach the tolerance; the message tells the time.
+        If a step does not reach the tolerance; the message names the time.
     InputError
         If a checkpoint is of another run.
     """
@@ -58,8 +61,8 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     assert isinstance(target, Evolution)
     evolution = target.with_scheme("explicit steps" not in form.cannot)
     form.check(context.solver_name)
-    if evolution.scheme in NEEDED:
-        require(form, NEEDED[evolution.scheme])
+    if evolution.scheme in NEEDED_ABILITIES:
+        require(form, NEEDED_ABILITIES[evolution.scheme])
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
@@ -72,12 +75,12 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
 
 
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
-    """Return an equation in time with the operators of its channels, one for all unless they differ."""
-    several = [(tuple(range(form.channels)), evolution.terms())]
+    """Return an equation in time with the operators of its channels, one for all unless their terms differ."""
+    groups_of_channels = [(tuple(range(form.channels)), evolution.terms())]
     reaction: Any = None
     if isinstance(evolution, ReactionDiffusion):
-        several, reaction = evolution.terms_of_channels(form.channels), evolution.reaction
-    groups = tuple(ChannelGroup(channels, terms, form.stiffness(terms)) for channels, terms in several)
+        groups_of_channels, reaction = evolution.terms_of_channels(form.channels), evolution.reaction
+    groups = tuple(ChannelGroup(channels, terms, form.stiffness(terms)) for channels, terms in groups_of_channels)
     return SemiDiscrete(form, groups, evolution.terms().f, reaction)
 
 
@@ -102,19 +105,19 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     if target.resume is not None:
         state, tally = read_checkpoint(target.resume, plan)
         solver.tally.add(tally)
-    rests = _rests(plan, state)
-    while state.done < total and not rests:
-        state = _advanced(state, plan, solver, scheme, growth)
+    at_rest = _is_at_rest(plan, state)
+    while state.done < total and not at_rest:
+        state = _take_step(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        rests = _rests(plan, state)
-        ended = rests or state.done == total
+        at_rest = _is_at_rest(plan, state)
+        ended = at_rest or state.done == total
         if target.checkpoint is not None and (ended or state.done % target.checkpoint_every == 0):
             write_checkpoint(target.checkpoint, plan, state, solver.tally)
     return state
 
 
-def _rests(plan: RunPlan, state: RunState) -> bool:
-    """Tell whether the run has come to rest, where that ends it."""
+def _is_at_rest(plan: RunPlan, state: RunState) -> bool:
+    """Return whether the run has come to rest, if that ends it."""
     rest = plan.evolution.rest
     return rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
 
@@ -125,7 +128,7 @@ def scheme_of(evolution: Evolution) -> Scheme:
     return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
 
 
-def _advanced(
+def _take_step(
     state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: GrowthBound | None
 ) -> RunState:
     """Return the state one step later."""
@@ -152,27 +155,28 @@ def _solution(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedRecord:
     """Return the solution at the end, with its frames."""
-    values, total, end = state.history[-1].u, state.done, state.history[-1].time
+    u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
         f"{context.tolerance:.2e} asked for"
     )
     report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
-    report = replace(report, solver=tally.solver or report.solver)  # the one that took the last step
+    report = replace(report, solver=tally.solver or report.solver)  # of the last step
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
-    told = [
-        *heat_drift(plan.problem, context.scene, plan.start.u, values, end - plan.start.time),
-        *rest_sentence(form, plan.evolution, plan.start, state.history),
-    ]
-    warnings = (*form.warnings(), *run_warnings(plan.problem, plan.evolution, plan.start, state.history), *told)
+    warnings = (
+        *form.warnings(),
+        *run_warnings(plan.problem, plan.evolution, plan.start, state.history),
+        *heat_drift(plan.problem, context.scene, plan.start.u, u, end - plan.start.time),
+        *rest_warning(form, plan.evolution, plan.start, state.history),
+    )
     energy = wave_energy(plan.problem, state.history[-1], end)
-    last = EvolvedRecord(form, values, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
-    # A run that came to rest has fewer frames than were asked for.
-    taken = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
+    last = EvolvedRecord(form, u, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
+    # A run that came to rest has fewer frames than requested.
+    step_number = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)
     frames = tuple(
-        replace(last, values=kept, time=when, steps=taken[when], energy=energy)
-        for when, kept, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=False)
+        replace(last, values=values, time=when, steps=step_number[when], energy=energy)
+        for when, values, energy in zip(plan.evolution.frame_times, state.frames, energies, strict=False)
     )
     return replace(last, frames=frames)

@@ -49,6 +49,6 @@ def test_numbers_inside_the_spectrum_are_neared_by_solves():
 
 
 def test_functions_that_do_not_fit_are_refused_before_they_are_made(monkeypatch):
-    monkeypatch.setattr("cpmkit.families.eigen.block_iteration.HELD_BLOCKS", 10**9)
+    monkeypatch.setattr("cpmkit.families.eigen.block_iteration.PEAK_BLOCKS", 10**9)
     with pytest.raises(ck.ResolutionError, match=r"count=9 of \d+ unknowns needs about .* GiB for functions, and"):
         ck.solve(SCENES["closed"], 0.25, solver="multigrid")

@@ -101,7 +101,7 @@ def evolved(time, form):
     scene = circle_scene(ck.Heat(HILL, until=time, step=time), HILL_CUT)
     form = ck.discretize(scene, 0.125, form=form)
     problem = semidiscrete(form, scene.problem)
-    M = problem.weighed(np.eye(form.size))
+    M = problem.weighted(np.eye(form.size))
     A, b = np.linalg.solve(M, problem.stiffness.to_csr().toarray()), np.linalg.solve(M, problem.forcing(0.0))
     rest = np.linalg.solve(A, b)
     return rest + expm(-time * A) @ (form.interpolate(HILL, "u0") - rest)

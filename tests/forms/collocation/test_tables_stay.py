@@ -14,8 +14,8 @@ from scipy.sparse import issparse
 
 import cpmkit as ck
 from cpmkit.dispatch import FAMILIES
-from cpmkit.families.checkpointing import Checkpointing
 from cpmkit.families.context import SolveContext
+from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.solver_options import make_solver
 from cpmkit.manifold.local_source import LocalSource

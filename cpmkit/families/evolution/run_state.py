@@ -1,4 +1,4 @@
-"""A run in time: what makes it what it is, where it is, and what tells it from others."""
+"""A run in time: its plan, its state, and digests by which a checkpoint recognises it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.families.evolution.between_steps import after_step
-from cpmkit.families.evolution.moment import Moment
-from cpmkit.families.evolution.schedule import Step
+from cpmkit.families.evolution.schedule import History, Moment, Step
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+from cpmkit.forms.contract import Discretized
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.pointwise import apply_after_step
 from cpmkit.types import Floats
 
 
 @dataclass(frozen=True, eq=False)
 class RunPlan:
-    """What makes a run what it is.
+    """The definition of a run.
 
     Attributes
     ----------
@@ -41,12 +41,12 @@ class RunPlan:
 
 @dataclass(frozen=True, eq=False)
 class RunState:
-    """Where a run is.
+    """The state of a run after some of its steps.
 
     Attributes
     ----------
     done : int
-        Steps taken.
+        Number of steps taken.
     history : tuple of Moment
         The last moments, the latest last.
     frames : tuple of (n, channels) float64
@@ -66,8 +66,48 @@ class RunState:
         return replace(self, frames=(*self.frames, u), energies=energies)
 
 
+def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
+    """Return a moment after the user's function that is called after each step, if there is one."""
+    if evolution.after_step is None:
+        return moment
+    values = form.at_points(moment.u)
+    changed = apply_after_step(evolution.after_step, form.points.copy(), values, moment.time)
+    if np.array_equal(changed, values):
+        return moment
+    return replace(moment, u=form.project(changed, moment.u, moment.time))
+
+
+def rate_of_change(form: Discretized, start: Moment, history: History) -> float:
+    """Return the relative change of u in the last step, per unit of time; infinite before the first step.
+
+    In root mean squares over the manifold and all channels, relative to the size of u at the start or now.
+    """
+    if len(history) < 2 or history[-1].length == 0:
+        return float("inf")
+    now = history[-1].u
+    size = max(_rms(form, start.u), _rms(form, now))
+    return _rms(form, now - history[-2].u) / (history[-1].length * size) if size > 0 else 0.0
+
+
+def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history: History) -> list[str]:
+    """Return a warning where a run that should come to rest did not."""
+    if evolution.rest is None:
+        return []
+    rate = rate_of_change(form, start, history)
+    if rate < evolution.rest:
+        return []
+    return [
+        f"The run did not come to rest until {evolution.until:g}: u still changes by {rate:.2g} of its size per unit "
+        f"of time, and rest={evolution.rest:g} was asked for; use a later `until`."
+    ]
+
+
+def _rms(form: Discretized, u: Floats) -> float:
+    return float(np.sqrt(max(np.trace(form.inner(u, u)), 0.0)))
+
+
 def describe_run(plan: RunPlan) -> dict[str, Any]:
-    """Return what makes a run what it is, as far as it fits a sentence; ``until`` may differ."""
+    """Return the definition of a run as plain values that fit a sentence; ``until`` is not part of it."""
     form, evolution = plan.problem.form, plan.evolution
     return {
         "kind": evolution.kind,
@@ -97,7 +137,7 @@ def digest_run(plan: RunPlan, time: float) -> str:
 
 
 def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
-    """Return a digest of named arrays: of their names, types, shapes and entries."""
+    """Return a digest of the names, types, shapes and entries of arrays."""
     digest = hashlib.blake2b(digest_size=16)
     for name in sorted(arrays):
         array = np.asarray(arrays[name])

@@ -1,0 +1,219 @@
+"""Eigenvalue problems ``A u = lambda B u``: by inverse iteration, or by a block of functions without factorisation."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from cpmkit.errors import ConvergenceError
+from cpmkit.families.context import SolveContext
+from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
+from cpmkit.families.eigen.inverse_iteration import (
+    SAME_EIGENVALUE_TOLERANCES,
+    EigenPairs,
+    InverseIteration,
+    arpack_pairs,
+    inverse_iteration,
+)
+from cpmkit.families.eigen.selected_modes import split_multiplet_warning
+from cpmkit.families.eigen.small_problems import dense_pairs, mass_unknowns, pairs_of_small_mass
+from cpmkit.forms.contract import Discretized
+from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, rounding_of
+from cpmkit.linear.solve_report import SolveReport
+from cpmkit.scene.compound_equations import Eigen
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.types import Floats
+
+#: Further pairs that are computed, so that none of a multiple eigenvalue is missed; and the same as a share of those
+#: requested where a block is iterated, as the last ones of a block converge slowly.
+SPARE_PAIRS, SPARE_SHARE = 6, 0.1
+#: Imaginary parts above this share of an eigenvalue's distance from the shift are no rounding.
+COMPLEX_SHARE = 1e-8
+#: An eigenvalue has the wrong sign if it lies below zero by more than this share of a typical eigenvalue.
+WRONG_SIGN_UNITS = 0.2
+#: Values of at least this share of the largest size count as the largest.
+NEARLY_GREATEST_SHARE = 1 - 1e-3
+#: Number of modes that are read at the points at a time: all together would take more memory than their matrix.
+READ_TOGETHER = 4
+
+
+def solve_eigen(context: SolveContext) -> EigenRecord:
+    """Compute the eigenvalues and functions that a problem requests.
+
+    Raises
+    ------
+    InputError
+        If there are fewer unknowns than eigenvalues are requested.
+    SceneError
+        If a Steklov problem has a piece of the manifold with Neumann conditions alone.
+    ResolutionError
+        If there is an eigenvalue of the wrong sign, or functions do not fit into memory.
+    ConvergenceError
+        If a linear solve, the iteration, or the residual of a pair misses the tolerance.
+    """
+    problem, form = context.scene.problem, context.discretized
+    assert isinstance(problem, Eigen)
+    form.check(context.solver_name)
+    stiffness = form.stiffness(problem.terms())
+    iteration = inverse_iteration(context, problem, stiffness)
+    built = time.perf_counter()
+    pairs = _compute_pairs(problem, iteration)
+    if iteration.mass is form.mass:  # Steklov eigenvalues may be of either sign
+        form.check_signs(float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(iteration.unit))
+    modes = _select_modes(problem, iteration, pairs)
+    report = _checked_report(iteration, modes)
+    warnings = (
+        *form.warnings(),
+        *_complex_pair_warnings(modes, iteration.shift),
+        *split_multiplet_warning(problem, pairs.values.real, iteration.shift),
+    )
+    work = form.work(stiffness, report)
+    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
+    real, imaginary = modes.values.real, modes.values.imag
+    return EigenRecord(
+        form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=warnings
+    )
+
+
+def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
+    """Return more eigenpairs than are requested, by the method that fits their number.
+
+    Raises
+    ------
+    InputError, ConvergenceError
+        As :func:`solve_eigen` does.
+    """
+    unknowns = mass_unknowns(iteration)
+    if unknowns is not None:
+        return pairs_of_small_mass(iteration, unknowns, problem.count)
+    n, count = iteration.operator.size, problem.count + SPARE_PAIRS
+    if count > n - 2:  # iterations have no room
+        return dense_pairs(iteration, problem.count)
+    width = problem.count + max(SPARE_PAIRS, int(SPARE_SHARE * problem.count))
+    if iteration.preconditioner is not None and width <= MOST_BLOCK_SHARE * n:
+        return block_pairs(iteration, problem.count, width)
+    return arpack_pairs(iteration, count)
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Eigenvalues (k,), complex, real eigenfunctions (n, k), and residuals (k,)."""
+
+    values: Any
+    functions: Floats
+    residuals: Floats
+
+
+def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
+    """Return the modes nearest to the number of the problem, ascending.
+
+    A complex pair gives two modes, the real and the imaginary part of the one eigenvector.
+    """
+    values, vectors = pairs.values, pairs.vectors
+    chosen = np.flatnonzero(values.imag >= 0)
+    about = iteration.shift if problem.near is None else problem.near
+    chosen = chosen[np.argsort(np.abs(values[chosen] - about), kind="stable")][: problem.count]
+    values, vectors = values[chosen], vectors[:, chosen]
+    residuals = _residuals(iteration, values, vectors)
+    paired = np.flatnonzero(values.imag > 0)
+    both = np.concatenate([values, values[paired].conj()]).astype(np.complex128)
+    functions = np.concatenate([vectors.real, vectors.imag[:, paired]], axis=1)
+    order = np.argsort(np.abs(both - about), kind="stable")[: problem.count]
+    order = order[np.argsort(both[order].real, kind="stable")]
+    both, residuals = both[order], np.concatenate([residuals, residuals[paired]])[order]
+    both.imag[np.abs(both.imag) <= COMPLEX_SHARE * np.abs(both - iteration.shift)] = 0.0
+    equal = SAME_EIGENVALUE_TOLERANCES * iteration.context.tolerance * np.abs(both - iteration.shift)
+    return Modes(both, _normalise(iteration.context.discretized, both.real, functions[:, order], equal), residuals)
+
+
+def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floats) -> Floats:
+    """Return functions of unit mean square and fixed sign, orthogonal where ``values`` differ by at most ``equal``."""
+    starts = np.flatnonzero(np.diff(values, prepend=-np.inf) > equal)
+    groups = []
+    for group in np.split(functions, starts[1:], axis=1):
+        root = np.linalg.cholesky(form.inner(group, group))
+        groups.append(group @ np.linalg.inv(root).T)
+    result = np.concatenate(groups, axis=1)
+    parts = np.array_split(result, -(-result.shape[1] // READ_TOGETHER), axis=1)
+    return np.ascontiguousarray(result * np.concatenate([_signs(form.at_points(part)) for part in parts]))
+
+
+def _signs(at_points: Floats) -> Floats:
+    """Return the sign (k,) of each column of values (p, k) at the first point where its size is nearly the largest."""
+    size = np.abs(at_points)
+    first = np.argmax(size >= NEARLY_GREATEST_SHARE * size.max(axis=0), axis=0)
+    return np.asarray(np.sign(at_points[first, np.arange(at_points.shape[1])]))
+
+
+def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
+    """Return the relative change (k,) of each eigenvector (n, k) in one more step of inverse iteration.
+
+    Where a block was iterated, a multigrid cycle replaces the step.
+    """
+    if iteration.preconditioner is not None:
+        return block_changes(iteration, values, vectors)
+    paired = np.flatnonzero(values.imag > 0)
+    steps = iteration.step(np.concatenate([vectors.real, vectors.imag[:, paired]], axis=1))
+    step = steps[:, : len(values)].astype(np.complex128)
+    step[:, paired] += 1j * steps[:, len(values) :]
+    change = (values - iteration.shift) * step - vectors
+    return np.asarray(np.sqrt(_mean_squares(iteration, change) / _mean_squares(iteration, vectors)))
+
+
+def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
+    """Return the mean square of each function (n, k) over the manifold."""
+    form = iteration.context.discretized
+    return np.asarray(sum(np.diag(form.inner(part, part)) for part in (vectors.real, vectors.imag)))
+
+
+def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
+    """Return the report.
+
+    Raises
+    ------
+    ConvergenceError
+        If the residual of a pair is above the tolerance, and above the effect of rounding.
+    """
+    context, residual = iteration.context, float(modes.residuals.max())
+    reason = (
+        f"one more step of inverse iteration changes the eigenfunctions by {residual:.2e} of their size after "
+        f"{iteration.solves} steps, {context.tolerance:.2e} asked for"
+    )
+    converged = residual <= context.tolerance
+    if not converged and residual <= MAX_ROUNDING_SHARE and iteration.preconditioner is None:
+        rounding = _rounding_change(iteration, modes)
+        converged, reason = residual <= rounding, f"{reason}, {rounding:.2e} left by rounding"
+    report = context.report(converged, iteration.solves, iteration.products, residual, reason)
+    if not report.converged:
+        raise ConvergenceError(
+            f"The eigenvalues did not converge: {reason}; ask for a larger solver_tolerance.", report
+        )
+    return report
+
+
+def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
+    """Return the relative change of an eigenfunction in a step that rounding may cause.
+
+    The rounding of ``(A - sigma B) u`` is bounded entry by entry; signs are random.
+    """
+    functions = modes.functions
+    distance = np.abs(modes.values - iteration.shift)
+    bound = rounding_of(iteration.operator, functions) + distance * np.abs(iteration.image(functions))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], bound.shape)
+    change = iteration.inverted(ROUNDING_FACTOR * np.finfo(float).eps * bound * signs)
+    return float(np.sqrt(_mean_squares(iteration, change) / _mean_squares(iteration, functions)).max())
+
+
+def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
+    """Return a warning where eigenvalues are complex beyond rounding."""
+    pairs = np.flatnonzero(modes.values.imag)
+    if not len(pairs):
+        return []
+    worst = float(np.max(np.abs(modes.values[pairs].imag / (modes.values[pairs] - shift))))
+    return [
+        f"{len(pairs)} of {len(modes.values)} eigenvalues are complex, by up to {worst:.1e} of themselves, where those "
+        "of the manifold are real: neighbours closer than the scheme's error; their real parts are given."
+    ]
