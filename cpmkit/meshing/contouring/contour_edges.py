@@ -15,6 +15,19 @@ from cpmkit.types import Bools, Floats, Ints
 LEAST_COMPONENT_AREA = 0.1
 
 
+def connected_groups(i: Ints, j: Ints, count: int) -> tuple[int, Ints]:
+    """Return the number of connected groups of ``count`` items, and the group (count,) of each.
+
+    Items ``i`` (k,) are connected with items ``j`` (k,).
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
+    groups, label = connected_components(graph, directed=False)
+    return int(groups), label.astype(np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
     """The edges of triangles; edge j of a triangle is opposite to its corner j.
@@ -171,13 +184,8 @@ def _components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Float
 
     ``links`` (m, 3) are vertices or edges.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     ends = np.concatenate([links[:, :2], links[:, 1:]])
-    size = int(links.max(initial=-1)) + 1
-    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(size, size))
-    label = connected_components(graph, directed=False)[1][links[:, 0]]
+    label = connected_groups(ends[:, 0], ends[:, 1], int(links.max(initial=-1)) + 1)[1][links[:, 0]]
     component = np.unique(label, return_inverse=True)[1]
     areas = np.bincount(component, 0.5 * double_areas(vertices, cells))
     return component.astype(np.int64), np.asarray(areas, dtype=np.float64)

@@ -9,6 +9,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.meshing.contouring.contour_edges import (
     EdgeTable,
     collapse_edges,
+    connected_groups,
     double_areas,
     edge_table,
     open_edges,
@@ -103,11 +104,7 @@ def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
     count : int
         The number of vertices.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(count, count))
-    borders, label = connected_components(graph, directed=False)
+    borders, label = connected_groups(ends[:, 0], ends[:, 1], count)
     size = np.bincount(label[ends[:, 0]], minlength=borders)
     rim = np.bincount(label[ends[:, 0]], on_rim, minlength=borders)
     is_hole = (size > 2) & (size <= 80) & (rim <= size / 3)

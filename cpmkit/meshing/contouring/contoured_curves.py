@@ -11,6 +11,7 @@ from cpmkit.grid.blocks import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.meshing.contouring.curve_trace import Trace, project_middles, trace_curve
 from cpmkit.meshing.contouring.plane_crossings import plane_crossings
 from cpmkit.types import Bools, Floats, Ints
@@ -226,13 +227,10 @@ def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
 
     New vertices have the numbers from ``old`` on.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
     from scipy.spatial import KDTree
 
     pairs = KDTree(vertices[old:]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
-    graph = coo_array((np.ones(pairs.nnz), (pairs.row + old, pairs.col)), shape=(len(vertices),) * 2)
-    count, group = connected_components(graph, directed=False)
+    count, group = connected_groups(pairs.row + old, pairs.col, len(vertices))
     representative = np.empty(count, dtype=np.int64)
     order = np.arange(len(vertices))[::-1]
     order = np.concatenate([order[order < old], order[order >= old]])  # the first of the new ones is written last

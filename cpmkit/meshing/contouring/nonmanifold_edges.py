@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.contour_edges import EdgeTable, edge_ends, edge_table, halve_edges
+from cpmkit.meshing.contouring.contour_edges import EdgeTable, connected_groups, edge_ends, edge_table, halve_edges
 from cpmkit.types import Bools, Floats, Ints
 
 #: Sheets that cross at an edge make angles above this with each other, in degrees.
@@ -116,9 +116,6 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
     pairs : (k, 2, 2) int64
         The slots of the two pairs of each of these edges.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     slots = np.argsort(edges.of_cells.ravel(), kind="stable")
     same = np.flatnonzero(np.diff(edges.of_cells.ravel()[slots]) == 0)
     same = same[~np.isin(edges.of_cells.ravel()[slots[same]], separated)]
@@ -130,11 +127,10 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
         is_same = cells.ravel()[corner] == cells.ravel()[matches[0]]
         links.append((corner, np.where(is_same, matches[0], matches[1])))
     rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
-    graph = coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(cells.size, cells.size))
-    count, fan = connected_components(graph, directed=False)
+    count, fan = connected_groups(rows, columns, cells.size)
     copied = np.empty(count, dtype=np.int64)
     copied[fan] = cells.ravel()
-    return fan.astype(np.int64).reshape(-1, 3), copied
+    return fan.reshape(-1, 3), copied
 
 
 def _halve_common_edges(source: LocalSource, vertices: Floats, cells: Ints, pairs: Ints) -> tuple[Floats, Ints]:

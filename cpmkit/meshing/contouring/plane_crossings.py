@@ -9,6 +9,7 @@ import numpy as np
 from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.types import Floats, Ints
 
 #: Faces of cells are halved so many times around the curve: strands farther apart than that are found separately.
@@ -187,10 +188,6 @@ def merge_near(points: Floats, reach: float) -> tuple[Ints, Ints]:
 
 def number_groups(i: Ints, j: Ints, count: int) -> tuple[Ints, Ints]:
     """Return a number (count,) that connected items share, and the first item of each; ``i``, ``j`` (k,) are pairs."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(count, count))
-    _, number = connected_components(graph, directed=False)
-    _, first, number = np.unique(number, return_index=True, return_inverse=True)
+    _, label = connected_groups(i, j, count)
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
     return number.astype(np.int64), first.astype(np.int64)

@@ -43,7 +43,7 @@ class Insertion:
     Attributes
     ----------
     mesh : Mesh
-        Flat, with ``cut``, ``owner`` and ``extends``.
+        Flat, with ``cut``, ``owner`` and ``beyond_tip``.
     point_vertices : dict
         The vertices (k,) of each boundary of points on a surface, which cuts nothing.
     empty : tuple of int

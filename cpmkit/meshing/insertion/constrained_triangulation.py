@@ -33,7 +33,7 @@ COINCIDENT_SHARE = 0.1
 
 
 class BoundaryEdge(NamedTuple):
-    """An edge on a boundary, in the direction of the boundary; ``extends`` where it lies past a tip."""
+    """An edge on a boundary, in its direction; ``beyond_tip`` where it extends the boundary past a tip."""
 
     tail: int
     head: int
@@ -154,10 +154,10 @@ class ConstrainedTriangulation:
             self.constrain([edge.tail, new, edge.head], edge.owner, edge.beyond_tip)
         return new
 
-    def constrain(self, path: list[int], owner: int, extends: bool = False) -> None:
+    def constrain(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
         """Put the edges of a path on a boundary; those that lie on one already stay there."""
         for a, b in pairwise(path):
-            self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, extends))
+            self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, beyond_tip))
             for vertex in (a, b):
                 self.owners_at.setdefault(vertex, set()).add(owner)
 

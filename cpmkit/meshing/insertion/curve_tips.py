@@ -48,7 +48,7 @@ def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
         if edge is not None:
             finder.constrained.owner = edge.owner
             path = _straight_path(finder, tip, _tip_direction(finder, links, tip), reach)
-            finder.constrained.constrain(path if edge.head == tip else path[::-1], edge.owner, extends=True)
+            finder.constrained.constrain(path if edge.head == tip else path[::-1], edge.owner, beyond_tip=True)
 
 
 def _boundary_links(finder: PathFinder) -> Links:

@@ -1,6 +1,6 @@
 """Compiled: polygons in a plane cut into triangles by clipping ears (Meisters 1975).
 
-Arguments carry no types: numba infers them.
+Arguments have no type annotations: numba infers the types.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ STRAIGHT_AREA_SHARE = 1e-12
 def clip_ears(points, ears, good):
     """Cut the polygons ``points`` (m, c, 2), wound to the left, into triangles.
 
-    Written are ``ears`` (m, c - 2, 3), numbers of corners, and ``good`` (m,): whether the polygon was cut. One that
-    crosses itself is not. Corners at one place, as where a hole is joined to the outline, are no obstacle.
+    Written are ``ears`` (m, c - 2, 3), the numbers of the corners, and ``good`` (m,), whether the polygon was cut: one
+    that crosses itself is not. Corners at one place, as where a hole is connected to the outline, are allowed.
     """
     count = points.shape[1]
     ring = np.empty(count, dtype=np.int64)
@@ -39,7 +39,7 @@ def clip_ears(points, ears, good):
                 if _cross(p[before], p[ring[k]], p[after]) > least and _is_free(p, ring, left, k, least):
                     best = k
                     break
-            if best < 0:  # what is left may be corners on a line, which bound no area
+            if best < 0:  # the remaining corners may lie on a line
                 for k in range(left):
                     if abs(_cross(p[ring[(k - 1) % left]], p[ring[k]], p[ring[(k + 1) % left]])) <= least:
                         best = k
@@ -60,7 +60,7 @@ def clip_ears(points, ears, good):
 
 @compiled
 def _is_free(p, ring, left, k, least):
-    """Tell whether the triangle at corner ``k`` of what is left holds no other corner."""
+    """Return whether the triangle at corner ``k`` of the ``left`` remaining ones contains no other corner."""
     a, b, c = p[ring[(k - 1) % left]], p[ring[k]], p[ring[(k + 1) % left]]
     for other in range(left):
         if other == k or other == (k - 1) % left or other == (k + 1) % left:

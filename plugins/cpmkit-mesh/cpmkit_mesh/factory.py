@@ -48,7 +48,7 @@ def triangles(
         The library that finds the nearest triangle; the README of this plugin lists the faults of the two others.
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases. The form ``galerkin`` leaves the triangles
-        beside them flat, whatever ``closest`` says; the form ``collocation`` warns of them.
+        at them flat, for any ``closest``; the form ``collocation`` warns of them.
     weld : float, optional
         The distance, in the unit of the vertices, up to which vertices at rims are merged, or lie on edges of other
         rims, which are split there; at most .3 of the shortest edge at a vertex. By default that of rounding.
@@ -58,7 +58,7 @@ def triangles(
     InputError
         If both or neither of file and arrays are given, the file cannot be read, the arrays are
         empty, of another shape or not finite, a face names a vertex that is not there, no triangle
-        has three different corners or an area, or another key holds what is not accepted.
+        has three different corners or an area, or another key has a value that is not accepted.
     MissingDependencyError
         If the engine's library is absent or does not load.
     """

@@ -122,7 +122,7 @@ def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
     other = np.flatnonzero(component != component[0])
     if len(other):
         raise InputError(
-            f"entries 0 and {other[0]} of through lie on pieces of the mesh that do not hang together; draw a curve on "
+            f"entries 0 and {other[0]} of through lie on pieces of the mesh that are not connected; draw a curve on "
             "each."
         )
 

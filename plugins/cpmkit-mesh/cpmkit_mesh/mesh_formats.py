@@ -10,8 +10,8 @@ from cpmkit.plugin import Floats, InputError, PlyLists, ply_vertices, read_ply
 from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 
-#: First words of files whose vertices begin with x, y and z: texture, colours and normals follow. The number of
-#: vertices may stand beside them without a space.
+#: First words of OFF files whose vertices begin with x, y and z; texture, colours and normals follow. The number of
+#: vertices may follow without a space.
 FIRST_WORD = re.compile(r"((?:ST)?C?N?OFF)(\d*)", re.IGNORECASE)
 
 

@@ -70,7 +70,7 @@ def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
     sharpest = int(np.argmax(creases.angle))
     near_share = _share_near(mesh, creases, areas, NEAR_CREASE_SPACINGS * spacing)
     return [
-        "The mesh has creases, beside which the solution is less accurate: "
+        "The mesh has creases, near which the solution is less accurate: "
         f"{len(creases.angle)} edges of the mesh turn by more than {mesh.crease_angle:g} degrees, the sharpest by "
         f"{np.rad2deg(creases.angle[sharpest]):.0f} near {_place_of(mesh, creases.ends[sharpest])}, and "
         f"{near_share:.0%} of the surface lies within two spacings of them: "

@@ -28,7 +28,7 @@ def read_obj(data: bytes) -> tuple[Floats, Polygons]:
     Raises
     ------
     InputError
-        If a line is damaged, or says what is not read.
+        If a line is damaged, or of a kind that is not read.
     """
     coordinates: list[str] = []
     vertex_lines: list[int] = []

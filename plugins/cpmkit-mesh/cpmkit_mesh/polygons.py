@@ -38,7 +38,7 @@ def polygons_of(faces: Any) -> Polygons:
     Raises
     ------
     InputError
-        If they are neither, hold what is no whole number, or a face has fewer than three corners.
+        If they are neither, are not whole numbers, or a face has fewer than three corners.
     """
     accepted = "faces must be whole numbers, indices of vertices, three or more a face"
     rows = np.asarray(faces) if hasattr(faces, "__array__") else faces

@@ -170,7 +170,7 @@ def polyline(*, points: Any = None, file: str | Path | None = None, closed: bool
     Parameters
     ----------
     points : (n, 2) or (n, 3) array
-        At least two that differ, in the direction of travel; repeated neighbours count once.
+        At least two that differ, in the direction of the curve; repeated consecutive points count once.
     file : str or Path
         A ``.npy`` file that holds such an array, a ``.csv``, ``.txt`` or ``.xyz`` file with a point a row, or an OBJ
         file with one line.

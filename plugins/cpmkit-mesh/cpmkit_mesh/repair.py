@@ -129,10 +129,10 @@ def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str
     merged = np.flatnonzero(same != np.arange(len(same)))
     if len(merged):
         apart = np.linalg.norm(points[merged] - points[same[merged]], axis=1).max()
-        why = "which is rounding beside the edges there" if weld is None else f"and weld is {weld:g}"
+        why = "which is rounding compared with the edges there" if weld is None else f"and weld is {weld:g}"
         yield (
             f"{len(merged)} vertices at rims of the mesh lie up to {apart:.2g} from another one, the first near "
-            f"{place(points[merged[0]])}, {why}: they were taken for the same."
+            f"{place(points[merged[0]])}, {why}: they were merged."
         )
 
 
@@ -140,7 +140,7 @@ def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
     if len(vertices):
         yield (
             f"{len(vertices)} vertices of the mesh lie on edges of other triangles, the first near "
-            f"{place(points[vertices[0]])}: these T-junctions were joined, the triangles divided there."
+            f"{place(points[vertices[0]])}: these T-junctions were joined: the triangles were split there."
         )
 
 
@@ -148,7 +148,7 @@ def _note_caps(points: Floats, caps: Ints) -> Iterator[str]:
     if len(caps):
         yield (
             f"{len(caps)} triangles of the mesh have their corners on a line, the first near "
-            f"{place(points[caps[0]].mean(axis=0))}: they were taken out, and their neighbours parted there."
+            f"{place(points[caps[0]].mean(axis=0))}: they were removed, and their neighbours split there."
         )
 
 
@@ -157,8 +157,8 @@ def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[st
     if len(flipped):
         yield (
             f"{len(flipped)} of {len(faces)} triangles of the mesh were wound against most of their piece, the first "
-            f"near {place(points[faces[flipped[0]]].mean(axis=0))}: they were turned, and left and right of curves are "
-            "those of the others."
+            f"near {place(points[faces[flipped[0]]].mean(axis=0))}: they were flipped; left and right of curves follow "
+            "the others."
         )
 
 
@@ -166,7 +166,7 @@ def _note_one_sided(points: Floats, faces: Ints, one_sided: Bools) -> Iterator[s
     rows = np.flatnonzero(one_sided)
     if len(rows):
         yield (
-            f"A piece of {len(rows)} triangles of the mesh, near {place(points[faces[rows[0]]].mean(axis=0))}, has "
-            "one side only, as a Moebius strip: it has no normals of its own, and what is left of a curve is carried "
-            "along it from where it starts."
+            f"A piece of {len(rows)} triangles of the mesh, near {place(points[faces[rows[0]]].mean(axis=0))}, is "
+            "one-sided, as a Moebius strip: it has no global normals, and the left side of a curve is continued along "
+            "the curve from its start."
         )

@@ -54,8 +54,8 @@ def support_warnings(mesh: OrientedTriangleMesh) -> list[str]:
     largest = mesh.vertices[faces[np.argmax(np.where(affected, areas, 0.0))]].mean(axis=0)
     return [
         f"{share:.0%} of the mesh's area is in triangles beside much shorter ones that turn more, as beside fillets, "
-        f"the largest near {place(largest - mesh.shift)}: normals lean off these triangles, and the mesh does not say "
-        "what stands above them; use closest = 'faceted' if the triangles are meant, or a finer mesh."
+        f"the largest near {place(largest - mesh.shift)}: normals lean off these triangles, and the mesh does not "
+        "determine the surface above them; use closest = 'faceted' if the triangles are meant, or a finer mesh."
     ]
 
 

@@ -81,7 +81,7 @@ def test_triangles_separated_by_rounding_are_joined(noise, scale, offset):
     assert len(mesh.vertices) == len(points)
     assert len(mesh.adjacency.boundary) == 32
     assert len(set(mesh.adjacency.loop)) == 1
-    assert ("were taken for the same" in warnings_of(mesh, 0.1 * scale)) or noise < 1e-10
+    assert ("were merged" in warnings_of(mesh, 0.1 * scale)) or noise < 1e-10
 
 
 def test_separate_triangles_solve_as_a_whole_mesh():
