@@ -91,10 +91,10 @@ class Connectivity:
 
         The orientation is propagated over facets that two cells share.
         """
-        from cpmkit.mesh.mesh_kernels import wound_alike
+        from cpmkit.mesh.mesh_kernels import propagate_orientation
 
         facets = np.ascontiguousarray(self.facet_numbers, dtype=np.int64)
-        return wound_alike(np.ascontiguousarray(self.cells), facets, self.facet_count)
+        return propagate_orientation(np.ascontiguousarray(self.cells), facets, self.facet_count)
 
 
 @dataclass(frozen=True, eq=False)

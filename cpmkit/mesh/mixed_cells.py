@@ -1,4 +1,4 @@
-"""Cells of mixed dimension in one array: triangles, segments and points, where shorter rows end in -1."""
+"""Cells of mixed dimension in one array (triangles, segments and points; shorter rows end in -1), and polylines."""
 
 from __future__ import annotations
 
@@ -12,9 +12,18 @@ from cpmkit.manifold.abilities import HasMembers, HasMesh
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.types import Floats, Ints
 
+#: The corners of the pieces of a triangle (a, b, c) by its number of long edges, among a, b, c (0 to 2) and the middles
+#: of ab, bc, ca (3 to 5). A single long edge is ab; two long edges are ab and bc.
+PIECES_BY_LONG_EDGES = {
+    0: [(0, 1, 2)],
+    1: [(0, 3, 2), (3, 1, 2)],
+    2: [(3, 1, 4), (0, 3, 4), (0, 4, 2)],
+    3: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
+}
+
 
 def with_corners(cells: Ints, corners: int) -> Ints:
-    """Return those of ``cells`` (m, k) that have so many corners, as (n, corners).
+    """Return the cells with this number of corners, as (n, corners), of ``cells`` (m, k).
 
     Examples
     --------
@@ -29,10 +38,10 @@ def with_corners(cells: Ints, corners: int) -> Ints:
 
 
 def stack_cells(parts: Iterable[Ints]) -> Ints:
-    """Return cells of several numbers of corners as one array; it is as wide as the widest part that has cells."""
-    kept = [part for part in parts if len(part)]
-    width = max((part.shape[1] for part in kept), default=1)
-    rows = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in kept]
+    """Return cells with different numbers of corners as one array, as wide as the widest non-empty part."""
+    non_empty = [part for part in parts if len(part)]
+    width = max((part.shape[1] for part in non_empty), default=1)
+    rows = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in non_empty]
     return np.concatenate(rows) if rows else np.zeros((0, width), dtype=np.int64)
 
 
@@ -42,9 +51,9 @@ def renumber_cells(cells: Ints, number: Ints) -> Ints:
 
 
 def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the (e, 2) edges of triangles or of segments among ``count`` vertices, and the edges' numbers by cell.
+    """Return the edges (e, 2) of triangles or segments among ``count`` vertices, and the edge numbers of each cell.
 
-    Edge k of a cell joins its corners k and k + 1; a segment has one, a point none.
+    Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none.
     """
     corners = cells.shape[1]
     ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)[:, : corners if corners > 2 else corners - 1]
@@ -53,87 +62,52 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
     return np.stack([keys // count, keys % count], axis=1), cell_edges.reshape(low.shape)
 
 
+def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
+    """Return the corners and the values at the edges, both (3, m), of triangles renumbered from corner ``first`` on."""
+    order = (first[:, None] + np.arange(3)) % 3
+    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
+
+
+def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
+    """Return the method of ``surface`` that meshes it for a spacing.
+
+    Raises
+    ------
+    InputError
+        If it has none.
+    """
+    if isinstance(surface, HasMesh):
+        return surface.mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
+        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
+    )
+
+
 def member_dimensions(surface: ClosestPointSource) -> list[int]:
-    """Return the dimensions of a surface's members, the lowest first; that of a solid is the space's."""
+    """Return the different dimensions of a surface's members, ascending; a solid has the dimension of the space."""
     members = surface.members if isinstance(surface, HasMembers) else [surface]
     return sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
 
 
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
-    """Return those of a surface's ``cells`` that have one dimension.
+    """Return the cells of dimension ``dim`` of a surface's mesh.
 
     Raises
     ------
     InputError
-        If the mesh shows a part of this dimension by cells of another: a cloud by points, a solid by its skin.
+        If the mesh represents a part of this dimension by cells of another: a cloud by points, a solid by its boundary.
     """
     members = surface.members if isinstance(surface, HasMembers) else [surface]
-    shown = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
-    whole = {member.manifold_dim for member in members}
-    if dim not in shown or not shown <= whole:
-        names = {0: "points", 1: "segments", 2: "triangles"}
+    dimensions = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
+    if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members}:
+        names = " and ".join({0: "points", 1: "segments", 2: "triangles"}[shown] for shown in sorted(dimensions))
         raise InputError(
-            f"The mesh of {type(surface).__name__} has {' and '.join(names[dimension] for dimension in sorted(shown))} "
+            f"The mesh of {type(surface).__name__} has {names} "
             f"where a manifold of dimension {dim} is integrated over; curves, surfaces and areas of the plane with a "
             "mesh that fills them are accepted."
         )
     return with_corners(cells, dim + 1)
-
-
-def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and what belongs to the edges, each (3, m), of triangles turned so that ``first`` leads."""
-    order = (first[:, None] + np.arange(3)) % 3
-    return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
-
-
-class Polyline(NamedTuple):
-    """Points (n, d) in the order of travel; a closed one goes on from the last to the first."""
-
-    points: Floats
-    closed: bool
-
-
-def chain_segments(vertices: Floats, segments: Ints) -> list[Polyline]:
-    """Return the polylines that directed segments (m, 2) between vertices (v, d) make up.
-
-    They end where a vertex does not end one segment and start one.
-    """
-    return [Polyline(vertices[order], closed) for order, closed in _chains(segments)]
-
-
-def _chains(segments: Ints) -> list[tuple[Ints, bool]]:
-    """Return the vertices along each chain of segments, and whether it is closed."""
-    starts, ends = segments.T
-    count = int(segments.max(initial=-1)) + 1
-    through = (np.bincount(starts, minlength=count) == 1) & (np.bincount(ends, minlength=count) == 1)
-    following = np.full(count, -1)
-    following[starts] = ends
-    found, seen = [], np.zeros(count, dtype=bool)
-    rest = [[start, end] for start, end in segments.tolist() if not through[start]]
-    for chain in rest:
-        while through[chain[-1]]:
-            seen[chain[-1]] = True
-            chain.append(int(following[chain[-1]]))
-        closed = chain[0] == chain[-1]
-        found.append((np.array(chain[:-1] if closed else chain), closed))
-    for first in np.flatnonzero(through).tolist():
-        if not seen[first]:
-            chain = [first]
-            while not seen[chain[-1]]:
-                seen[chain[-1]] = True
-                chain.append(int(following[chain[-1]]))
-            found.append((np.array(chain[:-1]), True))
-    return found
-
-
-#: The corners of the pieces of a triangle (a, b, c) by the number of its long edges, among a, b, c (0 to 2)
-#: and the middles of ab, bc, ca (3 to 5). Of one long edge it is ab, of two they are ab and bc.
-PIECES_BY_LONG_EDGES = {
-    0: [(0, 1, 2)],
-    1: [(0, 3, 2), (3, 1, 2)],
-    2: [(3, 1, 4), (0, 3, 4), (0, 4, 2)],
-    3: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
-}
 
 
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
@@ -156,37 +130,31 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
         The given vertices come first; neighbours share the middles of their edges.
     """
     parts = []
-    for corners, halve in ((3, _halved_triangles), (2, _halved_segments)):
-        attributes, part = _refined(attributes, with_corners(cells, corners), halve, dim, longest)
+    for corners, halve in ((3, _halve_triangles), (2, _halve_segments)):
+        part = with_corners(cells, corners)
+        while True:
+            edges, cell_edges = number_edges(part, len(attributes))
+            a, b = edges.T
+            long = np.linalg.norm(attributes[b, :dim] - attributes[a, :dim], axis=1) > longest
+            if not long.any():
+                break
+            middle = np.where(long, len(attributes) + np.cumsum(long) - 1, -1)
+            part = halve(part, middle[cell_edges])
+            attributes = np.concatenate([attributes, (attributes[a[long]] + attributes[b[long]]) / 2])
         parts.append(part)
     return attributes, stack_cells([*parts, with_corners(cells, 1)])
 
 
-def _refined(
-    attributes: Floats, cells: Ints, halve: Callable[[Ints, Ints], Ints], dim: int, longest: float
-) -> tuple[Floats, Ints]:
-    """Refine cells that all have the same number of corners."""
-    while True:
-        edges, cell_edges = number_edges(cells, len(attributes))
-        a, b = edges.T
-        long = np.linalg.norm(attributes[b, :dim] - attributes[a, :dim], axis=1) > longest
-        if not long.any():
-            return attributes, cells
-        middle = np.where(long, len(attributes) + np.cumsum(long) - 1, -1)
-        cells = halve(cells, middle[cell_edges])
-        attributes = np.concatenate([attributes, (attributes[a[long]] + attributes[b[long]]) / 2])
-
-
-def _halved_segments(cells: Ints, middles: Ints) -> Ints:
+def _halve_segments(cells: Ints, middles: Ints) -> Ints:
     long = middles[:, 0] >= 0
     (a, b), p = cells[long].T, middles[long, 0]
     return np.concatenate([cells[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
 
 
-def _halved_triangles(cells: Ints, middles: Ints) -> Ints:
-    """``middles`` (m, 3) holds the vertex in the middle of each edge, -1 where the edge stays."""
+def _halve_triangles(cells: Ints, middles: Ints) -> Ints:
+    """Return the pieces; ``middles`` (m, 3) are the vertices in the middles of edges, -1 where an edge stays whole."""
     long = middles >= 0
-    # Turn each triangle so that its long edges come first and the others last.
+    # Renumber each triangle so that its long edges come first.
     first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)
     corners, halves = rotate_triangles(cells, middles, first)
     vertices = np.concatenate([corners, halves]).T
@@ -198,17 +166,35 @@ def _halved_triangles(cells: Ints, middles: Ints) -> Ints:
     return np.concatenate(parts)
 
 
-def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
-    """Return the method of ``surface`` that meshes it for a spacing.
+class Polyline(NamedTuple):
+    """Points (n, d) in the direction of travel; a closed polyline continues from the last point to the first."""
 
-    Raises
-    ------
-    InputError
-        If it has none.
+    points: Floats
+    closed: bool
+
+
+def chain_segments(vertices: Floats, segments: Ints) -> list[Polyline]:
+    """Return the polylines formed by directed segments (m, 2) between vertices (v, d).
+
+    A polyline passes a vertex at which exactly one segment ends and one starts, and ends at all others.
     """
-    if isinstance(surface, HasMesh):
-        return surface.mesh
-    raise InputError(
-        f"The surface {type(surface).__name__} has no method mesh(spacing), so it can be neither drawn nor saved as a "
-        "mesh; give it one, or ask for 'solution.npz' and 'summary.json' alone."
-    )
+    starts, ends = segments.T
+    count = int(segments.max(initial=-1)) + 1
+    is_passed = (np.bincount(starts, minlength=count) == 1) & (np.bincount(ends, minlength=count) == 1)
+    following = np.full(count, -1)
+    following[starts] = ends
+    polylines, seen = [], np.zeros(count, dtype=bool)
+    for chain in ([start, end] for start, end in segments.tolist() if not is_passed[start]):
+        while is_passed[chain[-1]]:
+            seen[chain[-1]] = True
+            chain.append(int(following[chain[-1]]))
+        closed = chain[0] == chain[-1]
+        polylines.append(Polyline(vertices[chain[:-1] if closed else chain], closed))
+    for first in np.flatnonzero(is_passed).tolist():
+        if not seen[first]:
+            chain = [first]
+            while not seen[chain[-1]]:
+                seen[chain[-1]] = True
+                chain.append(int(following[chain[-1]]))
+            polylines.append(Polyline(vertices[chain[:-1]], True))
+    return polylines

@@ -69,7 +69,7 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
     first = np.r_[0, np.cumsum(np.bincount(corner, minlength=len(vertices)))]
     around = np.argsort(corner, kind="stable") // 2
     at, across = np.ascontiguousarray(vertices), np.ascontiguousarray(normals)
-    return Support(*mesh_kernels.supports(at, np.ascontiguousarray(ends), across, creased, first, around))
+    return Support(*mesh_kernels.edge_supports(at, np.ascontiguousarray(ends), across, creased, first, around))
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:

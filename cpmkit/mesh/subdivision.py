@@ -1,4 +1,10 @@
-"""Splitting cells until no edge is long."""
+"""Subdivision until no edge is long: segments in equal parts and at knot planes, triangles by halving their edges.
+
+Needles are triangles with one short edge and two long ones, as in meshes of machine parts. Repeated halving would leave
+3^k pieces as slender as the needle; they are cut across at once into 2^(k + 1) - 1 pieces of better shape. Their long
+edges are divided where halving would divide them, and all these vertices are created beforehand, so that triangles that
+are halved later find them.
+"""
 
 from __future__ import annotations
 
@@ -12,223 +18,29 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Floats, Ints
 
-#: A crossing nearer to an end of its segment than this share of it, or to another crossing, is none of its own.
-SAME_CROSSING_SHARE = 1e-6
-#: Secant steps from the chord to the place where a curve crosses a knot plane.
-CROSSING_STEPS = 6
-
-
-def split_equally(mesh: Mesh, length: float) -> Mesh:
-    """Return segments in parts no longer than ``length``."""
-    ends = mesh.vertices[mesh.cells]
-    parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
-    segment, place = expand_counts(parts - 1)
-    return _split_segments(mesh, segment, (place + 1) / parts[segment])
-
-
-def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
-    """Return each row as often as ``counts`` (n,) says, and how often it was returned before."""
-    row = np.repeat(np.arange(len(counts)), counts)
-    return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
-
-
-def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
-    """Return segments that end where they cross a knot plane, x = (k + 1/2) spacing along any axis.
-
-    Without it samples of one segment lie in several lattice cells, and the error does not fall with the spacing.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat segments.
-    spacing : float
-        h, in the unit of the vertices.
-    source : LocalSource, optional
-        The curve: crossings are those of the curve, not of its chords.
-    """
-    assert mesh.midpoints is None
-    assert mesh.manifold_dim == 1
-    start, end = (mesh.vertices[mesh.cells[:, k]] for k in range(2))
-    found = [_crossings(start[:, axis] / spacing, end[:, axis] / spacing) for axis in range(mesh.dim)]
-    axis = np.repeat(np.arange(mesh.dim), [len(segment) for segment, _, _ in found])
-    segment, share, knot = (np.concatenate([one[k] for one in found]) for k in range(3))
-    plane = spacing * (knot + 0.5)
-    if source is not None:
-        share = _on_curve(source, start[segment], end[segment], axis, plane, share)
-    order = np.lexsort((share, segment))
-    segment, share, axis, plane = segment[order], share[order], axis[order], plane[order]
-    again = (np.diff(segment, prepend=-1) == 0) & (np.diff(share, prepend=-1.0) < SAME_CROSSING_SHARE)
-    kept = ~again & (share > SAME_CROSSING_SHARE) & (share < 1 - SAME_CROSSING_SHARE)
-    segment, share, axis, plane = segment[kept], share[kept], axis[kept], plane[kept]
-    points = _at(start[segment], end[segment], share)
-    if source is not None:
-        points = source.closest_point(points).points
-    points[np.arange(len(points)), axis] = plane
-    return _split_segments(mesh, segment, share, points)
-
-
-def _crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, Ints]:
-    """Return the segments that cross half-integers k + 1/2 between two coordinates (m,), the share of the way, and k.
-
-    A segment is listed as often as it crosses one.
-    """
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    first, last = np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
-    times = np.where(high > low, np.maximum(last - first + 1, 0), 0)
-    segment, place = expand_counts(times)
-    knot = first[segment] + place
-    return segment, (knot + 0.5 - start[segment]) / (end - start)[segment], knot
-
-
-def _on_curve(source: LocalSource, start: Floats, end: Floats, axis: Ints, plane: Floats, share: Floats) -> Floats:
-    """Return the shares (n,) of chords whose feet on the curve lie in planes across ``axis``, from those of chords."""
-    row = np.arange(len(share))
-    before, missed_before = np.zeros(len(share)), plane - start[row, axis]
-    for _ in range(CROSSING_STEPS):
-        missed = plane - source.closest_point(_at(start, end, share)).points[row, axis]
-        with np.errstate(all="ignore"):
-            following = share + missed * (share - before) / (missed_before - missed)
-        before, missed_before = share, missed
-        moving = np.isfinite(following) & (np.abs(missed) > source.noise)
-        share = np.where(moving, np.clip(following, 0.0, 1.0), share)
-    return share
-
-
-def _at(start: Floats, end: Floats, share: Floats) -> Floats:
-    return start + share[:, None] * (end - start)
-
-
-def _split_segments(mesh: Mesh, segment: Ints, share: Floats, points: Floats | None = None) -> Mesh:
-    """Return the mesh with segments parted at ``share`` (n,), ascending in each; ``segment`` (n,) ascends too."""
-    start, end = (mesh.vertices[mesh.cells[:, k]] for k in range(2))
-    points = _at(start[segment], end[segment], share) if points is None else points
-    number = len(mesh.vertices) + np.arange(len(points))
-    first = np.searchsorted(segment, np.arange(len(mesh.cells)))
-    parts = np.bincount(segment, minlength=len(mesh.cells))
-    starts = np.insert(number, first, mesh.cells[:, 0])
-    ends = np.insert(number, first + parts, mesh.cells[:, 1])
-    return replace(mesh, vertices=np.concatenate([mesh.vertices, points]), cells=np.stack([starts, ends], axis=1))
-
-
-#: A triangle is a needle if its longest edge is longer than so many times its shortest, and than the length wanted.
-NEEDLE_EDGES = 2.0
-#: Edges as many times as long as wanted as a power of two, but for rounding, need no further halving.
-ROUNDED_LEVEL = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Halves:
-    """Edges whose middles are vertices already: sorted codes (k,) of their ends, and the middles (k,)."""
-
-    codes: Ints
-    middles: Ints
-
-    def of(self, ends: Ints) -> Ints:
-        """Return (e,) the vertices in the middles of edges (e, 2), -1 where none is made."""
-        at = find(self.codes, _code(ends))
-        return np.where(at >= 0, np.append(self.middles, -1)[at], -1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Parted:
-    """Edges (e, 2) in 2^levels parts (e,); the first vertex between them is ``first`` (e,)."""
-
-    ends: Ints
-    levels: Ints
-    first: Ints
-
-    def vertex(self, edge: Ints, place: Ints) -> Ints:
-        """Return (k,) the vertex at ``place`` (k,) of edges (k,), counted from their first end."""
-        last = 2 ** self.levels[edge]
-        inside = np.where(place == last, self.ends[edge, 1], self.first[edge] + place - 1)
-        return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
-
-
-def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, Halves]:
-    """Return the mesh with its needles cut across in pieces as long as wide, or as ``length``, and what that halved."""
-    from cpmkit.mesh import subdivision_kernels
-
-    sides = subdivision_kernels.shortest_and_longest(mesh.vertices, np.ascontiguousarray(mesh.cells))
-    least, most = sides.T
-    width = np.maximum(least, length)
-    needle = np.flatnonzero(most > NEEDLE_EDGES * width)
-    if not len(needle):
-        return mesh, Halves(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
-    edges = mesh.edges
-    lengths = mesh.edge_lengths
-    lead = lengths[edges.of_cells[needle]].argmin(axis=1)
-    chains = edges.of_cells[needle[:, None], (lead[:, None] + [2, 1]) % 3]
-    chosen = np.zeros(len(lengths), dtype=bool)
-    chosen[chains] = True
-    levels = np.where(chosen, _levels(lengths / length), 0)
-    wanted = _levels(lengths[chains] / width[needle, None])
-    counts = 2**levels - 1
-    parted = _Parted(edges.ends, levels, len(mesh.vertices) + np.cumsum(counts) - counts)
-    vertices = np.concatenate([mesh.vertices, _points(mesh.vertices, edges.ends, counts)])
-    corners = np.take_along_axis(mesh.cells[needle], (lead[:, None] + np.arange(3)) % 3, 1)
-    pieces = subdivision_kernels.cut_across(corners, chains, 2**wanted, edges.ends, 2**levels, parted.first, vertices)
-    cells = np.concatenate([np.delete(mesh.cells, needle, axis=0), pieces])
-    cut = replace(mesh, vertices=vertices, cells=cells)
-    return _with_parted_cut(cut, parted, mesh.cut_edges), _halves(parted)
-
-
-def _levels(shares: Floats) -> Ints:
-    """Return how often edges so many times as long as wanted are halved."""
-    return np.asarray(np.ceil(np.log2(np.maximum(shares, 1.0)) - ROUNDED_LEVEL), dtype=np.int64)
-
-
-def _points(vertices: Floats, ends: Ints, counts: Ints) -> Floats:
-    edge, place = expand_counts(counts)
-    share = ((place + 1) / (counts[edge] + 1))[:, None]
-    return np.asarray((1 - share) * vertices[ends[edge, 0]] + share * vertices[ends[edge, 1]])
-
-
-def _with_parted_cut(mesh: Mesh, parted: _Parted, on_cut: Ints) -> Mesh:
-    """Return the mesh with the edges in ``mesh.cut`` in parts; ``on_cut`` (c,) are their numbers, -1 if none."""
-    times = np.where(on_cut >= 0, 2 ** parted.levels[on_cut], 1)
-    row, place = expand_counts(times)
-    edge, backward = on_cut[row], (parted.ends[on_cut, 0] != mesh.cut[:, 0])[row]
-    places = np.stack([place, place + 1], axis=1)
-    places = np.where(backward[:, None], times[row][:, None] - places, places)
-    cut = np.stack([parted.vertex(edge, places[:, k]) for k in range(2)], axis=1)
-    cut[edge < 0] = mesh.cut[row[edge < 0]]
-    return replace(mesh, cut=cut, owner=mesh.owner[row], beyond_tip=mesh.beyond_tip[row])
-
-
-def _halves(parted: _Parted) -> Halves:
-    """Return the middles of all halves, quarters and so on of the edges."""
-    codes, middles = [], []
-    for level in range(int(parted.levels.max())):
-        edges = np.flatnonzero(parted.levels > level)
-        row, place = expand_counts(np.full(len(edges), 2**level))
-        edge = edges[row]
-        step = 2 ** (parted.levels[edge] - level)
-        ends = [parted.vertex(edge, (place + k) * step) for k in range(2)]
-        codes.append(_code(np.stack(ends, axis=1)))
-        middles.append(parted.vertex(edge, place * step + step // 2))
-    order = np.argsort(np.concatenate(codes))
-    return Halves(np.concatenate(codes)[order], np.concatenate(middles)[order])
-
-
-def _code(ends: Ints) -> Ints:
-    return np.asarray((ends.min(axis=1) << 32) | ends.max(axis=1), dtype=np.int64)
-
-
-#: An edge is long if it is longer than wanted by more than this share: more than what needles leave unparted, so that
+#: An edge is long if it is longer than ``length`` by more than this share: more than needles leave undivided, so that
 #: the triangles on both sides of an edge agree whether a half of it is long.
 SAME_LENGTH_SHARE = 1e-8
+#: A triangle is a needle if its longest edge is longer than so many times its shortest edge and the wanted length.
+NEEDLE_EDGES = 2.0
+#: Rounding of the logarithm to base 2 of an edge's length over the wanted one: no further halving for a rounding.
+ROUNDED_LEVEL = 1e-9
+#: Crossings nearer to an end of their segment, or to each other, than this share of it are omitted.
+SAME_CROSSING_SHARE = 1e-6
+#: Secant steps from the chord to the place where a curve crosses a knot plane.
+SECANT_STEPS = 6
 
 
 def subdivide(mesh: Mesh, length: float) -> Mesh:
-    """Return the mesh with its edges halved until none is longer than ``length``; segments are cut in equal parts.
+    """Return the mesh with no edge longer than ``length``: triangles by halving edges, segments in equal parts.
 
     Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
-    edges that are halved are the longest of their triangles, so that angles stay what they were.
+    longest edges of triangles are halved, so that angles stay as large as they were.
 
     Parameters
     ----------
     mesh : Mesh
-        Of flat cells.
+        Flat cells.
     length : float
         In the unit of the vertices.
     """
@@ -239,76 +51,289 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
     mesh, halves = split_needles(mesh, length)
     longest = float(length) * (1 + SAME_LENGTH_SHARE)
-    short: list[Ints] = []
-    while True:  # what has a long edge is split with all that share the edge; the rest is done
-        long = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
-        if not short and not long.any():
-            return mesh  # these very cells: what is kept of them serves again
-        short.append(mesh.cells[~long])
-        if not long.any():
-            return replace(mesh, cells=np.concatenate(short))
-        mesh = replace(mesh, cells=mesh.cells[long])
+    done: list[Ints] = []
+    while True:  # triangles with a long edge are split together with all that share the edge; the rest is done
+        is_open = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
+        if not done and not is_open.any():
+            return mesh  # the same array of cells: quantities that are cached for it stay valid
+        done.append(mesh.cells[~is_open])
+        if not is_open.any():
+            return replace(mesh, cells=np.concatenate(done))
+        mesh = replace(mesh, cells=mesh.cells[is_open])
         edges = mesh.edges
         middle = np.full(len(edges.ends), -1)
         long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, longest)
-        middle[long] = halves.of(edges.ends[long])
+        middle[long] = halves.middle_of(edges.ends[long])
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
         mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[new]].mean(axis=1))
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
-    """Return triangles with their edges halved at the vertices ``middle`` (e,), -1 where one stays whole.
+    """Return triangles with their edges halved.
 
-    ``points`` (k, d) are those vertices that the mesh does not have yet.
+    Parameters
+    ----------
+    mesh : Mesh
+    middle : (e,) int64
+        The vertex in the middle of each edge, -1 for edges that stay whole.
+    points : (k, d) float64
+        Positions of the new vertices, those of ``middle`` that the mesh does not have.
     """
     from cpmkit.mesh import subdivision_kernels
 
     vertices = np.concatenate([mesh.vertices, points])
     cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
-    on_cut = mesh.cut_edges
-    return _with_halved_cut(replace(mesh, vertices=vertices, cells=cells), np.append(middle, -1)[on_cut])
-
-
-def _with_halved_cut(mesh: Mesh, middle: Ints) -> Mesh:
-    """Return the mesh with those edges on boundaries halved that have a vertex ``middle`` (c,), not -1."""
-    times = np.where(middle >= 0, 2, 1)
-    halved = np.flatnonzero(middle >= 0)
+    middle_of_cut = np.append(middle, -1)[mesh.cut_edges]
+    times = np.where(middle_of_cut >= 0, 2, 1)
+    is_halved = np.flatnonzero(middle_of_cut >= 0)
     cut = np.repeat(mesh.cut, times, axis=0)
-    second = np.cumsum(times)[halved] - 1
-    cut[second - 1, 1] = cut[second, 0] = middle[halved]
-    return replace(mesh, cut=cut, owner=np.repeat(mesh.owner, times), beyond_tip=np.repeat(mesh.beyond_tip, times))
+    second = np.cumsum(times)[is_halved] - 1
+    cut[second - 1, 1] = cut[second, 0] = middle_of_cut[is_halved]
+    owner, beyond_tip = np.repeat(mesh.owner, times), np.repeat(mesh.beyond_tip, times)
+    return Mesh(vertices, cells, mesh.midpoints, cut, owner, beyond_tip)
 
 
 def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floats:
-    """Return the shares of the edges ``of`` a mesh whose ``edges``, with each its ``share`` (e,), were halved.
+    """Return the share of each edge of a mesh whose edges were halved, from the shares before.
 
-    Both halves of an edge have its share, an edge between two middles that of the edge it is parallel to, one from a
-    middle to the opposite corner the lesser of those of the two other edges there.
+    Both halves of an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from
+    a middle to the opposite corner the lesser of the shares of the two other edges there.
+
+    Parameters
+    ----------
+    edges : Edges
+        The edges before halving.
+    middle : (e,) int64
+        The vertex in the middle of each, -1 where it stayed whole.
+    share : (e,) float64
+        A quantity of each.
+    of : Edges
+        The edges after halving.
     """
     if (share == 1.0).all():
         return np.ones(len(of.ends))
-    whole = np.flatnonzero(middle >= 0)
-    first = int(middle[whole].min(initial=of.ends.max() + 1))
-    parent = edges.ends[whole[np.argsort(middle[whole])]]  # (k, 2) of the vertices from ``first`` on
+    halved = np.flatnonzero(middle >= 0)
+    first = int(middle[halved].min(initial=of.ends.max() + 1))
+    parent = edges.ends[halved[np.argsort(middle[halved])]]  # (k, 2) of the vertices from ``first`` on
     count = np.int64(first)
     low, high = np.sort(edges.ends, axis=1).T
     order = np.argsort(low * count + high)
     codes = (low * count + high)[order]
 
-    def between(one: Ints, other: Ints) -> Floats:
-        """Return the share of the edge between each vertex and another."""
-        return share[order[np.searchsorted(codes, np.minimum(one, other) * count + np.maximum(one, other))]]
+    def between(a: Ints, b: Ints) -> Floats:
+        """Return the shares of the edges between vertices a and b."""
+        return share[order[np.searchsorted(codes, np.minimum(a, b) * count + np.maximum(a, b))]]
 
-    low, high = np.sort(of.ends, axis=1).T  # vertices that were added have the highest numbers
-    found = np.empty(len(low))
+    low, high = np.sort(of.ends, axis=1).T  # new vertices have the highest numbers
+    inherited = np.empty(len(low))
     new = (low >= first).astype(int) + (high >= first)
-    found[new == 0] = between(low[new == 0], high[new == 0])
+    inherited[new == 0] = between(low[new == 0], high[new == 0])
     corner, ends = low[new == 1], parent[high[new == 1] - first]
     is_half = (ends == corner[:, None]).any(axis=1)
     across = np.where(is_half[:, None], ends, corner[:, None])
-    found[new == 1] = np.minimum(between(across[:, 0], ends[:, 1]), between(across[:, 1], ends[:, 0]))
-    one, other = parent[low[new == 2] - first], parent[high[new == 2] - first]
-    shared = np.where((one[:, :1] == other).any(axis=1), one[:, 0], one[:, 1])
-    found[new == 2] = between(one.sum(axis=1) - shared, other.sum(axis=1) - shared)
-    return found
+    inherited[new == 1] = np.minimum(between(across[:, 0], ends[:, 1]), between(across[:, 1], ends[:, 0]))
+    a, b = parent[low[new == 2] - first], parent[high[new == 2] - first]
+    shared = np.where((a[:, :1] == b).any(axis=1), a[:, 0], a[:, 1])
+    inherited[new == 2] = between(a.sum(axis=1) - shared, b.sum(axis=1) - shared)
+    return inherited
+
+
+@dataclass(frozen=True, eq=False)
+class HalvedEdges:
+    """Edges whose middles are vertices already.
+
+    Attributes
+    ----------
+    codes : (k,) int64
+        Codes of the edges by their ends, ascending.
+    middles : (k,) int64
+        The vertex in the middle of each.
+    """
+
+    codes: Ints
+    middles: Ints
+
+    def middle_of(self, ends: Ints) -> Ints:
+        """Return the vertices (e,) in the middles of edges (e, 2), -1 where there is none."""
+        at = find(self.codes, _code(ends))
+        return np.where(at >= 0, np.append(self.middles, -1)[at], -1)
+
+
+@dataclass(frozen=True, eq=False)
+class _DividedEdges:
+    """Edges divided into equal parts.
+
+    Attributes
+    ----------
+    ends : (e, 2) int64
+    levels : (e,) int64
+        Each edge has 2^levels parts.
+    first : (e,) int64
+        The first of the consecutive vertices between the parts.
+    """
+
+    ends: Ints
+    levels: Ints
+    first: Ints
+
+    def vertex(self, edge: Ints, place: Ints) -> Ints:
+        """Return the vertex (k,) number ``place`` (k,) of edges (k,), counted from their first end."""
+        last = 2 ** self.levels[edge]
+        inside = np.where(place == last, self.ends[edge, 1], self.first[edge] + place - 1)
+        return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
+
+    def halvings(self) -> HalvedEdges:
+        """Return the middles of all edges, of their halves, quarters and so on."""
+        codes, middles = [], []
+        for level in range(int(self.levels.max())):
+            edges = np.flatnonzero(self.levels > level)
+            row, place = expand_counts(np.full(len(edges), 2**level))
+            edge = edges[row]
+            step = 2 ** (self.levels[edge] - level)
+            ends = [self.vertex(edge, (place + k) * step) for k in range(2)]
+            codes.append(_code(np.stack(ends, axis=1)))
+            middles.append(self.vertex(edge, place * step + step // 2))
+        order = np.argsort(np.concatenate(codes))
+        return HalvedEdges(np.concatenate(codes)[order], np.concatenate(middles)[order])
+
+
+def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
+    """Return the mesh with needles cut across into pieces as long as wide, or as ``length``, and the halved edges."""
+    from cpmkit.mesh import subdivision_kernels
+
+    shortest, longest = subdivision_kernels.shortest_and_longest(mesh.vertices, np.ascontiguousarray(mesh.cells)).T
+    width = np.maximum(shortest, length)
+    needles = np.flatnonzero(longest > NEEDLE_EDGES * width)
+    if not len(needles):
+        return mesh, HalvedEdges(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+    edges, lengths = mesh.edges, mesh.edge_lengths
+    tip = lengths[edges.of_cells[needles]].argmin(axis=1)
+    long_sides = edges.of_cells[needles[:, None], (tip[:, None] + [2, 1]) % 3]
+    is_divided = np.zeros(len(lengths), dtype=bool)
+    is_divided[long_sides] = True
+    levels = np.where(is_divided, _levels(lengths / length), 0)
+    parts = 2 ** _levels(lengths[long_sides] / width[needles, None])
+    counts = 2**levels - 1
+    divided = _DividedEdges(edges.ends, levels, len(mesh.vertices) + np.cumsum(counts) - counts)
+    edge, place = expand_counts(counts)
+    share = ((place + 1) / (counts[edge] + 1))[:, None]
+    between = (1 - share) * mesh.vertices[edges.ends[edge, 0]] + share * mesh.vertices[edges.ends[edge, 1]]
+    vertices = np.concatenate([mesh.vertices, between])
+    corners = np.take_along_axis(mesh.cells[needles], (tip[:, None] + np.arange(3)) % 3, 1)
+    pieces = subdivision_kernels.cut_across(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
+    cells = np.concatenate([np.delete(mesh.cells, needles, axis=0), pieces])
+    split = replace(mesh, vertices=vertices, cells=cells)
+    return _with_divided_cut(split, divided, mesh.cut_edges), divided.halvings()
+
+
+def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
+    """Return the mesh with the edges in ``mesh.cut`` divided; ``on_cut`` (c,) are their numbers, -1 for none."""
+    times = np.where(on_cut >= 0, 2 ** divided.levels[on_cut], 1)
+    row, place = expand_counts(times)
+    edge, is_backward = on_cut[row], (divided.ends[on_cut, 0] != mesh.cut[:, 0])[row]
+    places = np.stack([place, place + 1], axis=1)
+    places = np.where(is_backward[:, None], times[row][:, None] - places, places)
+    cut = np.stack([divided.vertex(edge, places[:, k]) for k in range(2)], axis=1)
+    cut[edge < 0] = mesh.cut[row[edge < 0]]
+    return replace(mesh, cut=cut, owner=mesh.owner[row], beyond_tip=mesh.beyond_tip[row])
+
+
+def _levels(ratios: Floats) -> Ints:
+    """Return the number of halvings of edges whose lengths have these ``ratios`` to the wanted length."""
+    return np.asarray(np.ceil(np.log2(np.maximum(ratios, 1.0)) - ROUNDED_LEVEL), dtype=np.int64)
+
+
+def _code(ends: Ints) -> Ints:
+    """Return a code (e,) of edges (e, 2) that does not depend on their direction."""
+    return np.asarray((ends.min(axis=1) << 32) | ends.max(axis=1), dtype=np.int64)
+
+
+def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
+    """Return each row as often as ``counts`` (n,) says, and the number of each repetition from 0."""
+    row = np.repeat(np.arange(len(counts)), counts)
+    return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
+
+
+def split_equally(mesh: Mesh, length: float) -> Mesh:
+    """Return segments divided into equal parts no longer than ``length``."""
+    ends = mesh.vertices[mesh.cells]
+    parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
+    segment, place = expand_counts(parts - 1)
+    share = (place + 1) / parts[segment]
+    return _split_segments(mesh, segment, _interpolate(ends[segment, 0], ends[segment, 1], share))
+
+
+def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
+    """Return segments that end where they cross a knot plane, x = (k + 1/2) spacing along any axis.
+
+    Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
+    spacing.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        Flat segments.
+    spacing : float
+        h, in the unit of the vertices.
+    source : LocalSource, optional
+        The curve: then the crossings of the curve are taken, not those of its chords.
+    """
+    assert mesh.midpoints is None
+    assert mesh.manifold_dim == 1
+    start, end = (mesh.vertices[mesh.cells[:, k]] for k in range(2))
+    crossings = [_half_integer_crossings(start[:, axis] / spacing, end[:, axis] / spacing) for axis in range(mesh.dim)]
+    axis = np.repeat(np.arange(mesh.dim), [len(segment) for segment, _, _ in crossings])
+    segment, share, knot = (np.concatenate(parts) for parts in zip(*crossings, strict=True))
+    plane = spacing * (knot + 0.5)
+    if source is not None:
+        share = _shares_on_curve(source, start[segment], end[segment], axis, plane, share)
+    order = np.lexsort((share, segment))
+    segment, share, axis, plane = segment[order], share[order], axis[order], plane[order]
+    repeated = (np.diff(segment, prepend=-1) == 0) & (np.diff(share, prepend=-1.0) < SAME_CROSSING_SHARE)
+    valid = ~repeated & (share > SAME_CROSSING_SHARE) & (share < 1 - SAME_CROSSING_SHARE)
+    segment, share, axis, plane = segment[valid], share[valid], axis[valid], plane[valid]
+    points = _interpolate(start[segment], end[segment], share)
+    if source is not None:
+        points = source.closest_point(points).points
+    points[np.arange(len(points)), axis] = plane
+    return _split_segments(mesh, segment, points)
+
+
+def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, Ints]:
+    """Return where segments cross half-integers k + 1/2: the segment, the share of its length, and k, each (n,)."""
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    first, last = np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
+    segment, place = expand_counts(np.where(high > low, np.maximum(last - first + 1, 0), 0))
+    knot = first[segment] + place
+    return segment, (knot + 0.5 - start[segment]) / (end - start)[segment], knot
+
+
+def _shares_on_curve(
+    source: LocalSource, start: Floats, end: Floats, axis: Ints, plane: Floats, share: Floats
+) -> Floats:
+    """Return shares (n,) of chords whose closest points on the curve lie in the planes, by the secant method."""
+    row = np.arange(len(share))
+    before, error_before = np.zeros(len(share)), plane - start[row, axis]
+    for _ in range(SECANT_STEPS):
+        error = plane - source.closest_point(_interpolate(start, end, share)).points[row, axis]
+        with np.errstate(all="ignore"):
+            following = share + error * (share - before) / (error_before - error)
+        before, error_before = share, error
+        improves = np.isfinite(following) & (np.abs(error) > source.noise)
+        share = np.where(improves, np.clip(following, 0.0, 1.0), share)
+    return share
+
+
+def _interpolate(start: Floats, end: Floats, share: Floats) -> Floats:
+    return start + share[:, None] * (end - start)
+
+
+def _split_segments(mesh: Mesh, segment: Ints, points: Floats) -> Mesh:
+    """Return the mesh with segments split at ``points`` (n, d), in their order; ``segment`` (n,) ascends."""
+    number = len(mesh.vertices) + np.arange(len(points))
+    first = np.searchsorted(segment, np.arange(len(mesh.cells)))
+    parts = np.bincount(segment, minlength=len(mesh.cells))
+    starts = np.insert(number, first, mesh.cells[:, 0])
+    ends = np.insert(number, first + parts, mesh.cells[:, 1])
+    return replace(mesh, vertices=np.concatenate([mesh.vertices, points]), cells=np.stack([starts, ends], axis=1))

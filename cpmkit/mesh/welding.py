@@ -1,4 +1,4 @@
-"""Making a mesh sound: welded, each cell once, and each fan of cells at a vertex with a vertex of its own."""
+"""Repair of a mesh: welding of vertices, removal of repeated cells, separation of cells that share only a vertex."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from cpmkit.mesh.adjacency import cut_corners
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: Vertices nearer to each other than this share of the largest side of the mesh's box are one: exact comparison is
-#: defeated by noise of 1e-7, and a seam that is not welded acts as a cut.
+#: Vertices nearer to each other than this share of the largest side of the mesh's box are welded: an exact comparison
+#: fails under noise of 1e-7, and a seam that is not welded acts as a cut.
 WELDED_SIZE_SHARE = 1e-6
-#: A direction in which few vertices of any mesh lie at the same height.
-SKEW = np.array([0.4619, 0.7253, 0.5104])
+#: A direction along which few vertices of any mesh have the same coordinate.
+SKEW_DIRECTION = np.array([0.4619, 0.7253, 0.5104])
 
 
 @dataclass(frozen=True)
 class RepairReport:
-    """What was not sound about a mesh.
+    """Number of repairs of each kind.
 
     Attributes
     ----------
     welded : int
-        Vertices that lay at the place of another.
+        Vertices merged with another vertex at the same place.
     doubled : int
-        Cells that named a vertex twice after that, or had the corners of another.
+        Cells removed because they named a vertex twice after welding, or had the corners of another cell.
     fans : int
-        Vertices that were added, because cells met there that no edge joins.
+        Vertices added where fans of cells met that share no edge.
     """
 
     welded: int
@@ -37,63 +37,68 @@ class RepairReport:
 
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
-    """Return a mesh of the same places on which cells hang together just where they share an edge, and what changed.
+    """Return a mesh with the same geometry whose cells are connected exactly over shared edges, and a report.
 
-    Contact through a vertex alone is none: two spheres that touch at one would be short-circuited there. Curves stay
-    joined where several segments meet.
+    Contact in a single vertex does not connect: two spheres that touch in a point would be short-circuited. Curves
+    stay connected where several segments meet.
 
     Parameters
     ----------
     mesh : Mesh
-        Not cut by boundaries; unused vertices are left out.
+        Without boundaries; its unused vertices are left out.
     """
-    at, corners, kept, mended = repaired_cells(mesh)
-    midpoints = None if mesh.midpoints is None else mesh.midpoints[kept]
-    return Mesh.of(mesh.vertices[at], corners, midpoints), mended
+    vertex_of, cells, remaining, report = repaired_cells(mesh)
+    midpoints = None if mesh.midpoints is None else mesh.midpoints[remaining]
+    return Mesh.of(mesh.vertices[vertex_of], cells, midpoints), report
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Tell whether a mesh whose cells are parts of those of a sound one is sound: no two vertices are at one place."""
-    return bool((_places(mesh.vertices) == np.arange(len(mesh.vertices))).all())
+    """Tell whether no two vertices are at one place; parts of cells of a repaired mesh then need no repair."""
+    return bool((_first_at_place(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
-    """Return which vertex (v,) each of a sound mesh is, its cells (k, c), those (m,) of the mesh, and what changed."""
-    place = _places(mesh.vertices)
+    """Return the cells of a repaired mesh.
+
+    Returns
+    -------
+    vertex_of : (v,) int64
+        The vertex of ``mesh`` that each vertex of the repaired mesh copies.
+    cells : (n, k) int64
+    remaining : (m,) bool
+        Which cells of ``mesh`` these are.
+    report : RepairReport
+    """
+    from cpmkit.mesh import mesh_kernels
+
+    place = _first_at_place(mesh.vertices)
     cells = place[mesh.cells]
-    kept = _distinct(cells, len(mesh.vertices))
-    welded = Mesh.of(mesh.vertices, np.ascontiguousarray(cells[kept]))
+    remaining: Bools = mesh_kernels.distinct_cells(np.sort(cells, axis=1), len(mesh.vertices))
+    welded = Mesh.of(mesh.vertices, np.ascontiguousarray(cells[remaining]))
     corners = cut_corners(welded)
-    at = np.empty(int(corners.max(initial=-1)) + 1, dtype=np.int64)
-    at[corners] = welded.cells
+    vertex_of = np.empty(int(corners.max(initial=-1)) + 1, dtype=np.int64)
+    vertex_of[corners] = welded.cells
     used = np.zeros(len(mesh.vertices), dtype=bool)
-    used[at] = True
-    mended = RepairReport(
+    used[vertex_of] = True
+    report = RepairReport(
         welded=int((place != np.arange(len(place))).sum()),
         doubled=len(mesh.cells) - len(welded.cells),
-        fans=len(at) - int(used.sum()),
+        fans=len(vertex_of) - int(used.sum()),
     )
-    return at, corners, kept, mended
+    return vertex_of, corners, remaining, report
 
 
 def box_size(vertices: Floats) -> float:
-    """Return the largest side of the box of vertices (v, d); column by column, in a tenth of the time."""
-    return max(float(np.ptp(column)) for column in vertices.T)
+    """Return the largest side of the bounding box of vertices (v, d)."""
+    return max(float(np.ptp(column)) for column in vertices.T)  # ten times as fast as over the first axis
 
 
-def _places(vertices: Floats) -> Ints:
-    """Return (v,) the first vertex at the place of each."""
+def _first_at_place(vertices: Floats) -> Ints:
+    """Return the first vertex (v,) at the place of each."""
     from cpmkit.mesh import mesh_kernels
 
     tolerance = WELDED_SIZE_SHARE * box_size(vertices) if len(vertices) else 0.0
-    along = vertices @ (SKEW[: vertices.shape[1]] / np.linalg.norm(SKEW[: vertices.shape[1]]))
-    found: Ints = mesh_kernels.places(np.ascontiguousarray(vertices), along, np.argsort(along), tolerance)
-    return found
-
-
-def _distinct(cells: Ints, count: int) -> Bools:
-    """Return which cells (m,) have different corners, and not those of an earlier cell."""
-    from cpmkit.mesh import mesh_kernels
-
-    kept: Bools = mesh_kernels.distinct(np.sort(cells, axis=1), count)
-    return kept
+    direction = SKEW_DIRECTION[: vertices.shape[1]]
+    along = vertices @ (direction / np.linalg.norm(direction))
+    first: Ints = mesh_kernels.merge_near_vertices(np.ascontiguousarray(vertices), along, np.argsort(along), tolerance)
+    return first

@@ -1,4 +1,4 @@
-"""Compiled: groups of patches that touch, distances to flat cells, and ways along the edges of a mesh."""
+"""Compiled: nearest samples, components of touching patches, distances to flat cells, path lengths on a mesh."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled
-def grouped(patches: Ints, pairs: Ints, count: int) -> Ints:
-    """Return groups (k, q) of the ``patches`` (k, q) of each row that touch, by the first place of each.
+def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
+    """Return the connected component (k, q) of the ``patches`` (k, q) of each row, by its first column.
 
-    ``pairs`` (t,) are ``first * count + second`` of patches that touch, first < second, ascending.
+    ``pairs`` (t,) are the codes ``first * count + second`` of patches that touch, first < second, ascending.
     """
     rows, width = patches.shape
     group = np.empty((rows, width), dtype=np.int64)
     for row in range(rows):
-        own = group[row]
+        component = group[row]
         for j in range(width):
-            own[j] = j
+            component[j] = j
             for i in range(j):
-                if own[i] == own[j]:
+                if component[i] == component[j]:
                     continue
                 first, second = min(patches[row, i], patches[row, j]), max(patches[row, i], patches[row, j])
                 touch = first == second
@@ -30,10 +30,10 @@ def grouped(patches: Ints, pairs: Ints, count: int) -> Ints:
                     at = np.searchsorted(pairs, code)
                     touch = at < len(pairs) and pairs[at] == code
                 if touch:
-                    kept, gone = min(own[i], own[j]), max(own[i], own[j])
+                    low, high = min(component[i], component[j]), max(component[i], component[j])
                     for m in range(j + 1):
-                        if own[m] == gone:
-                            own[m] = kept
+                        if component[m] == high:
+                            component[m] = low
     return group
 
 
@@ -41,7 +41,7 @@ def grouped(patches: Ints, pairs: Ints, count: int) -> Ints:
 def distances_to_cells(points: Floats, vertices: Floats, cells: Ints) -> Floats:
     """Return the distances (k, q) of ``points`` (k, d) from flat ``cells`` (k, q, 2 or 3), by their ``vertices``."""
     rows, width, corners = cells.shape
-    found = np.empty((rows, width))
+    distance = np.empty((rows, width))
     for row in range(rows):
         for j in range(width):
             a = vertices[cells[row, j, 0]]
@@ -61,52 +61,52 @@ def distances_to_cells(points: Floats, vertices: Floats, cells: Ints) -> Floats:
                 share = min(max((along * from_start).sum() / length, 0.0), 1.0) if length > 0 else 0.0
                 off = from_start - share * along
                 least = min(least, (off * off).sum())
-            found[row, j] = np.sqrt(least)
-    return found
+            distance[row, j] = np.sqrt(least)
+    return distance
 
 
 @compiled
-def ways_to_corners(
+def path_lengths_to_corners(
     points: Floats, cells: Ints, group: Ints, ends: Ints, reach: Floats, vertices: Floats, starts: Ints, others: Ints
 ) -> Floats:
-    """Return how long the ways (k, q) from ``points`` over each group's ``cells`` to all of ``ends`` are together.
+    """Return the total length (k, q) of the shortest paths from ``points`` over each group's ``cells`` to the ``ends``.
 
     Parameters
     ----------
     points : (k, d) float64
     cells : (k, q, c) int64
-        The corners of cells near each.
+        The corners of cells near each point.
     group : (k, q) int64
-        Cells of one group have one number; -1 for cells that are left out.
+        Number of the group of each cell; -1 for cells that are left out.
     ends : (k, c) int64
         Vertices, -1 for none.
     reach : (k,) float64
-        Ways are followed so far: a longer one is infinite.
+        Paths are followed up to this length; longer ones count as infinite.
     vertices : (n, d) float64
     starts, others : (n + 1,) and (2 e,) int64
-        The vertices that share an edge with each.
+        The neighbours of each vertex over edges, in compressed rows.
     """
     rows, width, corners = cells.shape
-    found = np.full((rows, width), -1.0)
-    way = np.full(len(vertices), np.inf)
+    lengths = np.full((rows, width), -1.0)
+    distance = np.full(len(vertices), np.inf)
     waiting = np.zeros(len(vertices), dtype=np.bool_)
     for row in range(rows):
         for first in range(width):
-            own = group[row, first]
-            if own < 0 or found[row, first] >= 0:
+            component = group[row, first]
+            if component < 0 or lengths[row, first] >= 0:
                 continue
-            seen = [np.int64(0) for _ in range(0)]
+            reached = [np.int64(0) for _ in range(0)]
             queue = [np.int64(0) for _ in range(0)]
             for j in range(first, width):
-                if group[row, j] != own:
+                if group[row, j] != component:
                     continue
                 for i in range(corners):
                     at = np.int64(cells[row, j, i])
-                    if way[at] == np.inf:
+                    if distance[at] == np.inf:
                         off = vertices[at] - points[row]
-                        way[at] = np.sqrt((off * off).sum())
+                        distance[at] = np.sqrt((off * off).sum())
                         waiting[at] = True
-                        seen.append(at)
+                        reached.append(at)
                         queue.append(at)
             done = 0
             while done < len(queue):
@@ -116,66 +116,66 @@ def ways_to_corners(
                 for place in range(starts[at], starts[at + 1]):
                     to = np.int64(others[place])
                     step = vertices[to] - vertices[at]
-                    longer = way[at] + np.sqrt((step * step).sum())
-                    if longer < way[to] and longer <= reach[row]:
-                        if way[to] == np.inf:
-                            seen.append(to)
-                        way[to] = longer
+                    candidate = distance[at] + np.sqrt((step * step).sum())
+                    if candidate < distance[to] and candidate <= reach[row]:
+                        if distance[to] == np.inf:
+                            reached.append(to)
+                        distance[to] = candidate
                         if not waiting[to]:
                             waiting[to] = True
                             queue.append(to)
             total = 0.0
             for i in range(ends.shape[1]):
                 if ends[row, i] >= 0:
-                    total += way[ends[row, i]]
-            for at in seen:
-                way[at] = np.inf
+                    total += distance[ends[row, i]]
+            for at in reached:
+                distance[at] = np.inf
             for j in range(first, width):
-                if group[row, j] == own:
-                    found[row, j] = total
-    return np.where(found < 0, np.inf, found)
+                if group[row, j] == component:
+                    lengths[row, j] = total
+    return np.where(lengths < 0, np.inf, lengths)
 
 
 @compiled
 def nearest_in_cells(
     points: Floats, around: Ints, lower: Ints, strides: Ints, codes: Ints, starts: Ints, samples: Floats, count: int
 ) -> tuple[Floats, Ints, Bools]:
-    """Return the nearest samples of points among those in the lattice cells around each.
+    """Return the nearest samples of points among the samples in the lattice cells around each point.
 
     Parameters
     ----------
     points : (k, d) float64
         In spacings.
     around : (3^d, d) int64
-        Steps to the cells around one, itself first and the farthest last.
+        Offsets of neighbouring cells, the cell itself first and the farthest last.
     lower, strides : (d,) int64
-        The cell whose code is zero, and what a step along each axis adds: of cells beyond the numbered box, which hold
-        no samples, the code may be another's.
+        The cell whose code is zero, and the increment of the code along each axis. Cells outside the numbered box, that
+        hold no samples, may have the code of another cell.
     codes, starts : (p,) and (p + 1,) int64
-        Of cells that hold samples, ascending, and where those of each begin.
+        Codes of cells that hold samples, ascending, and the first sample of each.
     samples : (q, d) float64
-        In spacings, cell after cell.
+        In spacings, ordered by cell.
     count : int
-        How many are wanted.
+        Number of samples to return for each point.
 
     Returns
     -------
-    squares, near : (k, count) float64 and int64
+    squares, numbers : (k, count) float64 and int64
         Squared distances, ascending, and numbers of samples.
     complete : (k,) bool
-        Of which points these are the nearest of all: of others some are farther than the cells around reach.
+        Whether no nearer sample can lie outside the neighbouring cells.
     """
     d = points.shape[1]
-    squares, near = np.full((len(points), count), np.inf), np.zeros((len(points), count), dtype=np.int64)
+    squares, numbers = np.full((len(points), count), np.inf), np.zeros((len(points), count), dtype=np.int64)
     complete = np.zeros(len(points), dtype=np.bool_)
     for k in range(len(points)):
         for step in around:
             apart, code = 0.0, 0
             for axis in range(d):
-                own = np.int64(np.floor(points[k, axis] + 0.5))
-                to_plane = 0.5 - step[axis] * (points[k, axis] - own)
+                cell = np.int64(np.floor(points[k, axis] + 0.5))
+                to_plane = 0.5 - step[axis] * (points[k, axis] - cell)
                 apart += abs(step[axis]) * to_plane * to_plane
-                code += (own + step[axis] - lower[axis]) * strides[axis]
+                code += (cell + step[axis] - lower[axis]) * strides[axis]
             if apart >= squares[k, count - 1]:
                 continue
             row = np.searchsorted(codes, code)
@@ -185,17 +185,17 @@ def nearest_in_cells(
                     for axis in range(d):
                         square += (points[k, axis] - samples[q, axis]) ** 2
                     if square < squares[k, count - 1]:
-                        insert(squares[k], near[k], square, q)
+                        insert(squares[k], numbers[k], square, q)
                 row += 1
         complete[k] = squares[k, count - 1] <= 1.0
-    return squares, near, complete
+    return squares, numbers, complete
 
 
 @compiled
-def insert(squares: Floats, near: Ints, square: float, q: int) -> None:
-    """Put a sample in its place among those found, ascending by distance, the farthest of which is dropped."""
-    at = len(near) - 1
+def insert(squares: Floats, numbers: Ints, square: float, q: int) -> None:
+    """Insert a sample into the list of nearest ones, ascending by distance; the farthest is dropped."""
+    at = len(numbers) - 1
     while at > 0 and squares[at - 1] > square:
-        squares[at], near[at] = squares[at - 1], near[at - 1]
+        squares[at], numbers[at] = squares[at - 1], numbers[at - 1]
         at -= 1
-    squares[at], near[at] = square, q
+    squares[at], numbers[at] = square, q

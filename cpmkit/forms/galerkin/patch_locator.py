@@ -1,4 +1,4 @@
-"""Through which patch a point of the manifold is read: that of the nearest sample on its own sheet and side."""
+"""The patch in which a point of the manifold is evaluated: that of the nearest sample on its own sheet and side."""
 
 from __future__ import annotations
 
@@ -19,15 +19,31 @@ from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 
-#: Sides are known so many spacings from a boundary: a point is compared with its nearest samples alone.
+#: Sides are known up to so many spacings from a boundary: a point is compared with its nearest samples only.
 REACH_SPACINGS = 2.0
+#: Numbers of nearest samples that are compared: more, where all of them lie across a boundary.
+NEIGHBOURS = (12, 96, 768)
+#: Number of nearest samples where patches that do not touch are among them, so that sheets must be separated.
+NEIGHBOURS_ON_SHEETS = 48
+#: Points whose sheets are separated together, so that temporary arrays stay small.
+SHEETS_AT_ONCE = 1 << 14
+#: Distances from the tangent plane of a sample count so many times: the point may lie on another sheet.
+HEIGHT_FACTOR = 10.0
+#: Points nearer to a boundary than this, in spacings, are evaluated on the side that the caller names: points of a
+#: boundary and their closest points on the manifold differ by up to 1e-6. Without a named side only points on the
+#: boundary itself are evaluated on the left.
+READ_FROM_SIDE_SPACINGS, ON_BOUNDARY_SPACINGS = 1e-3, 1e-9
+#: Largest distance, in spacings, of a point on a boundary to the nearest sample on it.
+ON_BOUNDARIES_SPACINGS = 0.15
+#: Step of differences, in spacings, where the sources of a boundary have no directions of their own.
+DIFFERENCE_SPACINGS = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class CellSides:
-    """Sides spread from the half facets of a boundary over the corners that cells share, never across it.
+    """The sides of boundaries on which cells lie, propagated from half facets over common corners of the cut mesh.
 
-    Around an open end both sides meet: there a cell has the side that comes to it first, or none.
+    Around an open end both sides meet: a cell there has the side that reaches it first, or none.
 
     Attributes
     ----------
@@ -36,13 +52,13 @@ class CellSides:
     places : (m, d) float64
         A point of each cell.
     spacing : float
-        h, of the lattice.
+        Spacing h of the lattice.
     half : HalfFacets
         Facets on boundaries, seen from the cells beside them.
     owner : (n,) int64
-        The number of the boundary that each lies on, -1 on rims and past tips.
+        The number of the boundary on which each half facet lies, -1 on rims and past tips.
     left : (n,) bool
-        Whether each is on its boundary's left.
+        Whether each half facet is on its boundary's left.
     """
 
     corners: Ints
@@ -53,74 +69,57 @@ class CellSides:
     left: Bools
 
     def of_boundary(self, number: int) -> Ints:
-        """Return the sides (m,) of all cells: 1 on the left of a boundary, -1 on its right, 0 where it is not told."""
-        if number not in self._found:
-            self._found[number] = self._spread(number)
-        return self._found[number]
+        """Return the sides (m,) of all cells: 1 on the left of a boundary, -1 on its right, 0 where unknown."""
+        if number not in self._cached_sides:
+            self._cached_sides[number] = self._propagate(number)
+        return self._cached_sides[number]
 
     @cached_property
-    def _found(self) -> dict[int, Ints]:
+    def _cached_sides(self) -> dict[int, Ints]:
         return {}
 
-    def _spread(self, number: int) -> Ints:
+    def _propagate(self, number: int) -> Ints:
         from scipy.spatial import cKDTree
 
-        cells, rows = np.zeros(len(self.corners), dtype=np.int64), np.flatnonzero(self.owner == number)
+        sides, rows = np.zeros(len(self.corners), dtype=np.int64), np.flatnonzero(self.owner == number)
         if not len(rows):
-            return cells
+            return sides
         reach, k = REACH_SPACINGS * self.spacing, self.corners.shape[1]
-        beside = cKDTree(self.places[self.half.cell[rows]])
-        near = np.flatnonzero(np.isfinite(beside.query(self.places, distance_upper_bound=reach)[0]))
+        tree = cKDTree(self.places[self.half.cell[rows]])
+        within = np.flatnonzero(np.isfinite(tree.query(self.places, distance_upper_bound=reach)[0]))
         sign = np.where(self.left[rows], 1, -1)
-        corner = np.zeros(int(self.corners.max()) + 1, dtype=np.int64)
+        of_corner = np.zeros(int(self.corners.max()) + 1, dtype=np.int64)
         ends = (self.half.facet[rows, None] + np.arange(1, k)) % k
-        np.add.at(corner, self.corners[self.half.cell[rows, None], ends], sign[:, None])
-        corner = np.sign(corner)
-        cells[self.half.cell[rows]] = sign
-        corners, known = self.corners[near], -1
-        while known < (count := int(np.count_nonzero(cells))):
+        np.add.at(of_corner, self.corners[self.half.cell[rows, None], ends], sign[:, None])
+        of_corner = np.sign(of_corner)
+        sides[self.half.cell[rows]] = sign
+        corners, known = self.corners[within], -1
+        while known < (count := int(np.count_nonzero(sides))):
             known = count
-            cells[near] = np.where(cells[near] == 0, np.sign(corner[corners].sum(axis=1)), cells[near])
-            reached = np.zeros(len(corner), dtype=np.int64)
-            np.add.at(reached, corners, cells[near, None])
-            corner = np.where(corner == 0, np.sign(reached), corner)
-        return cells
-
-
-#: So many of the nearest samples are compared; more, where all of these lie across a boundary.
-NEIGHBOURS = (12, 96, 768)
-#: And so many, where patches that do not touch are among them: on the cells of these sheets are told apart.
-NEIGHBOURS_ON_SHEETS = 48
-#: Such points are looked at so many at a time.
-SHEETS_AT_ONCE = 1 << 14
-#: A sample whose tangent plane a point is off counts as this much farther away: it may lie on another sheet.
-HEIGHT_FACTOR = 10.0
-#: Points nearer to a boundary than this many spacings are read from the side that the caller names: its points and
-#: their feet on the manifold are apart by up to 1e-6. Where no side is named, the left is that of points on it alone.
-READ_FROM_SIDE_SPACINGS, ON_BOUNDARY_SPACINGS = 1e-3, 1e-9
-#: Samples on boundaries lie nearer to any point of these than so many spacings.
-ON_BOUNDARIES_SPACINGS = 0.15
-#: Step of differences, where a boundary's sources give no directions of their own, in spacings.
-DIFFERENCE_SPACINGS = 0.5
+            sides[within] = np.where(sides[within] == 0, np.sign(of_corner[corners].sum(axis=1)), sides[within])
+            sums = np.zeros(len(of_corner), dtype=np.int64)
+            np.add.at(sums, corners, sides[within, None])
+            of_corner = np.where(of_corner == 0, np.sign(sums), of_corner)
+        return sides
 
 
 @dataclass(frozen=True, eq=False)
 class PatchLocator:
-    """The samples of the manifold, by which points find their patches.
+    """The samples of the manifold, through which points find the patch that evaluates u there.
 
     Attributes
     ----------
     lattice : Lattice
-    samples : Samples or FixedSamples
-        Those on boundaries included.
-    dof_map : Parting
+    samples : Samples or QuantisedSamples
+        Samples on boundaries included.
+    dof_map : DofMap
         Of these samples.
-    sides : SidesOfCells
-        On which sides of boundaries the cells beside them lie.
+    sides : CellSides
+        The sides of boundaries on which the cells beside them lie.
     boundaries : sequence of OrientedBoundary
         By their numbers.
-    sheets : OwnSheets
-        What tells sheets apart that lie beside one another.
+    sheets : SheetSeparation
+        Distinguishes sheets that lie close together.
     """
 
     lattice: Lattice
@@ -131,90 +130,102 @@ class PatchLocator:
     sheets: SheetSeparation
 
     def patches(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the patches (k,) that read the manifold at ``feet`` (k,), and the samples (k,) that led there.
+        """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
 
-        Of two values on boundary number b, that on the side ``wanted[b]``, on the left where none is named.
+        On boundary number b the value on the side ``wanted[b]`` is meant, by default that on the left.
         """
         points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
-        parted = np.zeros(len(points), dtype=bool)
+        has_other_sheets = np.zeros(len(points), dtype=bool)
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
-            distance, near = self._nearest.of(points[rows], min(count, len(self.samples)))
-            apart, shut = self._apart(points[rows], near, distance, wanted)
-            first = near[np.arange(len(rows)), apart.argmin(axis=1)]
-            patch[rows], beside = self._read_through(points[rows], near, apart, first)
-            parted[rows] = beside & ~shut if count == NEIGHBOURS[0] else False  # the few nearest ones do for these
+            distance, samples = self._search.nearest(points[rows], min(count, len(self.samples)))
+            scores, shut = self._scores(points[rows], samples, distance, wanted)
+            first = samples[np.arange(len(rows)), scores.argmin(axis=1)]
+            patch[rows], other_sheets = self._choose_patch(points[rows], samples, scores, first)
+            # Where a boundary shuts out the few nearest samples, sheets are not separated.
+            has_other_sheets[rows] = other_sheets & ~shut if count == NEIGHBOURS[0] else False
             nearest[rows], rows = first, rows[shut]
             if not len(rows):
                 break
-        rows = np.flatnonzero(parted)
+        rows = np.flatnonzero(has_other_sheets)
         if self.sheets.known:
             for start in range(0, len(rows), SHEETS_AT_ONCE):
                 some = rows[start : start + SHEETS_AT_ONCE]
                 patch[some], nearest[some] = self._on_own_sheet(feet.take(some), wanted)
         return patch, nearest
 
-    def _read_through(self, points: Floats, near: Ints, apart: Floats, first: Ints) -> tuple[Ints, Bools]:
-        """Return the patches (k,) to read ``points`` through whose nearest sample of ``near`` (k, q) is ``first`` (k,).
+    def signed_distance(self, number: int, points: Floats) -> Floats:
+        """Return the distances (k,) of points from a boundary on the manifold, positive on its left, NaN past ends."""
+        oriented = self.boundaries[number]
+        at = self.lattice.to_scene(points) - oriented.left.origin
+        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
 
-        And beside which points there are samples of patches that do not touch the nearest one's.
+    def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
+        """Return the patches (k,) for ``points``, and near which points there are patches that do not touch these.
+
+        ``first`` (k,) is the best of the ``samples`` (k, q), the one with the least of ``scores`` (k, q).
         """
-        patch, found = self.dof_map.patch[first], self.dof_map.patch[near]
-        touch = (found == patch[:, None]) | self._touch(found, patch[:, None])
-        joined = touch & np.isfinite(apart)
-        return self._own_cell(points, found, np.where(joined, apart, np.inf), patch), ~touch.all(axis=1)
+        patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
+        touch = (candidates == patch[:, None]) | self._touch(candidates, patch[:, None])
+        usable = np.where(touch & np.isfinite(scores), scores, np.inf)
+        return self._patch_of_cell(points, candidates, usable, patch), ~touch.all(axis=1)
 
     def _on_own_sheet(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the same as :meth:`patches`, of feet beside several sheets."""
-        from cpmkit.forms.galerkin.locator_kernels import grouped
+        """Return the same as :meth:`patches` for points close to several sheets."""
+        from cpmkit.forms.galerkin.locator_kernels import group_touching_patches
 
         points, rows = feet.points, np.arange(len(feet.points))
-        distance, near = self._nearest.of(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
-        apart, _ = self._apart(points, near, distance, wanted)
-        patches = np.asarray(self.dof_map.patch[near], dtype=np.int64)
-        group = np.where(np.isfinite(apart), grouped(patches, self._pairs, len(self.dof_map.cells)), -1)
-        own = group[rows, apart.argmin(axis=1)][:, None]
-        several = np.flatnonzero(((group != own) & (group >= 0)).any(axis=1))
-        group, own = group[several], own[several]
+        distance, samples = self._search.nearest(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
+        scores, _ = self._scores(points, samples, distance, wanted)
+        patches = np.asarray(self.dof_map.patch[samples], dtype=np.int64)
+        touching = group_touching_patches(patches, self._touching_codes, len(self.dof_map.cells))
+        group = np.where(np.isfinite(scores), touching, -1)
+        best = group[rows, scores.argmin(axis=1)][:, None]
+        several = np.flatnonzero(((group != best) & (group >= 0)).any(axis=1))
+        group, best = group[several], best[several]
         element = None if feet.element is None else feet.element[several]
-        cells = self.samples.cell_at(near[several])
-        scores, least = self.sheets.scores(points[several], element, cells, group)
-        nearer = scores.min(axis=1) < np.where(group == own, scores, np.inf).min(axis=1) - least
-        chosen = np.where(nearer[:, None], np.take_along_axis(group, scores.argmin(axis=1)[:, None], axis=1), own)
-        apart[several] = np.where(group == chosen, apart[several], np.inf)
-        first = near[rows, apart.argmin(axis=1)]
-        return self._read_through(points, near, apart, first)[0], first
+        cells = self.samples.cell_at(samples[several])
+        lengths, margin = self.sheets.scores(points[several], element, cells, group)
+        nearer = lengths.min(axis=1) < np.where(group == best, lengths, np.inf).min(axis=1) - margin
+        shortest = np.take_along_axis(group, lengths.argmin(axis=1)[:, None], axis=1)
+        chosen = np.where(nearer[:, None], shortest, best)
+        scores[several] = np.where(group == chosen, scores[several], np.inf)
+        first = samples[rows, scores.argmin(axis=1)]
+        return self._choose_patch(points, samples, scores, first)[0], first
 
-    def _apart(self, points: Floats, near: Ints, distance: Floats, wanted: Mapping[int, Side]) -> tuple[Floats, Bools]:
-        """Return how far the samples ``near`` (k, q) count from their point, squared, infinite across a boundary.
+    def _scores(
+        self, points: Floats, samples: Ints, distance: Floats, wanted: Mapping[int, Side]
+    ) -> tuple[Floats, Bools]:
+        """Return scores (k, q) of ``samples`` (k, q), and for which points (k,) a boundary would exclude all samples.
 
-        And the points (k,) for which a boundary would shut out all that others leave: there it shuts out none.
+        A score is the squared distance with `HEIGHT_FACTOR` off the tangent plane, infinite across a boundary. A
+        boundary that would exclude all remaining samples of a point excludes none.
         """
-        off = points[:, None] - self.samples.points_at(near)
-        height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(near), off)
-        apart = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
+        off = points[:, None] - self.samples.points_at(samples)
+        height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(samples), off)
+        scores = distance**2 + HEIGHT_FACTOR**2 * (height**2).sum(axis=2)
         shut = np.zeros(len(points), dtype=bool)
         if not self.boundaries or not len(points):
-            return apart, shut
+            return scores, shut
         reach = distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
-        beside = self._to_boundaries(points, float(reach.max())) < reach
+        near_boundary = self._boundary_tree.query(points, distance_upper_bound=float(reach.max()))[0] < reach
         for number in range(len(self.boundaries)):
-            across = self._across(number, points, near, beside, wanted.get(number))
-            none = np.min(np.where(across, np.inf, apart), axis=1) == np.inf
-            apart[across & ~none[:, None]] = np.inf
-            shut |= none
-        return apart, shut
+            across = self._is_across(number, points, samples, near_boundary, wanted.get(number))
+            none_left = np.min(np.where(across, np.inf, scores), axis=1) == np.inf
+            scores[across & ~none_left[:, None]] = np.inf
+            shut |= none_left
+        return scores, shut
 
-    def _across(self, number: int, points: Floats, near: Ints, beside: Bools, side: Side | None) -> Bools:
-        """Return which of the samples ``near`` (k, q) lie across boundary ``number`` from their point.
+    def _is_across(self, number: int, points: Floats, samples: Ints, near_boundary: Bools, side: Side | None) -> Bools:
+        """Return which of the ``samples`` (k, q) lie across boundary ``number`` from their point.
 
-        Asked where both of its sides are among them, and of points ``beside`` (k,) a boundary.
+        Only computed where both of its sides are among the samples, or where the point is ``near_boundary`` (k,).
         """
-        signs = self.sides.of_boundary(number)[self.samples.cell_at(near)]
-        across = np.zeros(near.shape, dtype=bool)
+        signs = self.sides.of_boundary(number)[self.samples.cell_at(samples)]
+        across = np.zeros(samples.shape, dtype=bool)
         first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
-        rows = np.flatnonzero(np.where(beside, first | second, first & second))
+        rows = np.flatnonzero(np.where(near_boundary, first | second, first & second))
         if len(rows):
             signed = self.signed_distance(number, points[rows])
             within = ON_BOUNDARY_SPACINGS if side is None else READ_FROM_SIDE_SPACINGS
@@ -222,40 +233,28 @@ class PatchLocator:
             across[rows] = signs[rows] * np.nan_to_num(signed)[:, None] < 0
         return across
 
-    def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
-        oriented = self.boundaries[number]
-        at = self.lattice.to_scene(points) - oriented.left.origin
-        return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
-
-    def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
-        """Return, in place of each ``patch`` (k,), the nearest of ``found`` (k, q) that has the point in its cell.
-
-        Of those that are ``apart`` by a finite distance.
-        """
-        own = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
-        fits = (self.dof_map.cells[found] == own[:, None]).all(axis=2) & np.isfinite(apart)
-        best = np.where(fits, apart, np.inf).argmin(axis=1)
+    def _patch_of_cell(self, points: Floats, candidates: Ints, scores: Floats, patch: Ints) -> Ints:
+        """Return the best of the ``candidates`` (k, q) whose lattice cell contains the point, or the ``patch`` (k,)."""
+        cell = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
+        contains = (self.dof_map.cells[candidates] == cell[:, None]).all(axis=2) & np.isfinite(scores)
+        best = np.where(contains, scores, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
-        return np.where(fits[rows, best], found[rows, best], patch)
+        return np.where(contains[rows, best], candidates[rows, best], patch)
 
     def _touch(self, first: Ints, second: Ints) -> Bools:
-        """Tell which pairs of patches have samples that touch."""
-        count = len(self.dof_map.cells)
-        target = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
-        if not len(self._pairs):
-            return np.zeros(target.shape, dtype=bool)
-        place = np.minimum(np.searchsorted(self._pairs, target), len(self._pairs) - 1)
-        return np.asarray(self._pairs[place] == target)
+        """Return which pairs of patches have samples that touch."""
+        count, codes = len(self.dof_map.cells), self._touching_codes
+        code = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
+        if not len(codes):
+            return np.zeros(code.shape, dtype=bool)
+        place = np.minimum(np.searchsorted(codes, code), len(codes) - 1)
+        return np.asarray(codes[place] == code)
 
     @cached_property
-    def _pairs(self) -> Ints:
+    def _touching_codes(self) -> Ints:
+        """(t,) codes first * count + second of pairs of patches that touch, first < second, ascending."""
         pairs = np.sort(self.dof_map.touching, axis=1).astype(np.int64)
         return np.sort(pairs[:, 0] * len(self.dof_map.cells) + pairs[:, 1])
-
-    def _to_boundaries(self, points: Floats, reach: float) -> Floats:
-        """Return how far (k,) points are from the nearest sample on a boundary, infinite beyond ``reach``."""
-        return np.asarray(self._boundary_tree.query(points, distance_upper_bound=reach)[0])
 
     @cached_property
     def _boundary_tree(self) -> Any:
@@ -264,5 +263,5 @@ class PatchLocator:
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     @cached_property
-    def _nearest(self) -> SampleSearch:
+    def _search(self) -> SampleSearch:
         return SampleSearch(self.dof_map, self.samples)

@@ -1,4 +1,4 @@
-"""The nearest samples of points of the manifold: those in the lattice cells around, or out of a tree."""
+"""The nearest samples of points of the manifold, by lattice cells or by a k-d tree."""
 
 from __future__ import annotations
 
@@ -14,44 +14,44 @@ from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Codes
 from cpmkit.types import Bools, Floats, Ints
 
-#: Points are looked up by boxes of so many spacings, which takes half the time: what a box needs is in the cache.
-NEAR_SPACINGS = 4.0
-#: Cells around are looked through where they hold so many times the samples that are wanted, or more.
-PLENTY = 0.5
+#: Points are processed by boxes of so many spacings, in half of the time: the samples of a box stay in the cache.
+BOX_SPACINGS = 4.0
+#: Lattice cells are searched where the mean number of samples in them is at least this times the wanted number.
+LEAST_SAMPLE_RATIO = 0.5
 
 
 @dataclass(frozen=True, eq=False)
 class SampleSearch:
-    """The samples of a parting, by their places.
+    """Searches the samples of a dof map by position.
 
     Attributes
     ----------
-    dof_map : Parting
-    samples : Samples or FixedSamples
-        Those of the parting.
+    dof_map : DofMap
+    samples : Samples or QuantisedSamples
     """
 
     dof_map: DofMap
     samples: Samples | QuantisedSamples
 
-    def of(self, points: Floats, count: int) -> tuple[Floats, Ints]:
-        """Return the distances (k, count) of the samples nearest to points (k, d), ascending, and their numbers.
+    def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints]:
+        """Return the distances (k, count) of the nearest samples of points (k, d), ascending, and their numbers.
 
-        ``count`` is at most that of the samples.
+        ``count`` is at most the number of samples.
         """
-        distance, near = np.empty((len(points), count)), np.empty((len(points), count), dtype=np.int64)
-        order = np.lexsort(np.floor(points.T / (NEAR_SPACINGS * self.dof_map.spacing)))
-        if self._in_cells is not None and PLENTY * count * len(self._in_cells.codes) <= len(self.samples):
-            distance[order], near[order], complete = self._in_cells.nearest(points[order], count)
+        distance, samples = np.empty((len(points), count)), np.empty((len(points), count), dtype=np.int64)
+        order = np.lexsort(np.floor(points.T / (BOX_SPACINGS * self.dof_map.spacing)))
+        cells = self._by_cell
+        if cells is not None and LEAST_SAMPLE_RATIO * count * len(cells.codes) <= len(self.samples):
+            distance[order], samples[order], complete = cells.nearest(points[order], count)
             order = order[~complete]
         if len(order):
-            found = self._tree.query(points[order], count)
-            distance[order], near[order] = (one.reshape(len(order), count) for one in found)
-        return distance, near
+            answer = self._tree.query(points[order], count)
+            distance[order], samples[order] = (array.reshape(len(order), count) for array in answer)
+        return distance, samples
 
     @cached_property
-    def _in_cells(self) -> SamplesInCells | None:
-        return samples_in_cells(self.dof_map, self.samples) if type(self.dof_map) is DofMap else None
+    def _by_cell(self) -> SamplesByCell | None:
+        return samples_by_cell(self.dof_map, self.samples) if type(self.dof_map) is DofMap else None
 
     @cached_property
     def _tree(self) -> Any:
@@ -61,21 +61,21 @@ class SampleSearch:
 
 
 @dataclass(frozen=True, eq=False)
-class SamplesInCells:
-    """Samples patch by patch, and the lattice cells of these.
+class SamplesByCell:
+    """Samples ordered by patch, with the lattice cells of the patches.
 
     Attributes
     ----------
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     points : (q, d) float64
         In spacings.
     order : (q,) integers
-        The number of each.
+        The original number of each sample.
     codes, starts : (p,) and (p + 1,) int64
-        The code of the cell of each patch, ascending, and where its samples begin.
+        The code of the lattice cell of each patch, ascending, and the first sample of each patch.
     numbering : Codes
-        Of the cells and those around them.
+        The codes of these lattice cells and their neighbours.
     """
 
     spacing: float
@@ -86,22 +86,22 @@ class SamplesInCells:
     numbering: Codes
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints, Bools]:
-        """Return distances (k, count), numbers (k, count), and of which points (k,) these are all: others lie apart."""
+        """Return distances (k, count), numbers (k, count), and for which points (k,) no nearer sample can exist."""
         from cpmkit.forms.galerkin.locator_kernels import nearest_in_cells
 
         around = np.array(sorted(product((0, -1, 1), repeat=points.shape[1]), key=lambda step: np.abs(step).sum()))
         lower, strides = self.numbering.lower, self.numbering.strides
-        squares, near, complete = nearest_in_cells(
+        squares, samples, complete = nearest_in_cells(
             points / self.spacing, around, lower, strides, self.codes, self.starts, self.points, count
         )
-        return self.spacing * np.sqrt(squares), self.order[near], complete
+        return self.spacing * np.sqrt(squares), self.order[samples], complete
 
 
-def samples_in_cells(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SamplesInCells:
-    """Return the samples patch by patch."""
+def samples_by_cell(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SamplesByCell:
+    """Return the samples ordered by patch."""
     from cpmkit.runtime.inverse_index import inverse_index
 
     starts, order = inverse_index(dof_map.patch, len(dof_map.cells))
     numbering = Codes.around(dof_map.cells, 1)
     points = samples.points[order] / dof_map.spacing
-    return SamplesInCells(dof_map.spacing, points, order, numbering.encode(dof_map.cells), starts, numbering)
+    return SamplesByCell(dof_map.spacing, points, order, numbering.encode(dof_map.cells), starts, numbering)

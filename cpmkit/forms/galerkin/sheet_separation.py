@@ -1,4 +1,4 @@
-"""On which of several sheets beside one another a point of the manifold lies, however small the gap between them."""
+"""Separation of sheets of the manifold that lie close together, however small the gap between them."""
 
 from __future__ import annotations
 
@@ -16,33 +16,33 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Vertices nearer than this share of the mesh's size are one.
+#: Two vertices are the same if they are nearer than this share of the mesh's size.
 SAME_SIZE_SHARE = 1e-12
-#: Ways are followed as far as so many times the distance of the farthest corner, and so many spacings more.
-WAY_FACTOR, WAY_SPACINGS = 2.0, 2.0
-#: A point of flat cells is off the cell that holds it by rounding alone: by less than so many spacings.
+#: Paths are followed up to this multiple of the distance of the farthest corner, plus so many spacings.
+PATH_FACTOR, PATH_SPACINGS = 2.0, 2.0
+#: Distance, in spacings, of a point from the flat cell that contains it: rounding.
 ON_CELL_SPACINGS = 1e-8
-#: A way around the end of a slit is longer than one on the sheet itself; by less than so many spacings, at the end.
+#: A path around the end of a slit is longer than a path on the sheet itself; at the end by less than this, in spacings.
 LONGER_SPACINGS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class SheetSeparation:
-    """The cells of the manifold, which tell sheets apart.
+    """The cells of the manifold, by which points are assigned to sheets.
 
-    Flat cells are the manifold, so that a point lies on the cell at no distance. Curved ones come near it only: there
-    the source names its own triangle or segment that holds the point, and the sheet is that from which the ways along
-    the cells' edges to the corners of this one are shortest.
+    Flat cells are the manifold, so that a point has distance zero from its cell. Curved cells only approximate it:
+    there the source names its own triangle or segment that contains the point, and the point lies on the sheet from
+    which the paths over edges of cells to the corners of that triangle are shortest.
 
     Attributes
     ----------
     mesh : Mesh
-    bend : "flat", "closest_point" or "normals"
-        How its cells follow the manifold.
+    geometry : "flat", "closest_point" or "normals"
+        How the manifold runs between the vertices of the mesh.
     source : LocalSource
         The manifold.
     spacing : float
-        h, of the lattice.
+        Spacing h of the lattice.
     """
 
     mesh: Mesh
@@ -52,40 +52,47 @@ class SheetSeparation:
 
     @property
     def known(self) -> bool:
-        """Whether sheets can be told apart."""
+        """Whether sheets can be separated."""
         return self.geometry == "flat" or isinstance(self.source.source, HasGivenMesh)
 
     def scores(self, points: Floats, element: Ints | None, cells: Ints, group: Ints) -> tuple[Floats, float]:
-        """Return how far (k, q) the groups of ``cells`` (k, q) are from ``points`` (k, d), and which excess counts.
+        """Return the distances or path lengths (k, q) of groups of cells from points, and the significant difference.
 
-        ``element`` (k,) as of :class:`ClosestPoints`; ``group`` (k, q) is -1 for cells that are left out.
+        Parameters
+        ----------
+        points : (k, d) float64
+        element : (k,) int64, optional
+            The source's triangle or segment that contains each point, as in :class:`ClosestPoints`.
+        cells : (k, q) int64
+            Cells near each point.
+        group : (k, q) int64
+            The number of the group of each cell, -1 for cells that are left out.
         """
-        from cpmkit.forms.galerkin.locator_kernels import distances_to_cells, ways_to_corners
+        from cpmkit.forms.galerkin.locator_kernels import distances_to_cells, path_lengths_to_corners
 
         corners = self.mesh.cells[cells]
         if self.geometry == "flat":
-            apart = distances_to_cells(points, self.mesh.vertices, corners)
-            return np.where(group >= 0, apart, np.inf), ON_CELL_SPACINGS * self.spacing
+            distance = distances_to_cells(points, self.mesh.vertices, corners)
+            return np.where(group >= 0, distance, np.inf), ON_CELL_SPACINGS * self.spacing
         if element is None:
             return np.zeros(cells.shape), np.inf
-        ends = self._ends(element)
-        away = self.mesh.vertices[ends] - points[:, None]
-        farthest = np.where(ends >= 0, np.sqrt((away**2).sum(axis=2)), 0.0).max(axis=1)
-        reach = WAY_FACTOR * farthest + WAY_SPACINGS * self.spacing
-        graph = self._edges
-        ways = ways_to_corners(*(points, corners, group, ends, reach, self.mesh.vertices), graph.indptr, graph.indices)
-        return ways, LONGER_SPACINGS * self.spacing
+        ends = self._corners_of(element)
+        offsets = self.mesh.vertices[ends] - points[:, None]
+        farthest = np.where(ends >= 0, np.sqrt((offsets**2).sum(axis=2)), 0.0).max(axis=1)
+        reach = PATH_FACTOR * farthest + PATH_SPACINGS * self.spacing
+        graph, arguments = self._vertex_graph, (points, corners, group, ends, reach, self.mesh.vertices)
+        return path_lengths_to_corners(*arguments, graph.indptr, graph.indices), LONGER_SPACINGS * self.spacing
 
-    def _ends(self, element: Ints) -> Ints:
-        """Return the vertices (k, c) of the mesh that are the corners of the source's own cells, -1 where none is."""
-        vertices, cells = self._given
+    def _corners_of(self, element: Ints) -> Ints:
+        """Return the vertices (k, c) of the mesh at the corners of the source's own cells, -1 where there is none."""
+        vertices, cells = self._given_mesh
         places = vertices[cells[element]]
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
         distance, at = self._tree.query(places, distance_upper_bound=max(SAME_SIZE_SHARE * size, np.finfo(float).tiny))
         return np.where(np.isfinite(distance), at, -1)
 
     @cached_property
-    def _given(self) -> tuple[Floats, Ints]:
+    def _given_mesh(self) -> tuple[Floats, Ints]:
         assert isinstance(self.source.source, HasGivenMesh)
         vertices, cells = self.source.source.given_mesh
         return vertices - self.source.shift, cells
@@ -97,8 +104,8 @@ class SheetSeparation:
         return cKDTree(self.mesh.vertices)
 
     @cached_property
-    def _edges(self) -> csr_array:
-        """Which vertices share an edge."""
+    def _vertex_graph(self) -> csr_array:
+        """(v, v) matrix with an entry for each two vertices that share an edge."""
         from scipy.sparse import coo_array
 
         cells, k = self.mesh.cells, self.mesh.cells.shape[1]

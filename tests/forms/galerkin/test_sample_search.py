@@ -34,7 +34,7 @@ def places(search, count=600):
 def test_they_are_those_of_a_tree(name, count):
     search = search_on(name)
     x, samples = places(search), search.samples.points
-    distance, near = search.of(x, count)
+    distance, near = search.nearest(x, count)
     expected = cKDTree(samples).query(x, count)[0].reshape(len(x), count)
     np.testing.assert_allclose(distance, expected, atol=1e-13)
     np.testing.assert_allclose(np.linalg.norm(samples[near] - x[:, None], axis=2), expected, atol=1e-13)
@@ -44,19 +44,19 @@ def test_they_are_those_of_a_tree(name, count):
 @pytest.mark.parametrize("name", ["torus", "cap"])
 def test_on_a_surface_no_tree_is_made(name):
     search = search_on(name)
-    search.of(search.samples.points[::7], 12)
+    search.nearest(search.samples.points[::7], 12)
     assert "_tree" not in vars(search)
 
 
 def test_what_is_found_in_the_cells_is_all_that_is_near():
     search = search_on("torus")
     x = places(search)
-    distance, _near, complete = search._in_cells.nearest(x, 12)
+    distance, _near, complete = search._by_cell.nearest(x, 12)
     assert 0.5 < complete.mean() < 0.9
     expected = cKDTree(search.samples.points).query(x[complete], 12)[0]
     np.testing.assert_allclose(distance[complete], expected, atol=1e-13)
 
 
 def test_no_points_have_none():
-    distance, near = search_on("torus").of(np.zeros((0, 3)), 12)
+    distance, near = search_on("torus").nearest(np.zeros((0, 3)), 12)
     assert distance.shape == near.shape == (0, 12)

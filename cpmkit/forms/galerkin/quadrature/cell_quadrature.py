@@ -1,4 +1,11 @@
-"""The samples of a mesh: points, weights and normals of its cells, flat or quadratic, whole or clipped."""
+"""Quadrature on the cells of a mesh: points, weights and normals, on whole cells or on pieces between knot planes.
+
+Between two knot planes splines are polynomials, so pieces that are clipped there are integrated to the degree of their
+rule; whole triangles only as accurately as they are small beside a lattice cell.
+
+Where flat triangles stand for a curved surface, the gradient of u has kinks at their edges, proportional to the angle
+there, which no spline has between knot planes. A rule on a piece of a triangle need not be more accurate than that.
+"""
 
 from __future__ import annotations
 
@@ -14,95 +21,82 @@ from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: Pieces with the area times the square of the length, in spacings, below the angle times this have one sample.
+#: Values of the option ``samples``: clip where it pays, never, or always.
+SAMPLINGS = ("auto", "plain", "clipped")
+#: Longest edge of whole triangles, in spacings: three points a triangle then resolve every spline.
+PLAIN_EDGE_SPACINGS = 0.5
+#: The same of clipped curved triangles: 19 samples an unknown, and on a sphere the error of edges half as long to 3 %.
+CLIPPED_EDGE_SPACINGS = 0.7
+#: The same of clipped flat triangles: the error of whole ones half as long, with a tenth to a quarter fewer samples
+#: (measured on a square, a cube and Spot).
+CLIPPED_FLAT_EDGE_SPACINGS = 1.0
+#: Pieces of flat triangles get one point if their area times their squared length, in spacings, is below this times
+#: the sine of the least angle to a neighbouring triangle,
 SINGLE_MOMENT_OF_ANGLE = 0.5
-#: And below this at most. Errors on Spot are then those of all samples to 1 percent, at three spacings, with five
-#: eighths of them; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
+#: and below this. On Spot the errors are then those of all samples to 1 percent, at three spacings, with five eighths
+#: of the samples; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
 #: koala of 100,000 triangles, left whole on coarse lattices, up to 5 percent more with one sample a triangle.
 MOST_SINGLE_MOMENT = 5e-3
-#: The same for whole curved triangles, which only lattices far coarser than a mesh come to. A sphere of 82,000
-#: triangles and a torus of 58,000 then have the same errors to 1 percent, Nefertiti and a koala of 100,000 errors up to
-#: 7 percent larger, with a third to three quarters of the samples; ten times the limit is a sixth more on the sphere.
+#: The same for whole curved triangles, on lattices far coarser than a mesh. A sphere of 82,000 triangles and a torus of
+#: 58,000 have the same errors to 1 percent, Nefertiti and a koala of 100,000 up to 7 percent larger ones, with a third
+#: to three quarters of the samples; with ten times the limit the error on the sphere is a sixth larger.
 CURVED_SINGLE_MOMENT = 1e-4
-
-
-def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
-    """Return (m,) the area times the square of the length, in spacings, below which pieces of a triangle have a sample.
-
-    None has where a triangle touches a boundary: what one side of that sees of a cell may be little. And where a flat
-    one lies in a plane with a neighbour, or has none at an edge or several, or a curved one is not small as a whole.
-    """
-    found = _of_flat(mesh) if mesh.midpoints is None else _of_curved(mesh, spacing)
-    if len(mesh.cut):
-        beside = np.zeros(len(mesh.vertices), dtype=bool)
-        beside[mesh.cut] = True
-        found[beside[mesh.cells].any(axis=1)] = 0.0
-    return found
-
-
-def _of_flat(mesh: Mesh) -> Floats:
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turn
-
-    sine = least_turn(mesh.vertices, np.ascontiguousarray(mesh.cells), mesh.edges.of_cells)
-    found: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
-    return found
-
-
-def _of_curved(mesh: Mesh, spacing: float) -> Floats:
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import mark_small
-
-    found = np.zeros(len(mesh.cells))  # zeros that nobody writes take no memory
-    mark_small(mesh.vertices, np.ascontiguousarray(mesh.cells), spacing, CURVED_SINGLE_MOMENT, found)
-    return found
-
-
-#: How samples may be asked for.
-SAMPLINGS = ("auto", "plain", "clipped")
-#: Edges of whole triangles are at most this many spacings long: three samples a triangle then see every spline.
-PLAIN_EDGE_SPACINGS = 0.5
-#: The same where triangles are clipped: 19 samples an unknown, and on a sphere the error of edges half as long to 3 %.
-CLIPPED_EDGE_SPACINGS = 0.7
-#: The same where they are flat: the error of whole ones half as long, with a tenth to a quarter fewer samples (measured
-#: on a square, a cube and Spot).
-CLIPPED_FLAT_EDGE_SPACINGS = 1.0
+#: Triangles that are processed together: temporary arrays stay small beside the samples.
+TRIANGLES_AT_ONCE = 1 << 11
 
 
 def is_clipped(sampling: str, manifold_dim: int) -> bool:
-    """Tell whether triangles are to be clipped where it pays.
-
-    Segments are split where they cross knot planes in any case.
-    """
+    """Tell whether triangles are clipped where it pays; segments end on knot planes in any case."""
     return manifold_dim == 2 and sampling != "plain"
 
 
-def needs_degree_four(degree: int, bend: CellGeometry) -> bool:
-    """Tell whether pieces of triangles have a rule of degree 4: for cubic splines on what follows the manifold itself.
+def needs_degree_four(degree: int, geometry: CellGeometry) -> bool:
+    """Tell whether pieces of triangles need a rule of degree 4: for cubic splines on cells curved by closest points.
 
-    On meshes, flat or bent by their normals, the mesh is the error, and it is the same without (measured).
+    On other meshes the error of the mesh dominates, and is the same without such a rule (measured).
     """
-    return degree == 3 and bend == "closest_point"
+    return degree == 3 and geometry == "closest_point"
 
 
-def longest_edge(sampling: str, bend: CellGeometry, manifold_dim: int) -> float:
-    """Return how long edges of cells may be when samples are taken, in spacings."""
+def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> float:
+    """Return the largest length, in spacings, of edges of cells from which samples are taken."""
     if not is_clipped(sampling, manifold_dim):
         return PLAIN_EDGE_SPACINGS
-    return CLIPPED_FLAT_EDGE_SPACINGS if bend == "flat" else CLIPPED_EDGE_SPACINGS
+    return CLIPPED_FLAT_EDGE_SPACINGS if geometry == "flat" else CLIPPED_EDGE_SPACINGS
 
 
-def triangles_to_clip(mesh: Mesh, sampling: str, bend: CellGeometry, spacing: float) -> Bools:
-    """Return which triangles (m,) are to be clipped: "auto" leaves flat ones whole that are small beside a cell."""
+def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
+    """Return which triangles (m,) are clipped at knot planes; "auto" omits small flat ones."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
-    if sampling == "clipped" or bend != "flat":
+    if sampling == "clipped" or geometry != "flat":
         return np.ones(len(mesh.cells), dtype=bool)
     from cpmkit.mesh.subdivision_kernels import with_long_edges
 
     return with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), PLAIN_EDGE_SPACINGS * float(spacing))
 
 
-#: Triangles that samples are taken from at a time: what is needed on the way stays small beside the samples.
-TRIANGLES_AT_ONCE = 1 << 11
+def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
+    """Return the moments (m,) below which pieces of each triangle get a single point.
+
+    The moment of a piece is its area times its squared length, in spacings. The limit is zero for triangles that touch
+    a boundary, because one side of it may see little of a cell; for flat triangles in the plane of a neighbour, or with
+    an edge that one triangle or more than two share; and for curved triangles that are not small as a whole.
+    """
+    from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turn, mark_small
+
+    cells = np.ascontiguousarray(mesh.cells)
+    if mesh.midpoints is None:
+        sine = least_turn(mesh.vertices, cells, mesh.edges.of_cells)
+        limits: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
+    else:
+        limits = np.zeros(len(mesh.cells))  # untouched zeros take no memory
+        mark_small(mesh.vertices, cells, spacing, CURVED_SINGLE_MOMENT, limits)
+    if len(mesh.cut):
+        on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
+        on_boundary[mesh.cut] = True
+        limits[on_boundary[mesh.cells].any(axis=1)] = 0.0
+    return limits
 
 
 def quadrature(
@@ -112,110 +106,118 @@ def quadrature(
     clipped: Bools | None = None,
     fine: bool = False,
 ) -> Samples:
-    """Return the samples of cells, those of one after those of another, three at least, and ``further`` ones.
+    """Return the quadrature points of all cells, in the order of the cells, followed by ``further`` ones.
 
-    Segments have three by Gauss's rule of degree 5. Triangles have three by the rule of degree 2 at barycentric points
-    (2/3, 1/6, 1/6), or for each piece between knot planes four of degree 3, of small ones three of degree 2, of smaller
-    ones their centroid, or more where they are to be ``fine``. The weights are those of the quadratic
-    cells: the speed, or |x_1 x x_2|.
+    Segments get three points of Gauss's rule of degree 5. Whole triangles get three of degree 2, at the barycentric
+    points (2/3, 1/6, 1/6). Pieces between knot planes get four of degree 3, small pieces three of degree 2, tiny pieces
+    their centroid, and with ``fine`` six for each triangle of a piece, of degree 4. The weights contain the measure of
+    the flat or quadratic cell: the speed of a curve, |x_r x x_s| of a surface.
 
     Parameters
     ----------
     mesh : Mesh
         Flat or quadratic cells.
     clipped_at : float, optional
-        The spacing h of the lattice, if triangles are to be clipped at its knot planes, x = (k + 1/2) h.
+        The spacing h of the lattice, if triangles are clipped at its knot planes, x = (k + 1/2) h.
     further : Samples, optional
-        Put behind them.
+        Appended.
     clipped : (m,) bool, optional
-        Which of them; all if left out.
+        Which triangles are clipped; by default all.
     fine : bool
-        Whether pieces between knot planes have a rule of degree 4.
+        Whether pieces between knot planes get a rule of degree 4.
     """
-    own = [_arrays(_of_segments(mesh))] if mesh.manifold_dim == 1 else _of_triangles(mesh, clipped_at, clipped, fine)
-    return _joined(chain(own, [] if further is None else [_arrays(further)]))
+    parts = [_segment_samples(mesh)] if mesh.manifold_dim == 1 else _triangle_parts(mesh, clipped_at, clipped, fine)
+    return _concatenate(chain(parts, [] if further is None else [_arrays(further)]))
 
 
-def _of_segments(mesh: Mesh) -> Samples:
+def _segment_samples(mesh: Mesh) -> list[Any]:
+    """Return the arrays of the samples of segments."""
     shares, slopes, weights = _segment_rule(mesh)
-    along = _mixed(mesh, slopes)
+    tangents = _combine_nodes(mesh, slopes)
     cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
-    return Samples(_mixed(mesh, shares), np.tile(weights, len(mesh.cells)) * norms(along), _across(along), cell)
+    speed = np.tile(weights, len(mesh.cells)) * norms(tangents)
+    return _arrays(Samples(_combine_nodes(mesh, shares), speed, _normal_frames(tangents), cell))
 
 
-def _of_triangles(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
-    """Yield the arrays of samples of some triangles after those of others."""
+def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
+    """Yield the arrays of the samples of `TRIANGLES_AT_ONCE` triangles at a time."""
     spacing, cells = 1.0 if clipped_at is None else float(clipped_at), np.ascontiguousarray(mesh.cells)
     midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else np.ascontiguousarray(mesh.midpoints)
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
-    single = np.zeros(len(mesh.cells)) if clipped_at is None else one_point_limits(mesh, spacing)
+    limits = np.zeros(len(mesh.cells)) if clipped_at is None else one_point_limits(mesh, spacing)
     for start in range(0, max(len(cells), 1), TRIANGLES_AT_ONCE):
-        some = slice(start, start + TRIANGLES_AT_ONCE)
-        of_some = mesh.vertices, cells[some], midpoints[some], spacing, clipped[some], single[some]
-        *others, cell = _whole(*of_some, fine) if fine or not single[some].any() else _single_and_others(*of_some)
+        rows = slice(start, start + TRIANGLES_AT_ONCE)
+        arguments = mesh.vertices, cells[rows], midpoints[rows], spacing, clipped[rows], limits[rows]
+        if fine or not limits[rows].any():
+            *others, cell = _all_samples(*arguments, fine)
+        else:
+            *others, cell = _samples_by_count(*arguments)
         yield [*others, cell + np.int32(start)]
 
 
-def _whole(
-    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool
+def _all_samples(
+    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats, fine: bool
 ) -> list[Any]:
-    """Return the points, weights, normals and triangles of samples, those of one triangle after those of another."""
+    """Return the points, weights, normals and triangles of the samples, in the order of the triangles."""
     from cpmkit.forms.galerkin.quadrature.clipping_kernels import triangle_samples
     from cpmkit.forms.galerkin.quadrature.whole_kernels import nodes_of
 
-    return list(triangle_samples(nodes_of(vertices, cells, midpoints), spacing, clipped, single, fine))
+    return list(triangle_samples(nodes_of(vertices, cells, midpoints), spacing, clipped, limits, fine))
 
 
-def _single_and_others(
-    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, single: Floats
+def _samples_by_count(
+    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
 ) -> list[Any]:
-    """Return the same, where triangles that have one sample are many, and need not be cut to be found."""
+    """Return the same; triangles that get a single point are sampled first, which is faster where they are many."""
     from cpmkit.forms.galerkin.quadrature.whole_kernels import single_samples
 
     count = len(cells)
-    found: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
-    left = np.empty(count, dtype=np.int64)
-    used, others = single_samples(vertices, cells, midpoints, spacing, clipped, single, found, left)
+    single: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
+    remaining = np.empty(count, dtype=np.int64)
+    used, others = single_samples(vertices, cells, midpoints, spacing, clipped, limits, single, remaining)
     if not others:
-        return list(found)
-    rest = left[:others]
-    *of_rest, triangle = _whole(vertices, cells[rest], midpoints[rest], spacing, clipped[rest], single[rest], False)
-    of_rest.append(rest[triangle].astype(np.int32))
-    both: list[Any] = [np.concatenate([one[:used], other]) for one, other in zip(found, of_rest, strict=True)]
+        return list(single)
+    rows = remaining[:others]
+    *several, triangle = _all_samples(
+        vertices, cells[rows], midpoints[rows], spacing, clipped[rows], limits[rows], False
+    )
+    several.append(rows[triangle].astype(np.int32))
+    both: list[Any] = [np.concatenate([first[:used], second]) for first, second in zip(single, several, strict=True)]
     order = np.argsort(both[3], kind="stable")
-    return [one[order] for one in both]
+    return [array[order] for array in both]
 
 
 def _arrays(samples: Samples) -> list[Any]:
-    return [getattr(samples, one.name) for one in fields(Samples)]
+    return [getattr(samples, field.name) for field in fields(Samples)]
 
 
-def _joined(parts: Iterable[list[Any]]) -> Samples:
-    """Return the samples of these arrays; the whole grows where it stands, and never is in memory twice."""
+def _concatenate(parts: Iterable[list[Any]]) -> Samples:
+    """Return the samples of all parts; arrays grow in place, so that they are never in memory twice."""
     whole: list[Any] = []
     for part in parts:
         if not whole:
-            whole = [np.array(own) for own in part]
+            whole = [np.array(array) for array in part]
             continue
-        for own, more in zip(whole, part, strict=True):
-            before = len(own)
-            own.resize((before + len(more), *own.shape[1:]), refcheck=False)  # no view of it is anywhere
-            own[before:] = more
+        for array, more in zip(whole, part, strict=True):
+            before = len(array)
+            array.resize((before + len(more), *array.shape[1:]), refcheck=False)  # there is no view of it
+            array[before:] = more
     return Samples(*whole)
 
 
-def _mixed(mesh: Mesh, shares: Floats) -> Floats:
-    """Return (m q, d) the combinations of each cell's corners and midpoints with ``shares`` (q, nodes)."""
+def _combine_nodes(mesh: Mesh, shares: Floats) -> Floats:
+    """Return the combinations (m q, d) of each cell's corners and midpoints with ``shares`` (q, nodes)."""
     nodes = mesh.vertices[mesh.cells.T]
     if mesh.midpoints is not None:
         nodes = np.concatenate([nodes, mesh.midpoints.transpose(1, 0, 2)])
-    mixed = shares @ nodes.reshape(len(nodes), -1)
-    return np.ascontiguousarray(mixed.reshape(len(shares), -1, mesh.dim).transpose(1, 0, 2)).reshape(-1, mesh.dim)
+    combined = shares @ nodes.reshape(len(nodes), -1)
+    by_cell = combined.reshape(len(shares), -1, mesh.dim).transpose(1, 0, 2)
+    return np.ascontiguousarray(by_cell).reshape(-1, mesh.dim)
 
 
 def _segment_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats]:
-    """Return shares (3, nodes), their slopes (3, nodes) from start to end, and weights (3,)."""
+    """Return shape functions (3, nodes) at Gauss points, their slopes (3, nodes) from start to end, weights (3,)."""
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     if mesh.midpoints is None:
@@ -224,12 +226,12 @@ def _segment_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats]:
     return shares, np.stack([4 * t - 3, 4 * t - 1, 4 - 8 * t], axis=1), 0.5 * weights
 
 
-def _across(along: Floats) -> Floats:
-    """Return (n, d - 1, d) orthonormal vectors across ``along`` (n, d)."""
-    t = unit(along)
+def _normal_frames(tangents: Floats) -> Floats:
+    """Return orthonormal vectors (n, d - 1, d) perpendicular to ``tangents`` (n, d)."""
+    t = unit(tangents)
     if t.shape[1] == 2:
         return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]
-    # Across the axis from which the direction is farthest: in the worst case by 54 degrees.
+    # Perpendicular to the axis from which the direction is farthest: in the worst case by 54 degrees.
     axis = np.eye(3)[np.argmin(np.abs(t), axis=1)]
     first = unit(np.cross(t, axis))
     return np.stack([first, np.cross(t, first)], axis=1)

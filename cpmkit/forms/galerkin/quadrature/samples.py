@@ -1,4 +1,10 @@
-"""TODO."""
+"""Quadrature points of a manifold with weights and normals, exact or quantised to half of the memory.
+
+A surface has some twenty samples for each unknown. A spline space stores their positions in their lattice cells and
+their normals in fixed-point numbers, rounded once, before anything is summed: to 2^-33 spacings and some 2^-30. All
+integrals are then sums over one and the same samples, so that constants, means and totals are reproduced to rounding.
+The few samples of curves are not rounded.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +16,15 @@ import numpy as np
 from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.types import Floats, Ints
 
-#: What one unit of a place is in spacings, and one of a normal's component: 1 and -1 are whole numbers of it.
+#: Unit of a quantised coordinate in spacings, and of a quantised normal component: 1 and -1 are multiples of it.
 PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30
+#: Samples that are rounded or decoded together, so that temporary arrays stay small.
+SAMPLES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Points of the manifold with weights, from which every integral over it is summed.
+    """Quadrature points of the manifold, over which every integral is summed.
 
     Attributes
     ----------
@@ -27,7 +35,7 @@ class Samples:
     normals : (q, c, d) float64
         Orthonormal vectors that span the normal space, c = d - manifold_dim of them.
     cell : (q,) int32
-        The cell of the mesh that each lies in.
+        The cell of the mesh in which each lies.
     """
 
     points: Floats
@@ -42,39 +50,35 @@ class Samples:
         return len(self.points)
 
     def points_at(self, rows: slice | Ints) -> Floats:
-        """Return (..., d) the points of the samples ``rows`` (...)."""
+        """Return the points (..., d) of the samples ``rows`` (...)."""
         return np.asarray(self.points[rows])
 
     def normals_at(self, rows: slice | Ints) -> Floats:
-        """Return (..., c, d) the normals of the samples ``rows`` (...)."""
+        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
         return np.asarray(self.normals[rows])
 
     def cell_at(self, rows: Ints) -> Ints:
-        """Return (...) the cells of the samples ``rows`` (...)."""
+        """Return the cells (...) of the samples ``rows`` (...)."""
         return np.asarray(self.cell[rows])
-
-
-#: Samples that are rounded or decoded at a time.
-SAMPLES_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True, eq=False)
 class QuantisedSamples:
-    """Samples of a parting.
+    """Samples in fixed-point numbers, relative to the lattice cells of their patches.
 
     Attributes
     ----------
-    dof_map : Parting
+    dof_map : DofMap
         Of these samples.
     places : (q, d) int32, float64 for curves
-        Where each lies, from the node in the middle of its patch's cell, in spacings over `PLACE_UNIT`.
+        Position relative to the node at the centre of the patch's lattice cell, in spacings over `PLACE_UNIT`.
     directions : (q, c, e) int32, float64 for curves
-        The normals over `NORMAL_UNIT`, made orthonormal again where they are read; e = d, but 2 for surfaces: there it
-        is the place on an octahedron, unfolded into a square.
+        The normals over `NORMAL_UNIT`, orthonormalised when read. e = d; for surfaces e = 2, the position on an
+        octahedron that is unfolded into a square.
     weights : (q,) float64
-        Shares of the manifold's measure; zero for points that only read u beside a boundary.
+        Share of the manifold's measure; zero for points that only read u beside a boundary.
     cell_starts : (m + 1,) int32
-        The first sample of each cell of the mesh, for as many samples as stand cell after cell.
+        The first sample of each cell of the mesh, for the samples that are ordered by cell.
     further_cells : (k,) int32
         The cells of the samples behind these.
     """
@@ -88,27 +92,26 @@ class QuantisedSamples:
 
     @classmethod
     def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:
-        """Return the ``samples`` that were parted, rounded."""
+        """Return the ``samples`` of a dof map, rounded."""
         from cpmkit.forms.galerkin.quadrature.quantised_kernels import encode_normals
 
         codim, d = samples.normals.shape[1:]
-        surface = d - codim == 2
-        places = np.empty(samples.points.shape, dtype=np.int32 if surface else np.float64)
-        directions = np.empty((len(samples), codim, 2 if surface else d), dtype=places.dtype)
-        most = np.iinfo(np.int32).max
+        is_surface = d - codim == 2
+        places = np.empty(samples.points.shape, dtype=np.int32 if is_surface else np.float64)
+        directions = np.empty((len(samples), codim, 2 if is_surface else d), dtype=places.dtype)
+        largest = np.iinfo(np.int32).max
         for start in range(0, len(samples), SAMPLES_AT_ONCE):
-            some = slice(start, start + SAMPLES_AT_ONCE)
-            from_node = samples.points[some] / dof_map.spacing - dof_map.cells[dof_map.patch[some]]
+            rows = slice(start, start + SAMPLES_AT_ONCE)
+            from_node = samples.points[rows] / dof_map.spacing - dof_map.cells[dof_map.patch[rows]]
             from_node /= PLACE_UNIT
-            places[some] = np.clip(np.rint(from_node), -most - 1, most) if surface else from_node
-        if surface:
+            places[rows] = np.clip(np.rint(from_node), -largest - 1, largest) if is_surface else from_node
+        if is_surface:
             encode_normals(samples.normals, directions)
         else:
             directions[:] = samples.normals / NORMAL_UNIT
         descents = np.flatnonzero(samples.cell[1:] < samples.cell[:-1])
         count = int(descents[0]) + 1 if len(descents) else len(samples)
-        cells = np.bincount(samples.cell[:count])
-        starts = np.concatenate([[0], np.cumsum(cells)]).astype(np.int32)
+        starts = np.concatenate([[0], np.cumsum(np.bincount(samples.cell[:count]))]).astype(np.int32)
         return cls(dof_map, places, directions, samples.weights, starts, samples.cell[count:].copy())
 
     def __len__(self) -> int:
@@ -121,22 +124,22 @@ class QuantisedSamples:
 
     @property
     def points(self) -> Floats:
-        """(q, d) relative to the lattice's origin; made anew each time."""
+        """(q, d) relative to the lattice's origin; decoded at each access."""
         return self.points_at(slice(None))
 
     @property
     def normals(self) -> Floats:
-        """(q, c, d) orthonormal vectors that span the normal space; made anew each time."""
+        """(q, c, d) orthonormal vectors that span the normal space; decoded at each access."""
         return self.normals_at(slice(None))
 
     @property
     def cell(self) -> Any:
-        """(q,) int32 the cell of the mesh that each lies in; made anew each time."""
+        """(q,) int32 the cell of the mesh in which each lies; computed at each access."""
         cells = np.arange(len(self.cell_starts) - 1, dtype=np.int32)
         return np.concatenate([np.repeat(cells, np.diff(self.cell_starts)), self.further_cells])
 
     def points_at(self, rows: slice | Ints) -> Floats:
-        """Return (..., d) the points of the samples ``rows`` (...)."""
+        """Return the points (..., d) of the samples ``rows`` (...)."""
         from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_places
 
         places, patch = self.places[rows], self.dof_map.patch[rows]
@@ -146,7 +149,7 @@ class QuantisedSamples:
         return points
 
     def normals_at(self, rows: slice | Ints) -> Floats:
-        """Return (..., c, d) the normals of the samples ``rows`` (...)."""
+        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
         from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_all_normals
 
         directions = self.directions[rows]
@@ -155,7 +158,7 @@ class QuantisedSamples:
         return normals
 
     def cell_at(self, rows: Ints) -> Ints:
-        """Return (...) the cells of the samples ``rows`` (...)."""
+        """Return the cells (...) of the samples ``rows`` (...)."""
         count = int(self.cell_starts[-1])
         cells = np.searchsorted(self.cell_starts, np.minimum(rows, count - 1), side="right") - 1
         behind = rows >= count

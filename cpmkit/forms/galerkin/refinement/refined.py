@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 class RefinedLocator(PatchLocator):
     """Finds the patches of points among those of several levels."""
 
-    def _own_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
+    def _patch_of_cell(self, points: Floats, found: Ints, apart: Floats, patch: Ints) -> Ints:
         assert isinstance(self.dof_map, RefinedDofMap)
         own = self.dof_map.magnified(found, points[:, None]) / self.lattice.spacing + 0.5
         fits = (self.dof_map.cells[found] == np.floor(own)).all(axis=2) & np.isfinite(apart)
