@@ -133,7 +133,7 @@ class Solution(SolutionRecord):
         return to_polyscope(self, name, vertices)
 
     def _repr_html_(self) -> str:
-        from cpmkit.view.thumbnail import thumbnail
+        from cpmkit.view.showing import thumbnail
 
         return html_table(f"Solution of {self.scene.problem.kind}", self._figures(), thumbnail(self))
 

@@ -167,7 +167,7 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
         return 0.0, 0.0
     order = solution.discretized.diagnosis(coarse.discretized, apart.ratio, eigenvalues=True).order
     error = fine.error if other is None else abs(fine.gap - other.gap) / (apart.ratio**order - 1)
-    return fine.amplified(error)
+    return fine.amplified_error(error)
 
 
 def _combined(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:

@@ -207,7 +207,7 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
         ], None
     a = mean_diffusivity(terms.diffusivity, form.some_points(MODE_POINTS)[1])
     resonance = _resonance(form, gap / a, square or _squared_wavenumber_of(form, mode), gap * step, u)
-    if not resonance.undetermined:
+    if not resonance.is_undetermined:
         return [], resonance
     where = f"k^2={square:.6g}" if square else "zero, to which conditions or c bring it,"
     cure = "another wavenumber" if square else "other coefficients"

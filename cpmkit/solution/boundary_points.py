@@ -1,4 +1,4 @@
-"""Points along a boundary in the order in which it passes them, with tangents, conormals and arc lengths."""
+"""Points along the curves of a boundary, in order, with tangents, conormals and arc lengths."""
 
 from __future__ import annotations
 
@@ -22,29 +22,29 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.fluxes import boundary_rule
 from cpmkit.types import Bools, Floats, Ints
 
-#: Ends of runs that coincide to this share of what the points there stand for are one corner: on straight sides they
-#: coincide to rounding, on curved ones to the square of that length over the radius.
+#: Ends of runs are one corner if their distance is at most this share of the weights there: on straight sides it is
+#: rounding, on curved ones the square of the weight over the radius.
 SAME_CORNER_SHARE = 0.25
 
 
-def joined_at_corners(
+def join_at_corners(
     runs: Sequence[Ints], closed: Sequence[bool], points: Floats, tangents: Floats, weights: Floats
 ) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Return runs put together, and which of these are closed.
+    """Join runs of points that meet at corners, and return the joined runs and which of them are closed.
 
-    The points of a polyline's sides do not show that its sides hang together where it turns by a right angle: the ends
-    of the sides do. Where three ends meet, or one is as near to two others, nothing is put together.
+    The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three ends meet,
+    or an end is equally near to two others, nothing is joined.
 
     Parameters
     ----------
     runs : sequence of (k,) int64
-        Numbers of points in the order of travel.
+        Numbers of points in order.
     closed : sequence of bool
-        Which of them are closed.
+        Which runs are closed.
     points, tangents : (n, d) float64
-        The latter of unit length, the way the curves run.
+        Points, and unit vectors in the direction of the curves.
     weights : (n,) float64
-        The length that each point stands for, half of it on either side.
+        Length of each point, half of it on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -58,11 +58,11 @@ def joined_at_corners(
     count = len(opened)
     alone = meet.sum(axis=1) == 2  # itself and one other
     follows: Bools = meet[:count, count:] & alone[:count, None] & alone[None, count:]
-    return _followed(opened, follows, [run for run, is_closed in zip(runs, closed, strict=True) if is_closed])
+    return _join_runs(opened, follows, [run for run, is_closed in zip(runs, closed, strict=True) if is_closed])
 
 
-def _followed(opened: Sequence[Ints], follows: Bools, others: Sequence[Ints]) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Return closed runs ``others``, and open ones, each with those behind it that ``follows`` (i, j) it."""
+def _join_runs(opened: Sequence[Ints], follows: Bools, others: Sequence[Ints]) -> tuple[list[Ints], tuple[bool, ...]]:
+    """Return the closed runs ``others`` and the joined open runs, where ``follows`` (i, j) says that j follows i."""
     following = np.where(follows.any(axis=1), follows.argmax(axis=1), -1)
     joined, are_closed, left = list(others), [True] * len(others), np.ones(len(opened), dtype=bool)
     starts = [*np.flatnonzero(~follows.any(axis=0)), *np.flatnonzero(follows.any(axis=0))]  # loops begin anywhere
@@ -88,27 +88,26 @@ STEP_SHARE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class BoundaryPoints:
-    """Points that integrate over a boundary, curve by curve in the order in which each passes them.
+    """Quadrature points of a boundary, curve by curve, in the direction of each curve.
 
     Attributes
     ----------
     source, surface : ClosestPointSource
-        The boundary, and the manifold that it lies in.
+        The boundary, and the manifold that contains it.
     points : (k, d) float64
-        On the manifold, in the scene's coordinates.
+        Points of the manifold, in the scene's coordinates.
     weights : (k,) float64
-        Lengths that they stand for; 1 for a point.
+        Lengths; 1 for a point.
     tangents : (k, d) float64
-        Unit vectors along the boundary, the way it runs; zero where it is points.
+        Unit vectors in the direction of the boundary; zero where it is points.
     conormals : (k, d) float64
-        Unit vectors in the manifold across it, to its left where it has one; zero where the manifold is a surface and
-        the boundary points.
+        Unit vectors of the manifold across the boundary, to its left if it has one; zero for points of a surface.
     curve : (k,) int64
-        Which of its curves each belongs to, from 0.
+        Number of the curve of each point, from 0.
     arc_length : (k,) float64
-        From where that curve begins; a closed one begins anywhere.
+        Arc length from the start of the curve; a closed curve starts anywhere.
     closed : tuple of bool
-        Of each curve.
+        Whether each curve is closed.
     """
 
     source: ClosestPointSource
@@ -126,7 +125,7 @@ class BoundaryPoints:
 
     @property
     def lengths(self) -> Floats:
-        """(curves,) the length of each curve."""
+        """(curves,) length of each curve."""
         return np.asarray(np.bincount(self.curve, self.weights, minlength=len(self.closed)), dtype=np.float64)
 
     def spaced(self, count: int, curve: int = 0) -> Floats:
@@ -135,7 +134,7 @@ class BoundaryPoints:
         Raises
         ------
         InputError
-            If there is no such curve, or the boundary is points.
+            If there is no such curve, or the boundary consists of points.
         """
         count = whole(count, "count", 1, 10_000_000)
         if not 0 <= curve < len(self.closed) or not self.source.manifold_dim:
@@ -146,11 +145,12 @@ class BoundaryPoints:
         at, points = self.arc_length[rows], self.points[rows]
         if closed:
             at, points = np.concatenate([at, at[:1] + length]), np.concatenate([points, points[:1]])
-        else:  # on from the outermost points to the ends, along their tangents
+        else:  # from the outermost points along their tangents to the ends
             ends = points[[0, -1]] + np.array([[-at[0]], [length - at[-1]]]) * self.tangents[rows[[0, -1]]]
             at, points = np.concatenate([[0.0], at, [length]]), np.concatenate([ends[:1], points, ends[1:]])
-        found = np.stack([np.interp(wanted, at, axis, period=length if closed else None) for axis in points.T], axis=1)
-        return self.surface.closest_point(self.source.closest_point(found).points).points
+        period = length if closed else None
+        spaced = np.stack([np.interp(wanted, at, axis, period=period) for axis in points.T], axis=1)
+        return self.surface.closest_point(self.source.closest_point(spaced).points).points
 
 
 def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryPoints:
@@ -161,14 +161,14 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     source : ClosestPointSource
         Points, or curves of a surface.
     surface : ClosestPointSource
-        The manifold; of one dimension more, but that points may lie on a surface.
+        The manifold, of one dimension more; points may also lie on a surface.
     spacing : float
-        Between them at most, in the scene's unit.
+        Largest distance of neighbouring points, in the scene's unit.
 
     Raises
     ------
     InputError, SceneError
-        If the spacing is not above zero, or the boundary is no part of such a manifold.
+        If the spacing is not positive, or the boundary does not lie in such a manifold.
 
     Examples
     --------
@@ -186,10 +186,10 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
         count = len(rule.points)
         each = rule.points, rule.weights, tangents, conormals, np.arange(count), np.zeros(count)
         return BoundaryPoints(source, surface, *each, (False,) * count)
-    found = link_chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
-    runs, closed = joined_at_corners(
-        [_along(rule.points, tangents, one.order) for one in found],
-        [one.closed for one in found],
+    curves = link_chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
+    runs, closed = join_at_corners(
+        [_in_direction(rule.points, tangents, curve.order) for curve in curves],
+        [curve.closed for curve in curves],
         rule.points,
         tangents,
         rule.weights,
@@ -204,10 +204,10 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
 def directions_along(
     source: ClosestPointSource, surface: ClosestPointSource
 ) -> Callable[[Floats], tuple[Floats, Floats]]:
-    """Return a function of points (k, d) on a boundary, of the unit tangents and leftward conormals (k, d) there.
+    """Return a function of points (k, d) of a boundary that gives unit tangents and conormals to the left (k, d) there.
 
-    As of :class:`BoundaryPoints`; where sources have no directions of their own, by differences of a
-    thousandth of the surface's size.
+    They are those of :class:`BoundaryPoints`; by differences with a thousandth of the surface's size as step where
+    sources have no directions of their own.
     """
     oriented, step = _oriented(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
@@ -216,7 +216,7 @@ def directions_along(
 def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
     """Return unit normals (k, d) of a surface in space, or a curve in the plane, at the points nearest to ``points``.
 
-    Of any sign where the surface has none of its own; by differences of a thousandth of its size.
+    Of either sign where the surface has no normals of its own; then by differences of a thousandth of its size.
     """
     local = LocalSource(surface, np.zeros(surface.dim))
     step = STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
@@ -225,14 +225,14 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
     if (source.manifold_dim or 0) > 1:
-        raise SceneError(f"points are put along curves, got a boundary of dimension {source.manifold_dim}.")
+        raise SceneError(f"points are distributed along curves, got a boundary of dimension {source.manifold_dim}.")
     boundary = Boundary("boundary", source, both=Neumann())
     Scene(surface, Laplace(), [boundary])  # checks that they belong together
     return orient(boundary, surface)
 
 
 def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
-    """Return unit tangents and leftward conormals (k, d) at points of a boundary; zero where there are none."""
+    """Return unit tangents and conormals to the left (k, d) at points of a boundary; zero where undefined."""
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)
     feet, on = oriented.feet(points - oriented.left.origin)
@@ -244,8 +244,8 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
     return np.cross(left, axis), left
 
 
-def _along(points: Floats, tangents: Floats, order: Ints) -> Ints:
-    """Return the order of a chain turned round, if need be, so that it runs the way of the tangents."""
+def _in_direction(points: Floats, tangents: Floats, order: Ints) -> Ints:
+    """Return the order of a chain of points, reversed if it runs against the tangents."""
     if len(order) < 2:
         return order
     ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])

@@ -1,4 +1,4 @@
-"""What flows out of a side of a boundary: the conormal derivative, and its integral."""
+"""Fluxes out of a side of a boundary: the conormal derivative, its integral, and quadrature rules over boundaries."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Width, in spacings, of the bump that stands for a boundary without a mesh.
+#: Width, in spacings, of the bump around a boundary without a mesh.
 BUMP_WIDTH_SPACINGS = 3.0
 #: The bump is (1 - r^2)^POWER, r in widths.
 BUMP_POWER = 4
-#: Feet on a rim are found from points this share of a spacing beyond its mesh.
+#: Closest points on a rim are computed from points this share of a spacing beyond the mesh.
 BEYOND_RIM_SPACINGS = 0.25
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryRule:
-    """Points (n, d) in the scene's coordinates, and weights (n,): lengths or areas; 1 for a point."""
+    """Quadrature points (n, d) in the scene's coordinates, and weights (n,): lengths or areas; 1 for a point."""
 
     points: Floats
     weights: Floats
 
 
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
-    """Return a rule over a boundary, snapped to ``surface``; without a mesh of it, from its closest points alone."""
+    """Return a quadrature rule over a boundary, with points on ``surface``; without a mesh from closest points."""
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
         return _from_bump(source, surface, spacing, dim)
@@ -56,19 +56,19 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
 
 
 def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int) -> BoundaryRule:
-    """Return a rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
+    """Return a quadrature rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
 
-    The bump has the integral 1 over the normal space. It is even, so that curvature changes the measure to second
-    order in the width at most; beyond the ends of an open curve it is left out.
+    The bump has integral 1 over the normal space. It is even, so that curvature changes the measure to second order in
+    the width at most. Nodes beyond the ends of an open curve are left out.
     """
     local = localize(source, np.zeros(source.dim))
     cells = surface_cells(local, spacing, 3)
     reach = int(np.ceil(BUMP_WIDTH_SPACINGS)) + 1
     codes = Codes.around(cells, reach)
-    near = np.unique(codes.encode(cells))
+    nodes = np.unique(codes.encode(cells))
     for axis in range(source.dim):
-        near = codes.dilate(near, axis, range(-reach, reach + 1))
-    feet = source.closest_point(np.asarray(codes.decode(near) * spacing, dtype=np.float64))
+        nodes = codes.dilate(nodes, axis, range(-reach, reach + 1))
+    feet = source.closest_point(np.asarray(codes.decode(nodes) * spacing, dtype=np.float64))
     feet = feet.take((feet.distance < BUMP_WIDTH_SPACINGS * spacing) & (feet.edge < 0))
     normal, width = source.dim - dim, BUMP_WIDTH_SPACINGS * spacing
     volume = pi ** (normal / 2) * gamma(BUMP_POWER + 1) / gamma(BUMP_POWER + 1 + normal / 2) * width**normal
@@ -77,7 +77,7 @@ def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing:
 
 
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
-    """Return feet on the rim, or on one ``loop`` of it, and their weights.
+    """Return quadrature points on the rim, or on one ``loop`` of it, with weights.
 
     Raises
     ------
@@ -87,19 +87,19 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
     points, cells = mesh_of(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     if surface.dim == 3 and surface.manifold_dim == 3:
-        raise InputError("The flux through the surface of a solid in space is not offered; ask for a boundary's.")
+        raise InputError("The flux through the surface of a solid in space is not offered; compute that of a boundary.")
     parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
     parts.append(_rim_of_segments(surface, points, with_corners(cells, 2), spacing))
     feet = ClosestPoints.join([part for part, _ in parts])
     weights = np.concatenate([weight for _, weight in parts])
-    kept = feet.edge >= 0 if loop is None else feet.edge == loop
-    if not kept.any():
-        found = np.unique(feet.edge[feet.edge >= 0]).tolist()
+    on_loop = feet.edge >= 0 if loop is None else feet.edge == loop
+    if not on_loop.any():
+        loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
         raise InputError(
-            f"The manifold has no edge{'' if loop is None else f' {loop}'} to ask for a flux; "
-            + (f"its edges are {', '.join(map(str, found))}." if found else "it is closed.")
+            f"The manifold has no edge{'' if loop is None else f' {loop}'} with a flux; "
+            + (f"its edges are {', '.join(map(str, loops))}." if loops else "it is closed.")
         )
-    return feet.take(kept), weights[kept]
+    return feet.take(on_loop), weights[on_loop]
 
 
 def _rim_of_triangles(
@@ -126,13 +126,13 @@ def _rim_of_segments(
     return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))
 
 
-#: The word that stands for the edge of the manifold.
+#: The name of the manifold's edge in place of a boundary.
 EDGE_WORD = "edge"
 
 
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
     """Return du/db (n,) or (n, channels); see :meth:`SolutionRecord.flux_density`."""
-    density = solution.discretized.conormal_derivative(solution.values, points, boundary, _one_side(boundary, side))
+    density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
     return density[:, 0] if solution.channels == 1 else density
 
 
@@ -148,15 +148,15 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
         if total is None:
             total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
-        one, name = _one_side(str(boundary), side), str(boundary)
-        total = form.flux(solution.values, name, one, solution.data_time)
+        checked, name = _check_side(str(boundary), side), str(boundary)
+        total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
             rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)
-            total = rule.weights @ form.conormal_derivative(solution.values, rule.points, name, one)
+            total = rule.weights @ form.conormal_derivative(solution.values, rule.points, name, checked)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 
-def _one_side(boundary: str, side: Side | None) -> Side:
+def _check_side(boundary: str, side: Side | None) -> Side:
     if side is None:
-        raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux is that out of one side, got None.")
+        raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
     return side

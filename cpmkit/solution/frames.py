@@ -1,4 +1,4 @@
-"""Solutions of problems in time: that at the end, and those kept on the way."""
+"""Solutions of problems in time: the solution at the end, and frames at earlier times."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Bytes of a value, and how often frames are in memory while they are saved.
-VALUE_BYTES, FRAME_COPIES = 8, 2
+#: Bytes of a value in memory while frames are saved: two copies of eight bytes.
+FRAME_VALUE_BYTES = 16
 
 
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
-    """Refuse, before the first step, more frames than the memory that is left would hold.
+    """Refuse, before the first time step, more frames than the available memory can hold.
 
     Raises
     ------
     ResolutionError
         With the number of frames that would fit.
     """
-    each, available = FRAME_COPIES * VALUE_BYTES * unknowns * channels, available_bytes()
-    if frames * each > available:
+    frame_bytes, available = FRAME_VALUE_BYTES * unknowns * channels, available_bytes()
+    if frames * frame_bytes > available:
         raise ResolutionError(
-            f"{frames} frames of {unknowns} unknowns need {frames * each / 2**30:.3g} GiB, and "
-            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * each)} frames or less."
+            f"{frames} frames of {unknowns} unknowns need {frames * frame_bytes / 2**30:.3g} GiB, and "
+            f"{available / 2**30:.3g} GiB are available; ask for {available // (2 * frame_bytes)} frames or less."
         )
 
 
@@ -41,11 +41,11 @@ class EvolvedRecord(SolutionRecord):
     Attributes
     ----------
     time : float
-        When it holds.
+        Time of the solution.
     steps : int
-        Steps that led there.
+        Number of time steps up to it.
     energy : (channels,) float64, optional
-        Of a wave in a form with symmetric operators: kinetic and elastic energy, less the work of what pushes it.
+        Of a wave in a form with symmetric operators: kinetic and elastic energy, less the work of the load.
     frames : tuple of EvolvedSolution
         The solutions at the times that ``frames`` of the problem names, in order; they share all tables.
     """
@@ -57,35 +57,35 @@ class EvolvedRecord(SolutionRecord):
 
     @property
     def data_time(self) -> float:
-        """When the solution holds."""
+        """Time of the solution, at which data that depend on the time are evaluated."""
         return self.time
 
     @property
     def totals(self) -> Floats | None:
-        """(channels,) the integrals of u over the manifold, such as its heat; None in forms that know no exact ones."""
+        """(channels,) integrals of u over the manifold, such as its heat; None in forms without exact integrals."""
         return self.discretized.integrals(self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return the display mesh of each frame: one mesh, cut and read once, with the values of each."""
-        together = np.concatenate([frame.values for frame in self.frames], axis=1)
-        mesh = replace(self, values=together, frames=()).display_mesh()
+        """Return the display mesh of each frame: one mesh, made once, with the values of each frame."""
+        all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
+        mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)
         return [replace(mesh, values=np.ascontiguousarray(part)) for part in parts]
 
     def summary(self) -> dict[str, Any]:
-        """Return what was solved, what it cost and what it reached, as plain values."""
+        """Return the problem, its cost and its result as plain values."""
         problem = self.scene.problem
-        told: dict[str, Any] = {"time": self.time, "steps": self.steps}
+        summary: dict[str, Any] = {"time": self.time, "steps": self.steps}
         if isinstance(problem, Evolution):
-            told |= {
+            summary |= {
                 "scheme": problem.with_scheme("explicit steps" not in self.discretized.cannot).scheme,
                 "step": problem.step,
             }
-        told["frames"] = [frame.time for frame in self.frames]
-        for name in ("totals", "energy"):  # of each frame, and at the end
-            values = [getattr(one, name) for one in (*self.frames, self)]
-            told |= {} if values[-1] is None else {name: [value.tolist() for value in values]}
-        return {**super().summary(), "time": told}
+        summary["frames"] = [frame.time for frame in self.frames]
+        for name in ("totals", "energy"):  # of each frame, then at the end
+            values = [getattr(solution, name) for solution in (*self.frames, self)]
+            summary |= {} if values[-1] is None else {name: [value.tolist() for value in values]}
+        return {**super().summary(), "time": summary}
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of the discrete solution, with the times and the values of the frames."""
@@ -94,25 +94,26 @@ class EvolvedRecord(SolutionRecord):
         return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
 
     def _figures(self) -> list[tuple[str, str]]:
-        kept = f", {len(self.frames)} frames" if self.frames else ""
-        return [*super()._figures(), ("time", f"{self.time:g} after {self.steps} steps{kept}")]
+        frames = f", {len(self.frames)} frames" if self.frames else ""
+        return [*super()._figures(), ("time", f"{self.time:g} after {self.steps} steps{frames}")]
 
     def __repr__(self) -> str:
-        kept = f", {len(self.frames)} frames" if self.frames else ""
-        return f"{super().__repr__()}, time {self.time:g} after {self.steps} steps{kept}"
+        frames = f", {len(self.frames)} frames" if self.frames else ""
+        return f"{super().__repr__()}, time {self.time:g} after {self.steps} steps{frames}"
 
 
-def frames_of(solution: SolutionRecord, what: str) -> tuple[EvolvedRecord, ...]:
-    """Return the frames of a solution.
+def frames_of(solution: SolutionRecord, label: str) -> tuple[EvolvedRecord, ...]:
+    """Return the frames of a solution; ``label`` names their use in the error.
 
     Raises
     ------
     InputError
-        If it has none.
+        If the solution has none.
     """
     frames = solution.frames if isinstance(solution, EvolvedRecord) else ()
     if not frames:
         raise InputError(
-            f"{what} needs frames, and the solution has none; ask the problem for some, such as Heat(..., frames=10)."
+            f"{label} needs frames, and the solution has none; request them from the problem, such as "
+            "Heat(..., frames=10)."
         )
     return frames

@@ -1,4 +1,4 @@
-"""Integrals over the manifold: over a form's own samples, or cell by cell of the mesh that the boundaries cut."""
+"""Integrals over the manifold, by a form's own quadrature or over the cells of a mesh cut along the boundaries."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
-#: What is integrated: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
+#: An integrand: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
 
 
 def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
     """Return the integral of the solution, or of a function of it; see :meth:`SolutionRecord.integrate`."""
     dimension, form = _dimension(solution.scene.surface, dim), solution.discretized
-    if form.point_weights is not None:  # the form's own samples, each read on its side
+    if form.point_weights is not None:  # the form's own quadrature, each point on its side
         read = form.at_points(solution.values)
         if function is not None:
             read = _integrand(function, form.points.copy(), read)
@@ -51,27 +51,27 @@ def mean(solution: SolutionRecord, function: Integrand | None, dim: int | None) 
 def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
     if not callable(function):
         return evaluate_data(function, points, None, "the integrand")
-    given = values[:, 0] if values.shape[1] == 1 else values
-    return evaluate_data(lambda at: function(at, given), points, None, "the integrand")
+    columns = values[:, 0] if values.shape[1] == 1 else values
+    return evaluate_data(lambda at: function(at, columns), points, None, "the integrand")
 
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
-    """Return the dimension over which is integrated; what lengths and areas would add up to is refused."""
-    found = member_dimensions(surface)
-    if dim is None and len(found) > 1:
+    """Return the dimension of the parts that are integrated; a sum of lengths and areas is refused."""
+    dimensions = member_dimensions(surface)
+    if dim is None and len(dimensions) > 1:
         raise InputError(
-            f"The manifold has parts of the dimensions {' and '.join(map(str, found))}, whose sizes do not add up; "
-            f"integrate over one of them, such as dim={found[-1]}."
+            f"The manifold has parts of the dimensions {' and '.join(map(str, dimensions))}, whose sizes do not add "
+            f"up; integrate over one of them, such as dim={dimensions[-1]}."
         )
-    if dim is not None and dim not in found:
+    if dim is not None and dim not in dimensions:
         raise InputError(
-            f"dim must be {' or '.join(map(str, found))}, the dimensions of the manifold, got {shown(dim)}."
+            f"dim must be {' or '.join(map(str, dimensions))}, the dimensions of the manifold, got {shown(dim)}."
         )
-    return found[0] if dim is None else dim
+    return dimensions[0] if dim is None else dim
 
 
 def _nodes_with_values(solution: SolutionRecord, dim: int) -> tuple[Floats, Floats, Ints]:
-    """Return the nodes of curved cells on the manifold, the solution there, and the cells."""
+    """Return nodes of curved cells on the manifold, the solution at the nodes, and the cells."""
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)

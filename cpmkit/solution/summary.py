@@ -1,4 +1,4 @@
-"""A solution in plain values: what was solved, how, what it cost, and where it comes from."""
+"""A solution in plain values: its scene, its discretisation, its cost, and the versions of libraries."""
 
 from __future__ import annotations
 
@@ -37,9 +37,12 @@ def summarize(solution: SolutionRecord) -> dict[str, Any]:
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Return what a scene holds, as plain values: of functions only that they are some."""
+    """Return a scene as plain values; functions only as the text ``of position``."""
     edge = scene.edge
-    held = {str(loop): _on_loop(one) for loop, one in edge.items()} if isinstance(edge, Mapping) else _on_loop(edge)
+    if isinstance(edge, Mapping):
+        of_edge: Any = {str(loop): _on_loop(conditions) for loop, conditions in edge.items()}
+    else:
+        of_edge = _on_loop(edge)
     return {
         "surface": type(scene.surface).__name__,
         "dim": scene.surface.dim,
@@ -53,32 +56,32 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
             {side: _condition(boundary.condition(side)) for side in SIDES} | {"name": boundary.name}
             for boundary in scene.boundaries
         ],
-        "edge": held,
+        "edge": of_edge,
     }
 
 
-def _on_loop(held: LoopConditions) -> Any:
-    """Return what holds on a loop of the edge: a condition, or where each of its parts holds."""
-    if not isinstance(held, ByPosition):
-        return _condition(held)
-    where = [None if one.where is None else getattr(one.where, "text", "of position") for one in held.parts]
-    return [[_condition(part.condition), here] for part, here in zip(held.parts, where, strict=True)]
+def _on_loop(conditions: LoopConditions) -> Any:
+    """Return the condition of a loop of the edge, or pairs of a condition and the place of its part."""
+    if not isinstance(conditions, ByPosition):
+        return _condition(conditions)
+    places = [None if part.where is None else getattr(part.where, "text", "of position") for part in conditions.parts]
+    return [[_condition(part.condition), place] for part, place in zip(conditions.parts, places, strict=True)]
 
 
 def _condition(condition: Condition) -> str:
-    """Return a condition's kind and its data, one alone without its name."""
+    """Return a condition's kind and its data; a single datum without its name."""
     data = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
     alone = len(data) == 1 and "order" not in data
     return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in data.items())])
 
 
-def _arguments(made: Any) -> dict[str, Any]:
-    """Return what an equation or a condition was made with."""
-    return {entry.name: getattr(made, entry.name) for entry in fields(made) if entry.init} if is_dataclass(made) else {}
+def _arguments(term: Any) -> dict[str, Any]:
+    """Return the constructor arguments of an equation or a condition."""
+    return {entry.name: getattr(term, entry.name) for entry in fields(term) if entry.init} if is_dataclass(term) else {}
 
 
 def _plain(value: Any) -> Any:
-    """Return a datum as JSON holds it: numbers as floats, lists entry by entry, of one entry as that entry."""
+    """Return a datum for JSON: numbers as floats, lists by entries, a list of one entry as that entry."""
     if value is None or isinstance(value, (bool, str)):
         return value
     if callable(value):
@@ -93,7 +96,7 @@ def _plain(value: Any) -> Any:
 
 
 def version_of(distribution: str) -> str | None:
-    """Return the version of a distribution, None where it is not installed."""
+    """Return the version of a distribution, None if it is not installed."""
     try:
         return version(distribution)
     except PackageNotFoundError:

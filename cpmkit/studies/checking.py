@@ -1,4 +1,4 @@
-"""What is wrong with a study is told before anything is solved; and the time step that its sweep gives a scene."""
+"""Checks of a study before anything is solved, and the time step that its sweep gives a scene."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from cpmkit.studies.sweep import BASELINES, REFINED, closest_points
 
 
 def check_study(study: Study) -> None:
-    """Refuse, before anything is solved, what no run of a study could be made with.
+    """Refuse a study none of whose runs could be solved.
 
     Raises
     ------
     SceneError
-        If the scene, the formula or what is varied is wrong, or the scene's solution is not one function.
+        If the scene, the formula or the sweep is not accepted, or the scene's solution is not one function.
     PluginError
-        If a method or the reference is no method of studies and offered by no plugin.
+        If a method or the reference is neither built in nor offered by a plugin.
     """
     check_comparable(study.scene)
     if study.sweep.spacings is not None:
@@ -45,7 +45,7 @@ def check_comparable(scene: Scene) -> None:
     Raises
     ------
     SceneError
-        If it has several channels, or eigenfunctions, of which any multiple is one.
+        If the scene has several channels, or its solution is eigenfunctions, which have any multiples.
     """
     if scene.problem.family == "eigen":
         raise SceneError("a study compares one function, and an eigenvalue problem has many; solve it without [exact].")
@@ -54,7 +54,7 @@ def check_comparable(scene: Scene) -> None:
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with its time step tied to the spacing: equal steps, none longer than the ratio allows.
+    """Return the scene with equal time steps, not longer than ``step_per_spacing`` times the spacing.
 
     Raises
     ------
@@ -71,5 +71,5 @@ def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | No
 
 
 def end_of(scene: Scene) -> float | None:
-    """Return the time at which the scene's solution is read, None where it has none."""
+    """Return the final time of the scene's problem, None if it has no time."""
     return getattr(scene.problem, "until", None)

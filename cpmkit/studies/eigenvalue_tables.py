@@ -1,4 +1,4 @@
-"""Eigenvalues of -Lap that are known, to hold computed ones against."""
+"""Exact eigenvalues of -Lap on spheres and tori, for comparison with computed ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from cpmkit.types import Floats
 
-#: Wave numbers around the axis that are looked at.
+#: Number of wave numbers around the axis.
 WAVE_NUMBERS = 20
 
 
@@ -19,8 +19,8 @@ def sphere_eigenvalues(count: int, radius: float = 1.0) -> Floats:
 def torus_eigenvalues(count: int, major: float = 1.0, minor: float = 0.4, nodes: int = 65) -> Floats:
     """Return the first eigenvalues (count,) of a torus, ascending, to about 1e-10.
 
-    For every wave number around the axis they are those of a problem of Sturm and Liouville in the small angle, which
-    Fourier sums on ``nodes``, an odd number, solve.
+    For every wave number around the axis they solve a Sturm-Liouville problem in the small angle, by trigonometric
+    polynomials on ``nodes`` points, an odd number.
     """
     from scipy.linalg import eigh
 

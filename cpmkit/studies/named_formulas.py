@@ -1,4 +1,4 @@
-"""Named formulas of a study file, [let], put in place of their names. Nothing is evaluated."""
+"""Named formulas of a study file, [let], which replace their names in other formulas. Nothing is evaluated."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ KEYS_WITHOUT_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "sch
 
 
 def expand_names(table: Any) -> dict[str, str]:
-    """Return the formulas of a table [let], each with those before it in place of their names.
+    """Return the formulas of a table [let], each with the names of earlier ones replaced by their formulas.
 
     Raises
     ------
     SceneError
-        If it is no table, a name is taken or no name, a value is no formula, or a formula becomes too long.
+        If it is no table, a name is reserved or invalid, a value is no formula, or a formula becomes too long.
 
     Examples
     --------
@@ -37,7 +37,7 @@ def expand_names(table: Any) -> dict[str, str]:
     for name, formula in table.items():
         if not name.isidentifier() or iskeyword(name) or normalize("NFKC", name) != name or name in TAKEN_NAMES:
             raise SceneError(
-                f"the name {shown(name)} of [let] is taken or no name; use letters, digits and underscores."
+                f"the name {shown(name)} of [let] is reserved or invalid; use letters, digits and underscores."
             )
         text = str(formula) if isinstance(formula, (int, float)) and not isinstance(formula, bool) else formula
         if not isinstance(text, str):
@@ -49,16 +49,16 @@ def expand_names(table: Any) -> dict[str, str]:
 
 
 def expand(formula: str, known: Mapping[str, str]) -> str:
-    """Return ``formula`` with the ``known`` formulas in place of their names; what does not parse stays as it is.
+    """Return ``formula`` with names replaced by the ``known`` formulas; text that does not parse is returned unchanged.
 
     Raises
     ------
     SceneError
-        If it becomes too long: each name may double it.
+        If the result is too long: each name may double it.
     """
     try:
         tree = parse(formula)
-    except SceneError:  # told where the formula is read, with the key's name; or it is no formula at all
+    except SceneError:  # refused where the formula is read, with the key's name; or it is no formula
         return formula
     names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]
     length = len(formula) + sum(len(known[node.id]) for node in names)
@@ -75,7 +75,7 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
 
 
 def expand_all(value: Any, known: Mapping[str, str]) -> Any:
-    """Return tables and lists with the ``known`` formulas in place of their names in every formula."""
+    """Return tables and lists with names replaced by the ``known`` formulas in every formula."""
     if isinstance(value, str):
         return expand(value, known)
     if isinstance(value, list):
@@ -89,7 +89,7 @@ def expand_all(value: Any, known: Mapping[str, str]) -> Any:
 
 
 def _tables_in(value: Any, known: Mapping[str, str]) -> Any:
-    """Return names and files as they are; in tables among them, such as the sources of a union, formulas expanded."""
+    """Return names and files unchanged; expand formulas in tables among them, such as the sources of a union."""
     if isinstance(value, list):
         return [_tables_in(entry, known) for entry in value]
     return expand_all(value, known) if isinstance(value, dict) else value

@@ -1,4 +1,4 @@
-"""Records, gathered into series: one method with its options over all spacings."""
+"""Series of records: one method with its options over all spacings or accuracy targets."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ import numpy as np
 from cpmkit.studies.records import Record
 from cpmkit.studies.sweep import Run
 
-#: Fewer spacings give no order.
+#: Least number of spacings that give an order.
 LEAST_SPACINGS = 2
-#: Spacings nearer to one another than this share are one.
+#: Spacings that differ by a smaller share are equal.
 SAME_SPACING_SHARE = 1e-9
 METHOD_WORDS = {
     "cpm": "closest point method",
@@ -31,26 +31,26 @@ METHOD_WORDS = {
 
 @dataclass(frozen=True)
 class Entry:
-    """What a series holds at one spacing.
+    """Errors and costs of a series at one spacing.
 
     Attributes
     ----------
     spacing : float
-        Where something else was asked for the mean of those that were found.
+        With an accuracy target the mean of the resulting spacings.
     error : float
-        The largest at any sample point; of several origins the root mean square.
+        The largest error at any sample point; of several origins the root mean square.
     rms_error, rms_without_mean : float
-        The root mean square over the sample points, as it is and less the mean, and over the origins.
+        Root mean square of errors over sample points and origins, with and without the mean error.
     half_range : float
-        Half the range of the solution that is compared with.
+        Half the range of the reference.
     shift : float
-        By how much the mean was put right at most; not a number where it was not looked at.
+        Largest correction of the mean; nan where it was not computed.
     unknowns, twins, queries, iterations, cpu_seconds : float
-        Means over the origins; not a number where a method does not count.
+        Means over the origins; nan where a method has no such count.
     bytes : float
-        At the peak, the mean; not a number where it is not recorded.
+        Peak memory, mean; nan where it is not recorded.
     target : float
-        What was asked for in place of a spacing; not a number where nothing was.
+        Accuracy target in place of a spacing; nan without one.
     """
 
     spacing: float
@@ -68,27 +68,27 @@ class Entry:
     target: float
 
     def percent(self, quantity: str) -> float:
-        """Return an error, or the shift, in percent of the half range; not a number where that is zero."""
+        """Return an error, or the shift, in percent of the half range; nan where that is zero."""
         return 100 * float(getattr(self, quantity)) / self.half_range if self.half_range > 0 else math.nan
 
 
 @dataclass(frozen=True)
 class Series:
-    """One method with its options over all spacings that are recorded without an error.
+    """One method with its options over all spacings with a record without error.
 
     Attributes
     ----------
     method : str
     options : mapping
-        Those of its options whose values a study lists.
+        Its options of those whose values a study lists.
     label : str
-        Names what distinguishes the series from the others.
+        Names the differences from other series.
     entries : sequence of Entry
-        The coarsest first.
+        Results, the coarsest first.
     reference : str or None
-        The back end that errors are differences from; None where the solution is known.
+        The back end whose solution is the reference; None where the solution is known.
     target : str
-        ``tolerance`` or ``seconds`` where that was asked for in place of spacings, else empty.
+        ``tolerance`` or ``seconds`` in place of spacings, else empty.
     """
 
     method: str
@@ -100,12 +100,12 @@ class Series:
 
     @property
     def spacings(self) -> list[float]:
-        """Of the entries."""
+        """Spacings of the entries."""
         return [entry.spacing for entry in self.entries]
 
     @property
     def errors(self) -> list[float]:
-        """Of the entries."""
+        """Errors of the entries."""
         return [entry.error for entry in self.entries]
 
     @property
@@ -159,7 +159,7 @@ def _shift(records: Sequence[Record]) -> float:
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the method's name where methods differ, and each option that does in it; the order where nothing does."""
+    """Return the method's name if methods differ, and each option that differs within it; the order if none does."""
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]
     differ = [name for name, _ in options if len({other[name] for other in own}) > 1]

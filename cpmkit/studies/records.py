@@ -1,4 +1,4 @@
-"""The records of a study: one JSON object a line, only ever appended to."""
+"""The records of a study: one JSON object a line, in a file that is only appended to."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from cpmkit.files.plain_values import (
 )
 from cpmkit.files.whole_files import explain_system_error
 from cpmkit.forms.choice import every_option
-from cpmkit.studies.sweep import ASKED_ENTRIES, listed
+from cpmkit.studies.sweep import TARGET_ENTRIES, listed
 
 Record = dict[str, Any]
 RECORDS_FILE = "records.jsonl"
-#: Numbers of a record are smaller: figures can show no larger ones, and no counter runs so far.
+#: Upper bound of numbers in a record: figures cannot show larger ones.
 LARGEST_RECORDED = 1e100
 COUNT_KIND, SIZE_KIND = whole_numbers(0, LARGEST_RECORDED), numbers(0, LARGEST_RECORDED)
 SPACING_KIND = numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED)
-#: What tells a run, in every record.
+#: Entries of every record that identify the run.
 RUN_ENTRIES = {
     "title": TEXT,
     "content": TEXT,
@@ -39,7 +39,7 @@ RUN_ENTRIES = {
     "spacing": or_none(SPACING_KIND),
     "origin": or_none(COUNT_KIND),
 }
-#: What was measured, unless the run ended with an error.
+#: Measured entries, of runs that ended without an error.
 MEASURED_ENTRIES = {
     "spacing": SPACING_KIND,
     "max_error": SIZE_KIND,
@@ -54,7 +54,7 @@ IMBALANCE_KIND = Kind(
         isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
     ),
 )
-#: What the bytes of a record are.
+#: How the bytes of a record were obtained.
 MEASURED, FORETOLD = "measured", "foretold"
 OPTIONAL_ENTRIES = {
     "study": TEXT,
@@ -65,7 +65,7 @@ OPTIONAL_ENTRIES = {
     "twins": or_none(COUNT_KIND),
     "imbalances": list_of(IMBALANCE_KIND),
     "seconds": table_of(SIZE_KIND),
-    **dict.fromkeys(ASKED_ENTRIES, or_none(SPACING_KIND)),
+    **dict.fromkeys(TARGET_ENTRIES, or_none(SPACING_KIND)),
     "estimate": or_none(SIZE_KIND),
     "status": or_none(TEXT),
     "bytes": or_none(SIZE_KIND),
@@ -74,19 +74,19 @@ OPTIONAL_ENTRIES = {
 
 
 def read_records(file: Path) -> list[Record]:
-    """Return the records of a file, none if there is no such file; a last line that was not finished is left out.
+    """Return the records of a file, none if there is no such file; an unfinished last line is ignored.
 
     Raises
     ------
     InputError
-        If the file cannot be read, or a line within it is not a record; the line and what is wrong in it are named.
+        If the file cannot be read, or a line is not a record; the message names the line and the fault.
     """
     *lines, _ = _content(file).split(b"\n")
     return [_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
 
 
 def _record(line: bytes, where: str) -> Record:
-    """Return the record that a line holds."""
+    """Return the record of a line."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -105,7 +105,7 @@ def _record(line: bytes, where: str) -> Record:
 
 
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
-    """Append one line, written at once; whatever interrupts this, the lines before it stay whole.
+    """Append one line in a single write; earlier lines stay whole if it is interrupted.
 
     Raises
     ------
@@ -114,13 +114,13 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
     with explain_system_error(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
-        if opened.write(line) < len(line):  # a full disk takes a part, and refuses from then on
+        if opened.write(line) < len(line):  # a full disk accepts a part of the line
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         os.fsync(opened.fileno())
 
 
 def drop_unfinished_line(file: Path) -> None:
-    """Cut off a last line that an interrupted write left without its end.
+    """Remove an unfinished last line that an interrupted write left.
 
     Raises
     ------
@@ -144,5 +144,5 @@ def _content(file: Path) -> bytes:
 
 
 def of_content(records: Sequence[Record], content: str) -> list[Record]:
-    """Return the records that belong to a study of this content."""
+    """Return the records of a study with this content hash."""
     return [record for record in records if record["content"] == content]

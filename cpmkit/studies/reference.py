@@ -1,43 +1,47 @@
-"""What the runs of a study are measured against: a formula, or the solution of another back end, at points."""
+"""Reference values of a study at sample points: from a formula, or from the solution of another back end."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.facade import Solution
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
 from cpmkit.studies.checking import check_comparable, end_of
 from cpmkit.studies.studyfile import VERTICES_WORD, Study
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints, Progress, no_progress
 
 SAMPLING_SEED = 7
-#: Points nearer to a boundary than this share of the size are left out: data may jump there.
+#: Points nearer to a boundary than this share of the size are left out, since data may jump there.
 CLEAR_OF_BOUNDARIES_SHARE = 1e-6
-#: The box from which points are projected is larger than the bounds by this share on each side.
+#: The box of random points exceeds the bounds by this share of the size on each side.
 BOX_MARGIN_SHARE = 0.1
 
 
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
-    """Return points (n, d) of the surface, none on a boundary, the same at every call.
+    """Return sample points (n, d) of the surface, none on a boundary, the same at every call.
 
     Parameters
     ----------
     scene : Scene
     wanted : int or "vertices"
-        Up to so many closest points of points that lie evenly in a box around the surface; or the vertices of a
-        surface that is a mesh.
+        Number of random points in a box around the surface, whose closest points are the samples; or the vertices of
+        a surface that is a mesh.
 
     Raises
     ------
     SceneError
-        If vertices are wanted of a surface that is no mesh.
+        If vertices are requested of a surface that is no mesh.
     """
     surface = scene.surface
     bounds = np.asarray(surface.bounds, dtype=np.float64)
@@ -54,7 +58,7 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
 
 
 def _vertices(surface: ClosestPointSource, size: float) -> Floats:
-    """Return the vertices (n, d) of a surface that answers each spacing with one and the same mesh: its own."""
+    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing."""
     if isinstance(surface, HasMesh):
         (vertices, _), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
         if np.array_equal(vertices, finer):
@@ -67,14 +71,14 @@ def _vertices(surface: ClosestPointSource, size: float) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """What every run should give.
+    """Reference values of the runs of a study.
 
     Attributes
     ----------
     points : (n, d) float64
-        Of the surface, none on a boundary.
+        Points of the surface, none on a boundary.
     values : (n,) float64
-        The solution there, at the end of the time where there is one.
+        The solution there, at the final time of problems in time.
     """
 
     points: Floats
@@ -82,17 +86,17 @@ class Reference:
 
     @property
     def half_range(self) -> float:
-        """Half the difference between the largest and the smallest value."""
+        """Half the difference of the largest and the smallest value."""
         return float(np.ptp(self.values) / 2)
 
 
 def reference_of(study: Study) -> Reference:
-    """Return what a study's runs are measured against; a reference is solved, once, at its own resolution.
+    """Return the reference values of a study; another back end solves once, at its own resolution.
 
     Raises
     ------
     SceneError
-        If the scene has several channels or seeks eigenvalues, or vertices are of a surface that is no mesh.
+        If the scene has several channels or eigenvalues, or vertices are requested of a surface that is no mesh.
     CpmkitError
         If the formula has no value somewhere, or the reference cannot solve the scene.
     """
@@ -109,3 +113,61 @@ def reference_of(study: Study) -> Reference:
     with collected_warnings():
         solution = solve(scene, backend=study.exact.reference, **for_any_backend(study.options))
     return Reference(points, solution.evaluate(points))
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedMesh:
+    """The surface ``of`` with a mesh that has no edge longer than the spacing.
+
+    New vertices are closest points. On a surface that is itself a mesh they lie on its flat triangles, whose error
+    stays.
+
+    Attributes
+    ----------
+    of : ClosestPointSource
+        A surface with a mesh.
+    """
+
+    of: ClosestPointSource
+
+    def __reduce__(self) -> Any:
+        return refined_mesh, (self.of,)
+
+    def mesh(self, spacing: float) -> tuple[Floats, Ints]:
+        """Return vertices (v, d), of which the new ones are closest points, and triangles (m, 3)."""
+        points, cells = mesh_of(self.of)(spacing)
+        refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
+        refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
+        return refined, cells
+
+
+def refined_mesh(of: ClosestPointSource) -> RefinedMesh:
+    """Return a surface with a refined mesh and all abilities of ``of``."""
+    return _class_for(type(of))(of)
+
+
+@cache
+def _class_for(kind: type) -> type[RefinedMesh]:
+    """Return a class with the public names of another class: the abilities of a source are attributes of its class."""
+    names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())} - {*dir(RefinedMesh), "of"}
+    passed = {name: _forwarding_property(name) for name in names if not name.startswith("_")}
+    return type(RefinedMesh.__name__, (RefinedMesh,), passed)
+
+
+def _forwarding_property(name: str) -> property:
+    return property(lambda self: getattr(self.of, name))
+
+
+def solve_on_refined_mesh(
+    scene: Scene, spacing: float, *, progress: Progress = no_progress, **options: Any
+) -> Solution:
+    """Solve a scene by finite elements on its surface's mesh, refined until no edge is longer than ``spacing``.
+
+    Raises
+    ------
+    CpmkitError
+        As the back end ``fem`` does, and if the surface has no mesh.
+    """
+    surface: Any = refined_mesh(scene.surface)
+    refined = replace(scene, surface=surface)
+    return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))

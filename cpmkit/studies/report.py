@@ -1,4 +1,4 @@
-"""From the records of studies to pages with tables and figures, written beside them, and to a table of them all."""
+"""Reports of studies: pages with tables and figures beside the records, and tables of several studies."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from cpmkit.studies.records import RECORDS_FILE, Record, of_content, read_record
 from cpmkit.studies.tables import (
     comparison_table,
     costs_table,
+    differences_sentence,
     error_sentence,
     orders_table,
     run_name,
-    told_of_differences,
 )
 
 REPORT_PAGE, CONVERGENCE_FIGURE, WORK_FIGURE = "report.md", "convergence.png", "work.png"
@@ -28,16 +28,16 @@ DOTS_PER_INCH = 110
 
 @dataclass(frozen=True)
 class Report:
-    """What a report says and where it is.
+    """The report of a study.
 
     Attributes
     ----------
     title : str
-        Of the study.
+        Title of the study.
     series : sequence of Series
-        Methods and their options.
+        Results of each method and its options.
     failed : int
-        Runs that ended with an error.
+        Number of runs that ended with an error.
     files : sequence of Path
         The page and its figures.
     """
@@ -49,12 +49,12 @@ class Report:
 
     @property
     def by_spacing(self) -> list[Series]:
-        """The series of spacings; others ask for an error or a time."""
-        return [one for one in self.series if not one.target]
+        """The series over spacings; others are over target errors or times."""
+        return [each for each in self.series if not each.target]
 
     @property
     def compares(self) -> bool:
-        """True where errors are differences from a reference."""
+        """Whether errors are differences from the solution of another back end."""
         return self.series[0].reference is not None
 
 
@@ -64,9 +64,9 @@ def write_report(folder: Path, content: str | None = None) -> Report:
     Parameters
     ----------
     folder : Path
-        Where a study was run.
+        Folder of the records.
     content : str, optional
-        Only records of a study file with this content; unless given, that of the last record.
+        Content hash of the study file whose records are used; by default that of the last record.
 
     Raises
     ------
@@ -85,11 +85,11 @@ def write_report(folder: Path, content: str | None = None) -> Report:
         )
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
     compares = series[0].reference is not None
-    by_spacing = [one for one in series if not one.target]
+    by_spacing = [each for each in series if not each.target]
     figures = {}
     if by_spacing:
         figures[CONVERGENCE_FIGURE] = (difference_figure if compares else convergence_figure)(by_spacing, title)
-    if len({(one.method, one.options.get("degree")) for one in by_spacing}) > 1:
+    if len({(each.method, each.options.get("degree")) for each in by_spacing}) > 1:
         figures[WORK_FIGURE] = work_figure(by_spacing, title)
     if trades(series):
         figures[TRADE_FIGURE] = trade_figure(series, title)
@@ -103,23 +103,23 @@ def write_report(folder: Path, content: str | None = None) -> Report:
 
 
 def _one_line(text: str) -> str:
-    """Return what a record tells without control characters, and with bars that do not end a table's cell."""
+    """Return text in one line, without control characters, and with bars escaped for a cell of a table."""
     return printable(" ".join(text.split())).replace("|", r"\|")
 
 
 def trades(series: Sequence[Series]) -> bool:
-    """Tell whether there is something to choose from: several methods, or an error or a time that was asked for."""
-    return any(one.target for one in series) or len({one.method for one in series}) > 1
+    """Return whether there are several methods or accuracy targets, of which a user may choose."""
+    return any(each.target for each in series) or len({each.method for each in series}) > 1
 
 
 def trade_of(report: Report) -> str:
-    """Return who gets below each decade of error for the least, and what no other attempt beats."""
+    """Return the cheapest attempt below each decade of error, and the Pareto front of error and cost."""
     made = attempts(report.series)
     return "\n\n".join([winners_table(made), "Unbeaten in error and cost:", front_table(made)])
 
 
 def table_of(reports: Sequence[Report]) -> str:
-    """Return the tables of one study or of several: studies with a reference share one, each other has its own."""
+    """Return the tables of studies: those with a reference share a table, each other study has its own."""
     compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     tables = [comparison_table(compared)] if compared else []
     for report in reports:
@@ -130,13 +130,13 @@ def table_of(reports: Sequence[Report]) -> str:
 
 
 def costs_of(reports: Sequence[Report]) -> str:
-    """Return one table of errors and costs of all studies, spacing by spacing, with the methods below one another."""
+    """Return one table of errors and costs of all studies, ordered by spacing, with a row for each method."""
     return costs_table([(report.title, report.series) for report in reports])
 
 
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the whole page: errors and orders, figures, costs, and the runs that ended with errors."""
-    errors_line = told_of_differences(report.series) if report.compares else error_sentence(records)
+    """Return the page: errors and orders, figures, costs, and the runs that ended with errors."""
+    errors_line = differences_sentence(report.series) if report.compares else error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
     if trades(report.series):

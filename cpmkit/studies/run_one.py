@@ -1,4 +1,4 @@
-"""One run of a study: solve, measure the error and the cost, and tell both."""
+"""Runs of a study: each is solved, its error and cost are measured and recorded; recorded runs are skipped."""
 
 from __future__ import annotations
 
@@ -37,15 +37,14 @@ from cpmkit.studies.records import (
     of_content,
     read_records,
 )
-from cpmkit.studies.reference import Reference, reference_of
-from cpmkit.studies.refined import solve_on_refined_mesh
+from cpmkit.studies.reference import Reference, reference_of, solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points
 from cpmkit.types import Progress, no_progress
 
-#: What of a solve's work is recorded, where the method has it.
+#: Entries of a solve's work that are recorded, if the method has them.
 WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
-#: Lattices whose spacing is not yet known are moved by up to this share of the surface's size.
+#: Lattices whose spacing is a result are shifted by up to this share of the surface's size.
 SHIFTED_SHARE = 0.1
 
 
@@ -56,16 +55,16 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
     before, start = reset_peak_memory(), time.process_time()
     try:
-        with collected_warnings():  # they are recorded
+        with collected_warnings():  # the record holds them
             solution = _solve(scene, run, study.options, progress)
     except (ResolutionError, ConvergenceError) as error:
         return {**record, "error": f"{type(error).__name__}: {error}"}
     cpu_seconds = time.process_time() - start
     record |= costs_in_memory(solution, peak_growth_bytes(before))
     with np.errstate(over="ignore"):
-        measured = _measured(solution, truth, run)
-    if not 0 <= (off := measured["max_error"]) < LARGEST_RECORDED:
-        return {**record, "error": f"ResolutionError: the solution is off by {off:g}, beyond all use."}
+        measured = _measure(solution, truth, run)
+    if not 0 <= (max_error := measured["max_error"]) < LARGEST_RECORDED:
+        return {**record, "error": f"ResolutionError: the error {max_error:g} of the solution is too large."}
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
 
 
@@ -73,23 +72,23 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     if run.method == REFINED:
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = closest_points()
-    if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which makes of the spacing what it likes
+    if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
         return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
     if run.spacing is None:
-        if run.origin is not None:  # the spacing is not known yet: a share of the whole is as good
+        if run.origin is not None:  # the spacing is a result: a share of the surface's size serves as well
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
             options = {**options, "origin": centre + run.shift(scene.surface.dim, SHIFTED_SHARE * extent)}
         return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.target})
-    own = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
-    lattice = lattice_of(scene.surface, run.spacing, own.get("origin"))
-    placed = {**own, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
+    without_target = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
+    lattice = lattice_of(scene.surface, run.spacing, without_target.get("origin"))
+    placed = {**without_target, **dict(run.options), "origin": lattice.origin + run.shift(scene.surface.dim)}
     if run.method in BASELINES:
         return solve_by_fixed_nodes(scene, run.spacing, method=run.method, progress=progress, **placed)
     return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
 
 
-def _measured(solution: Solution, truth: Reference, run: Run) -> Record:
+def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
@@ -115,7 +114,7 @@ def _measured(solution: Solution, truth: Reference, run: Run) -> Record:
 
 
 def _stages(solution: Solution) -> dict[str, float]:
-    """Return the seconds of each stage, or, where several were solved on the way, of each purpose."""
+    """Return the seconds of each stage, or of each purpose if several solves led to the solution."""
     if solution.solve_history is None:
         return dict(solution.seconds)
     spent: dict[str, float] = {}
@@ -125,7 +124,7 @@ def _stages(solution: Solution) -> dict[str, float]:
 
 
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
-    """Return the bytes at the peak, measured if the system told, else foretold, and which; null where neither is."""
+    """Return the peak memory in bytes, measured if the system reports it, else predicted, and which of both."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": MEASURED}
     options, scene = lattice_options(solution.discretized), solution.scene
@@ -135,22 +134,22 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": FORETOLD}
 
 
-#: What is asked for before the first run that counts.
+#: Tolerance of the runs before the first recorded one.
 ROUGH_TOLERANCE = 0.1
-#: A run whose last stage is over still has to be measured and recorded.
+#: Share of progress of a run that is solved and still has to be measured and recorded.
 UNFINISHED_SHARE = 0.99
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What running a study did.
+    """The outcome of running a study.
 
     Attributes
     ----------
     made, skipped, failed : int
-        Runs that were made, that were recorded before, and of those made the ones that ended with an error.
+        Numbers of new runs, of runs recorded before, and of new runs that ended with an error.
     file : Path
-        The records.
+        The file of records.
     """
 
     made: int
@@ -176,24 +175,24 @@ def run_study(
 ) -> Outcome:
     """Make the runs of a study that are not recorded in ``folder`` yet.
 
-    A run that ends with a ResolutionError or a ConvergenceError is recorded with its sentence, and the study goes on.
-    Interrupted, it goes on at the next call where it stopped.
+    A run that ends with a ResolutionError or a ConvergenceError is recorded with its message, and the study continues.
+    An interrupted study continues at the next call.
 
     Parameters
     ----------
     study : Study
     folder : Path
-        Where the records are, made if need be.
+        Folder of the records, which is created.
     cheap : bool
-        Only the study's cheap spacings.
+        Use the study's cheap spacings only.
     spacings : sequence of float
-        Only these of the study's spacings; all if empty.
+        Use only these of the study's spacings; all if empty.
     truth : Truth, optional
-        What every run should give, in place of what the study says.
+        Reference values in place of the study's.
     progress : callable, optional
-        Told the number of the run and the share of its stage.
+        Called with the number of the run and the completed share of its stage.
     recorded : callable, optional
-        Given each record once it is written.
+        Called with each record once it is written.
 
     Raises
     ------
@@ -202,37 +201,37 @@ def run_study(
     CpmkitError
         If the study itself is wrong: its scene, its formulas or its options.
     """
-    runs = _chosen(study.sweep.runs(cheap), spacings)
+    runs = _select_runs(study.sweep.runs(cheap), spacings)
     file = folder / RECORDS_FILE
     check_place(file)
     drop_unfinished_line(file)
     done = {Run.of(record) for record in of_content(read_records(file), study.content)}
-    waiting = [run for run in runs if run not in done]
-    if not waiting:
+    pending = [run for run in runs if run not in done]
+    if not pending:
         return Outcome(0, len(runs), 0, file)
     check_study(study)
     truth = reference_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
-        make_run(study, _quick(run), truth)  # what a first run compiles or reads is no cost of any method
-    for number, run in enumerate(waiting, len(runs) - len(waiting) + 1):
+        make_run(study, _rough(run), truth)  # compiling and reading by a first run is no cost of any method
+    for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
         record = make_run(study, run, truth, partial(_share_of, progress, stage))
-        folder.mkdir(parents=True, exist_ok=True)  # not before: a study that fails at once leaves nothing behind
+        folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
         append_record(file, record)
         progress(stage, 1.0)
         recorded(record)
         failed += "error" in record
-    return Outcome(len(waiting), len(runs) - len(waiting), failed, file)
+    return Outcome(len(pending), len(runs) - len(pending), failed, file)
 
 
-def _quick(run: Run) -> Run:
-    """Return the run, or one to a rough tolerance in place of what it asks for."""
-    return replace(run, asked_tolerance=ROUGH_TOLERANCE, asked_seconds=None) if run.target else run
+def _rough(run: Run) -> Run:
+    """Return the run, with a rough tolerance in place of its target."""
+    return replace(run, target_tolerance=ROUGH_TOLERANCE, target_seconds=None) if run.target else run
 
 
-def _chosen(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
-    """Return the runs of ``spacings``, all if there are none."""
+def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
+    """Return the runs with one of ``spacings``; all runs if ``spacings`` is empty."""
     known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
     unknown = [spacing for spacing in spacings if spacing not in known]
     if unknown:

@@ -23,7 +23,7 @@ from cpmkit.scenefile.documented_keys import Key, keys_of
 from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.scenefile.scene_schema import DRAFT, definitions, scene_tables, table_of
 from cpmkit.studies.named_formulas import expand, expand_all, expand_names
-from cpmkit.studies.sweep import ASKED, Sweep, listed, read_sweep
+from cpmkit.studies.sweep import TARGETS, Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
 KINDS_IN_TIME = ("heat", "reaction-diffusion", "wave")
@@ -160,7 +160,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
 
 def _swept() -> dict[str, str]:
     """Return the keys of [discretization] that a study varies, and where its file says it."""
-    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **ASKED, **listed()}.items()}
+    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **TARGETS, **listed()}.items()}
     for name, one in every_option().items():
         if one.methods:
             *others, last = one.methods

@@ -1,4 +1,4 @@
-"""What a study varies, and the runs that this makes."""
+"""The sweep of a study: the options that it varies, and the runs that result."""
 
 from __future__ import annotations
 
@@ -19,53 +19,55 @@ from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import check_key_types, declared_options
 from cpmkit.types import Floats
 
-#: Methods that fix nodes, and the options that they have: no order of their own.
+#: Baseline methods, which fix nodes, and their options.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
 #: Methods that former releases had.
 REMOVED_METHODS = ("balanced", "unfolded")
 #: The method that is the back end ``fem`` on a refined mesh.
 REFINED = "fem-refined"
-#: The form that ``cpm`` is, and whose options a study lists: the paper's.
+#: The form of the method ``cpm``, whose options a study lists: the paper's.
 LISTED_FORM = "collocation"
-#: What is asked for in place of a spacing, and the key of the list of each; how fine solutions are, in all.
-ASKED = {"tolerance": "tolerances", "seconds": "seconds"}
-FINENESS = ("spacings", *ASKED.values())
-ASKED_ENTRIES = tuple(f"asked_{name}" for name in ASKED)
-#: More positions of the lattice, or runs in all, are a mistake.
+#: Accuracy targets in place of a spacing, and the key of the list of each; all lists that determine the resolution.
+TARGETS = {"tolerance": "tolerances", "seconds": "seconds"}
+FINENESS = ("spacings", *TARGETS.values())
+TARGET_ENTRIES = tuple(f"asked_{name}" for name in TARGETS)
+#: Most positions of the lattice, and most runs of a sweep: more are taken for a mistake.
 MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
 #: The seed of the random positions of the lattice.
 ORIGINS_SEED = 1
 
 
 def closest_points() -> dict[str, dict[str, Any]]:
-    """Return the methods on a lattice, and the options that each sets: ``cpm`` the form alone."""
+    """Return the methods on a lattice, each with the options that it sets; ``cpm`` sets the form alone."""
     options = every_option().items()
     return {"cpm": {"form": LISTED_FORM}} | {
-        method: {name: value} for name, one in options for method, value in one.methods.items()
+        method: {name: value} for name, entry in options for method, value in entry.methods.items()
     }
 
 
 def listed() -> dict[str, str]:
-    """Return the options whose values a study lists, and the key of each list."""
+    """Return the options whose values a study lists, each with the key of its list."""
     return {
-        name: one.plural or f"{name}s" for name, one in declared_options(FORMS[LISTED_FORM]).items() if not one.methods
+        name: entry.plural or f"{name}s"
+        for name, entry in declared_options(FORMS[LISTED_FORM]).items()
+        if not entry.methods
     }
 
 
 def listed_of(method: str) -> tuple[str, ...]:
-    """Return those of them that a method has."""
+    """Return the options whose values a study lists that a method has."""
     if method not in closest_points():
         return BASELINES.get(method, ())
     return tuple(name for name in listed() if name in declared_options(_form_of(method)))
 
 
 def _form_of(method: str) -> Any:
-    """Return the options of a method's form; baselines have those of the first."""
+    """Return the options of a method's form; baselines have those of LISTED_FORM."""
     return FORMS[closest_points().get(method, {}).get("form", LISTED_FORM)]
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
-    """Return the sweep of the table [sweep]; a SceneError says which key or value is not accepted."""
+    """Return the sweep of the table [sweep]; a SceneError names a key or value that is not accepted."""
     lists = {name: key for name, key in listed().items() if key in table}
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
@@ -76,27 +78,27 @@ def read_sweep(table: Mapping[str, Any]) -> Sweep:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """What is varied.
+    """The options that a study varies.
 
     Attributes
     ----------
     lists : mapping
-        The values of options, by the options' names; one that is not named has its default.
+        Values of options by name; an option that is not named has its default.
     spacings : list of float
-        Of the lattice, in the scene's unit.
+        Spacings of the lattice, in the scene's unit.
     tolerances, seconds : list of float
-        In place of spacings, or beside them: errors that are asked for, as shares of the solution's range, the largest
-        first; and times, the shortest first. Of methods whose form ``cpm`` is or that name one.
+        In place of spacings or with them: target errors as shares of the solution's range, the largest first; and
+        target times, the shortest first. Only of methods on a lattice.
     cheap : list of float
-        The spacings of ``--cheap``: those of tests and first looks. Unless given, all but the finest; it leaves the
-        last of tolerances and of seconds out, too.
+        The spacings of ``--cheap``, for tests; by default all but the finest. The last tolerance and the last time are
+        left out, too.
     origins : int
-        At how many random positions of the lattice each run is made; 1 is the lattice's own position.
+        Number of random positions of the lattice for each run; 1 is the lattice's own position.
     methods : list of str
         ``cpm``, another of :func:`closest_points`, ``nearest``, ``ball``, ``fem-refined``, or a
         plugin's back end.
     step_per_spacing : float, optional
-        For problems with a time step: the longest one, as a multiple of the spacing.
+        For problems with a time step: the longest step, as a multiple of the spacing.
     """
 
     lists: Mapping[str, list[Any]]
@@ -126,16 +128,16 @@ class Sweep:
             raise SceneError(f"there is no method {removed[0]!r} of [sweep] any more; use 'galerkin'.")
         self._check_fineness()
         most = max(sum(len(values) for _, values in self._fineness()), len(self.cheap or []))
-        count = most * prod(len(one) for one in (*self.lists.values(), self.methods)) * self.origins
+        count = most * prod(len(entry) for entry in (*self.lists.values(), self.methods)) * self.origins
         if count > MOST_RUNS:
             raise SceneError(f"[sweep] makes {count} runs, at most {MOST_RUNS} are accepted; leave some values out.")
         try:
             for value in [*(self.spacings or []), *(self.cheap or [])]:
                 positive(value, "each spacing of [sweep]")
             for name, values in self._fineness():
-                if name in ASKED:
+                if name in TARGETS:
                     for value in values:
-                        declared_options(AccuracyTarget)[name].check(value, f"each entry of {ASKED[name]} of [sweep]")
+                        declared_options(AccuracyTarget)[name].check(value, f"each entry of {TARGETS[name]} of [sweep]")
             if self.step_per_spacing is not None:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
@@ -147,7 +149,7 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_fineness(self) -> None:
-        """Refuse a sweep that says nowhere how fine solutions are to be, or says it so that a method cannot take it."""
+        """Refuse a sweep without spacings or targets, or with targets for a method that accepts none."""
         if not self._fineness():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
@@ -163,18 +165,25 @@ class Sweep:
             )
 
     def _fineness(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
-        """Return the lists that say how fine solutions are to be, each with what its entries are called."""
+        """Return the lists of spacings and targets, each with the name of its entries."""
         spacings = self.cheap if cheap and self.cheap else self.spacings
-        lists = {"spacing": spacings} | {name: getattr(self, key) for name, key in ASKED.items()}
-        kept = {name: values for name, values in lists.items() if values}
+        lists = {"spacing": spacings} | {name: getattr(self, key) for name, key in TARGETS.items()}
+        present = {name: values for name, values in lists.items() if values}
         if cheap:
-            kept |= {name: one[:-1] or one for name, one in kept.items() if name != "spacing" or self.cheap is None}
-        return list(kept.items())
+            shortened = {name: values[:-1] or values for name, values in present.items()}
+            present |= {name: values for name, values in shortened.items() if name != "spacing" or self.cheap is None}
+        return list(present.items())
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs, the coarsest spacing, the largest tolerance, the shortest time first; none twice."""
+        """Return the runs without repetitions; the coarsest spacing, the largest tolerance, the shortest time first."""
         every = (
-            Run(method, value if name == "spacing" else None, options, origin, **_asked(name, value))
+            Run(
+                method,
+                value if name == "spacing" else None,
+                options,
+                origin,
+                **({f"target_{name}": value} if name in TARGETS else {}),
+            )
             for name, values in self._fineness(cheap)
             for value in map(float, values)
             for method in self.methods
@@ -184,20 +193,15 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield options and number of the origin, None where a method has none."""
-        names, own = listed_of(method), _form_of(method)
-        taken = [
-            [one for one in self.lists.get(name, ()) if declared_options(own)[name].accepts(one)] for name in names
-        ]
-        lists = [values or [getattr(own, name)] for name, values in zip(names, taken, strict=True)]
+        """Yield the options and the number of the origin of each run, None if a method has no origin."""
+        names, form = listed_of(method), _form_of(method)
+        checks = declared_options(form)
+        accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
+        lists = [values or [getattr(form, name)] for name, values in zip(names, accepted, strict=True)]
         placed = names or method in closest_points()
         origins = range(self.origins) if self.origins > 1 and placed else [None]
         for values in product(*lists):
             yield from product([tuple(zip(names, values, strict=True))], origins)
-
-
-def _asked(name: str, value: float) -> dict[str, float]:
-    return {f"asked_{name}": value} if name in ASKED else {}
 
 
 @dataclass(frozen=True)
@@ -209,46 +213,45 @@ class Run:
     method : str
         One of :func:`closest_points`, a baseline or a back end.
     spacing : float or None
-        Of the lattice; of a back end whatever it makes of it. None where something else is asked for.
+        Spacing of the lattice, or the argument of a back end; None with an accuracy target.
     options : tuple of (str, value)
-        Those that the method has of the options whose values a study lists.
+        The method's options of those whose values a study lists.
     origin : int or None
         Number of the lattice's random position; None: its own.
-    asked_tolerance, asked_seconds : float or None
-        What is asked for in place of a spacing.
+    target_tolerance, target_seconds : float or None
+        Accuracy target in place of a spacing.
     """
 
     method: str
     spacing: float | None
     options: tuple[tuple[str, Any], ...]
     origin: int | None
-    asked_tolerance: float | None = None
-    asked_seconds: float | None = None
+    target_tolerance: float | None = None
+    target_seconds: float | None = None
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> Run:
-        """Return the run of a record; an option that it does not know yet had its default."""
-        names = listed_of(record["method"])
-        own = _form_of(record["method"])
-        options = tuple((name, record.get(name, getattr(own, name))) for name in names)
-        target = {key: record.get(key) for key in ASKED_ENTRIES}
-        spacing = record["spacing"] if set(target.values()) == {None} else None  # else it is the one that was found
+        """Return the run of a record; options that an older record does not have are taken for their defaults."""
+        names, form = listed_of(record["method"]), _form_of(record["method"])
+        options = tuple((name, record.get(name, getattr(form, name))) for name in names)
+        target = {f"target_{name}": record.get(f"asked_{name}") for name in TARGETS}
+        spacing = record["spacing"] if set(target.values()) == {None} else None  # else the spacing is a result
         return cls(record["method"], spacing, options, record["origin"], **target)
 
     @property
     def target(self) -> dict[str, float]:
-        """What is asked for in place of a spacing, as keyword arguments of ``solve``."""
-        found = {name: getattr(self, f"asked_{name}") for name in ASKED}
-        return {name: value for name, value in found.items() if value is not None}
+        """The accuracy target in place of a spacing, as keyword arguments of ``solve``."""
+        targets = {name: getattr(self, f"target_{name}") for name in TARGETS}
+        return {name: value for name, value in targets.items() if value is not None}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values, None where the method has no such option."""
+        """Return the parameters as plain values, None for options that the method does not have."""
         options = dict.fromkeys(listed()) | dict(self.options)
-        target = {key: getattr(self, key) for key in ASKED_ENTRIES}
+        target = {f"asked_{name}": getattr(self, f"target_{name}") for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return by how much (d,) the lattice is moved: uniformly distributed between 0 and a spacing, or ``unit``."""
+        """Return the shift (d,) of the lattice, uniformly distributed between 0 and a spacing, or ``unit``."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(ORIGINS_SEED).uniform(0, 1, (self.origin + 1, dim))

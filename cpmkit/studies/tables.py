@@ -8,23 +8,23 @@ from collections.abc import Sequence
 from cpmkit.errors import printable
 from cpmkit.studies.record_series import Entry, Series
 from cpmkit.studies.records import Record
-from cpmkit.studies.sweep import ASKED, listed
+from cpmkit.studies.sweep import TARGETS, listed
 
 
 def orders_table(series: Sequence[Series]) -> str:
     """Return the errors of each series at each spacing, and the fitted order."""
-    spacings = sorted({spacing for one in series for spacing in one.spacings}, reverse=True)
+    spacings = sorted({spacing for each in series for spacing in each.spacings}, reverse=True)
     lines = [table_row(["", *(f"{spacing:g}" for spacing in spacings), "order"]), table_rule(1, len(spacings) + 1)]
-    for one in series:
-        errors = dict(zip(one.spacings, one.errors, strict=True))
+    for each in series:
+        errors = dict(zip(each.spacings, each.errors, strict=True))
         cells = [f"{errors[spacing]:.2e}" if spacing in errors else "" for spacing in spacings]
-        order = one.fitted_order
-        lines.append(table_row([one.label, *cells, "" if order is None else f"{order:.2f}"]))
+        order = each.fitted_order
+        lines.append(table_row([each.label, *cells, "" if order is None else f"{order:.2f}"]))
     return "\n".join(lines)
 
 
 def error_sentence(records: Sequence[Record]) -> str:
-    """Return what the errors are."""
+    """Return the sentence that explains the errors of a table."""
     origins = {record["origin"] for record in records if record["origin"] is not None}
     error = "the greatest error at any sample point"
     if origins:
@@ -44,7 +44,7 @@ def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     titled = len(studies) > 1
     lines = [table_row([*["problem"] * titled, "", "spacing", *heads]), table_rule(1 + titled, 1 + len(heads))]
     for title, series in studies:
-        rows = [(entry, one.label) for one in series for entry in one.entries]
+        rows = [(entry, each.label) for each in series for entry in each.entries]
         for entry, label in sorted(rows, key=_coarsest_first):
             lines.append(table_row([*[title] * titled, label, *_cost_cells(entry)]))
     return "\n".join(lines)
@@ -75,8 +75,8 @@ def run_sentence(record: Record) -> str:
 
 
 def run_name(record: Record) -> str:
-    """Return which run a record is of."""
-    target = {name: record.get(f"asked_{name}") for name in ASKED}
+    """Return the name of a record's run: its method and parameters."""
+    target = {name: record.get(f"asked_{name}") for name in TARGETS}
     how = {**record, **target} | ({} if set(target.values()) == {None} else {"spacing": None})
     parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *target, "origin") if how.get(key) is not None)
     return ", ".join([printable(record["method"]), *parameters])
@@ -88,11 +88,11 @@ def table_row(cells: Sequence[str]) -> str:
 
 
 def table_rule(left: int, right: int) -> str:
-    """Return the line below a table's head, for columns of words and then columns of numbers."""
+    """Return the line below the head of a table with ``left`` columns of words and ``right`` columns of numbers."""
     return "|" + "---|" * left + "--:|" * right
 
 
-#: What is shown of each method, by the name that an entry has for it.
+#: Columns of each method: attribute of an entry, and heading.
 SHOWN_ENTRIES = {
     "rms_error": "rms mean kept",
     "rms_without_mean": "rms mean removed",
@@ -102,22 +102,22 @@ SHOWN_ENTRIES = {
 
 
 def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
-    """Return differences from a reference, in percent of half its range, methods side by side; no empty columns.
+    """Return differences from a reference in percent of half its range, methods side by side, without empty columns.
 
     Parameters
     ----------
     studies : sequence of (str, sequence of Series)
         The title of each study and its series.
     """
-    ordered = sorted((one for _, series in studies for one in series), key=lambda one: one.method != "cpm")
-    labels = list(dict.fromkeys(one.label for one in ordered))  # twins are those of the first
+    ordered = sorted((each for _, series in studies for each in series), key=lambda each: each.method != "cpm")
+    labels = list(dict.fromkeys(each.label for each in ordered))  # twins are those of the first
     columns = [f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels]
     rows = [["", "spacing", "unknowns", "twins", *columns]]
     for title, series in studies:
-        found = {(one.label, entry.spacing): entry for one in series for entry in one.entries}
+        found = {(each.label, entry.spacing): entry for each in series for entry in each.entries}
         for spacing in sorted({spacing for _, spacing in found}, reverse=True):
             entries = [found.get((label, spacing)) for label in labels]
-            values = [math.nan if one is None else one.percent(name) for name in SHOWN_ENTRIES for one in entries]
+            values = [math.nan if each is None else each.percent(name) for name in SHOWN_ENTRIES for each in entries]
             shown = ("" if math.isnan(value) else f"{value:.2f}" for value in values)
             rows.append([title, f"{spacing:g}", *_size(entries), *shown])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
@@ -125,8 +125,8 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     return "\n".join([header, table_rule(1, len(filled) - 1), *lines])
 
 
-def told_of_differences(series: Sequence[Series]) -> str:
-    """Return what the numbers of the table are."""
+def differences_sentence(series: Sequence[Series]) -> str:
+    """Return the sentence that explains the numbers of :func:`comparison_table`."""
     return (
         f"Differences from the solution of the back end {series[0].reference!r}, whose own error is not known, in "
         "percent of half its range: the root mean square, with the mean difference kept in and removed; the largest; "

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any, Unpack
 
 from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
+from cpmkit.view import picture
 from cpmkit.view.page import page_of
 from cpmkit.view.pictures import check_look, render
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
     from cpmkit.solution.record import SolutionRecord
+
 
 #: Height of the frame in a notebook, and width of a picture on axes, in pixels.
 NOTEBOOK_HEIGHT, PLOT_WIDTH = 520, 900
@@ -84,3 +86,18 @@ def in_notebook() -> bool:
     shell = sys.modules.get("IPython")
     running = shell.get_ipython() if shell is not None else None
     return type(running).__name__ == "ZMQInteractiveShell"
+
+
+#: Pixels of its width, and the most unknowns of which one is drawn unasked: larger ones take long.
+THUMBNAIL_PIXELS, MOST_DRAWN_UNKNOWNS = 400, 200_000
+
+
+def thumbnail(solution: SolutionRecord) -> bytes | None:
+    """Return a PNG; None where no renderer answers, or the solution has nothing to draw or is large."""
+    if len(solution.values) > MOST_DRAWN_UNKNOWNS:
+        return None
+    try:
+        with tempfile.TemporaryDirectory() as folder:
+            return picture(solution, Path(folder, "solution.png"), width=THUMBNAIL_PIXELS).file.read_bytes()
+    except Exception:  # what a notebook shows unasked never fails
+        return None

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.solution.boundary_points import joined_at_corners
+from cpmkit.solution.boundary_points import join_at_corners
 
 PLATE = ck.source(
     "mesh.triangles",
@@ -46,9 +46,9 @@ def test_two_curves_that_cross_at_their_corners_go_straight_on():
 
 def test_where_three_ends_meet_nothing_is_joined():
     points, tangents = np.array([[-0.5, 0], [0, 0.5], [0.0, -0.5]]), np.array([[1, 0], [0, 1], [0, -1]])
-    runs, closed = joined_at_corners([np.array([k]) for k in range(3)], [False] * 3, points, tangents, np.ones(3))
+    runs, closed = join_at_corners([np.array([k]) for k in range(3)], [False] * 3, points, tangents, np.ones(3))
     assert (len(runs), closed) == (3, (False,) * 3)
-    runs, _ = joined_at_corners([np.array([0]), np.array([1])], [False] * 2, points, tangents, np.ones(3))
+    runs, _ = join_at_corners([np.array([0]), np.array([1])], [False] * 2, points, tangents, np.ones(3))
     assert [run.tolist() for run in runs] == [[0, 1]]
 
 
@@ -56,8 +56,8 @@ def test_ends_are_joined_the_way_the_curves_run_and_nothing_else():
     points = np.array([[0.5, 0], [1.5, 0], [2, 0.5], [2, 1.5], [2.5, 5]])
     tangents, weights = np.array([[1, 0], [1, 0], [0, 1], [0, 1], [1, 0]]), np.ones(5)
     runs, one = [np.array([2, 3]), np.array([4]), np.array([0, 1])], [False, True, False]
-    joined, closed = joined_at_corners(runs, one, points, tangents, weights)
+    joined, closed = join_at_corners(runs, one, points, tangents, weights)
     assert [run.tolist() for run in joined] == [[4], [0, 1, 2, 3]]
     assert closed == (True, False)
-    against, _ = joined_at_corners(runs, one, points, tangents * [[1], [1], [-1], [-1], [1]], weights)
+    against, _ = join_at_corners(runs, one, points, tangents * [[1], [1], [-1], [-1], [1]], weights)
     assert sorted(map(len, against)) == [1, 2, 2]

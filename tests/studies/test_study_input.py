@@ -285,7 +285,7 @@ def test_a_solution_beyond_all_use_is_recorded_as_an_error(tmp_path):
     one = study(tmp_path)
     truth = Reference(np.array([[1.0, 0.0]]), np.array([1e300]))
     record = make_run(one, one.sweep.runs()[0], truth)
-    assert record["error"].startswith("ResolutionError: the solution is off by 1e+300")
+    assert record["error"].startswith("ResolutionError: the error 1e+300 of the solution")
 
 
 def record(method="cpm", spacing=0.1, error=0.1, **changes):

@@ -102,7 +102,7 @@ def test_scenes_boundaries_and_explanations_are_told_shortly(solution):
 
 
 def test_a_notebook_shows_tables_and_a_picture_where_one_can_be_drawn(solution, monkeypatch):
-    import cpmkit.view.thumbnail as thumbnail
+    import cpmkit.view.showing as thumbnail
 
     for shown in (solution.scene, ck.explain(solution.scene, spacing=0.2)):
         assert shown._repr_html_().count("<tr>") > 2
@@ -112,7 +112,7 @@ def test_a_notebook_shows_tables_and_a_picture_where_one_can_be_drawn(solution, 
 
 
 def test_a_notebook_shows_figures_where_no_renderer_answers(solution, monkeypatch):
-    import cpmkit.view.thumbnail as thumbnail
+    import cpmkit.view.showing as thumbnail
 
     def broken(*_, **__):
         raise RuntimeError("no renderer")
