@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
     from cpmkit.forms.contract import named_sides as named_sides
     from cpmkit.forms.form_records import FormTraits as FormTraits
-    from cpmkit.forms.form_records import MeasuredWork as MeasuredWork
-    from cpmkit.forms.form_records import PlainWork as PlainWork
     from cpmkit.forms.form_records import StateFlux as StateFlux
     from cpmkit.forms.galerkin.cut_mesh import CutMesh as CutMesh
     from cpmkit.forms.galerkin.cut_mesh import cut_along_boundaries as cut_along_boundaries
@@ -295,8 +293,6 @@ GROUPS: dict[str, dict[str, str]] = {
         "Border": "linear.operators",
         "CsrOperator": "linear.operators",
         "Discretized": "forms.contract",
-        "MeasuredWork": "forms.form_records",
-        "PlainWork": "forms.form_records",
         "StateFlux": "forms.form_records",
         "CutMesh": "forms.galerkin.cut_mesh",
         "cut_along_boundaries": "forms.galerkin.cut_mesh",

@@ -9,7 +9,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource
 from cpmkit.types import Floats, Ints
 
 

@@ -19,7 +19,7 @@ from cpmkit.applications.curve_colours import ArcLengthShare, colour_data, presc
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.types import Floats
 

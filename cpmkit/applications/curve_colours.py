@@ -14,9 +14,7 @@ import cpmkit as ck
 from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
-from cpmkit.manifold.abilities import HasMesh, HasTangents
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import unit
+from cpmkit.plugin import ClosestPointSource, HasMesh, HasTangents, unit
 from cpmkit.runtime.arrays import as_colour, as_colours
 from cpmkit.types import Floats, Ints
 

@@ -25,8 +25,7 @@ from cpmkit.applications.origins import Origins, Pieces, origins_of, pieces_of
 from cpmkit.applications.result import Measured, measure_to_target
 from cpmkit.errors import InputError, ResolutionError, SceneError, place, shown
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import unit
+from cpmkit.plugin import ClosestPointSource, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.runtime.messages import warn_each

@@ -18,7 +18,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import warn_each

@@ -20,9 +20,7 @@ from cpmkit.applications.harmonic_flows import explicit_flow, implicit_flow
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
-from cpmkit.manifold.abilities import HasMesh
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import vertex_normals
+from cpmkit.plugin import ClosestPointSource, HasMesh, vertex_normals
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.deprecation import DeprecatedMember

@@ -15,8 +15,7 @@ import cpmkit as ck
 from cpmkit.applications.origins import Origins, pieces_of
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import unit
+from cpmkit.plugin import ClosestPointSource, unit
 from cpmkit.preparing import Prepared
 from cpmkit.types import Bools, Floats
 

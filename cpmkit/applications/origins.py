@@ -12,9 +12,7 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
-from cpmkit.manifold.abilities import HasGivenMesh
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import Discretized, Terms, norms
+from cpmkit.plugin import ClosestPointSource, Discretized, HasGivenMesh, Terms, norms
 from cpmkit.preparing import Prepared
 from cpmkit.types import Bools, Floats, Ints
 

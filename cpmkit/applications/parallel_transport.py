@@ -25,9 +25,7 @@ from cpmkit.applications.heat import tangential_coupling, vector_heat_directions
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
-from cpmkit.manifold.abilities import HasNormals
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import unit
+from cpmkit.plugin import ClosestPointSource, HasNormals, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.types import Floats

@@ -32,8 +32,7 @@ from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.result import Measured, measure_to_target
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import dots, unit
+from cpmkit.plugin import ClosestPointSource, dots, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.solution.boundary_points import BoundaryPoints

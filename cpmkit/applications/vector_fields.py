@@ -35,8 +35,7 @@ from cpmkit.applications.heat import tangential_coupling
 from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.plugin import unit, vertex_normals
+from cpmkit.plugin import ClosestPointSource, unit, vertex_normals
 from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.types import Floats, Ints
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasLocalMinima, members_of
+from cpmkit.manifold.abilities import HasLocalMinima, HasMembers, members_of
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import Subject, certain, law, query_law, require, require_rows
 from cpmkit.types import Floats, Ints
@@ -108,9 +108,8 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
     """Yield each member of a union, or the source itself, with the numbers of its feet."""
-    members = members_of(source)
-    for number, member in enumerate(members):
-        yield member, np.arange(len(feet)) if member is source else np.flatnonzero(feet.element == number)
+    for number, member in enumerate(members_of(source)):
+        yield member, np.flatnonzero(feet.element == number) if isinstance(source, HasMembers) else np.arange(len(feet))
 
 
 def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:

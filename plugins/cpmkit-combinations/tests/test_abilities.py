@@ -234,7 +234,7 @@ def test_an_edge_beyond_the_limit_is_refused():
         def closest_point(self, x, /):
             return replace(super().closest_point(x), edge=np.full(len(x), 1234))
 
-    with pytest.raises(ck.InputError, match="numbers an edge 1234, and there is room below 1000"):
+    with pytest.raises(ck.InputError, match="edge with the number 1234, where the limit is 1000"):
         ck.source("union", members=[Many(np.zeros(2)), SECOND]).closest_point(QUERIES)
 
 
