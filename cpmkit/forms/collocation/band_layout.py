@@ -46,7 +46,7 @@ DOUBTFUL_SIDE_SPACINGS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the unknowns of a scene are and what their rows read.
+    """The unknowns of a scene and the formulas of their rows.
 
     Attributes
     ----------
@@ -59,7 +59,7 @@ class Layout:
     band : Band
         Its nodes and their closest points.
     formula : RowFormula
-        What each node of the band reads, the edge's conditions applied.
+        Of each node of the band, the edge's conditions applied.
     sources : RowFormula
         Where each node reads right-hand sides.
     boundaries : BoundariesOnBand
@@ -167,7 +167,7 @@ def _with_meetings(layout: Layout, time: float | None) -> Layout:
 def _boundaries_and_nodes(
     scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, order: int
 ) -> tuple[BoundariesOnBand, RowFormula]:
-    """Return how the nodes see the boundaries, and what the nodes read.
+    """Return how the nodes see the boundaries, and the formulas of the nodes.
 
     Nodes past an edge that a boundary separates from their mirror points read their feet.
     """

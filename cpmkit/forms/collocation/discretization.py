@@ -44,7 +44,7 @@ class Discretization:
     extension : csr_array (rows, unknowns)
         E: one row an outer node, then one a ghost. Its arrays are read-only: every operator shares them.
     data : sequence of BoundaryData
-        What the boundary data add to E u.
+        Terms that are added to E u.
     neighbours : (unknowns, 2 d) int, read-only
         Rows of E that the difference stencil of each unknown reads, in the order of
         :func:`cpmkit.grid.stencils.cross_offsets`.
@@ -135,13 +135,7 @@ class Discretization:
 def build_tables(
     scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress
 ) -> Discretization:
-    """Return the tables of a scene; ``progress`` is called with the stage and the share of it that is done.
-
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
-    """
+    """Return the tables of a scene, after all checks; ``progress`` is called with the stage and the share done."""
     layout = lay_out(scene, options, progress)
     check_layout(layout, scene)
     tables = tabulate(layout, progress)

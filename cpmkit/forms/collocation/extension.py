@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.forms.collocation.band_layout import Layout
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.selection import Centres, Unknowns
-from cpmkit.forms.collocation.side_view import stack
+from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.band import stencil_nodes
 from cpmkit.grid.stencils import stencil_cells, tensor_weights
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
@@ -78,7 +78,7 @@ def extend(
 
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
-    """Return E (rows, unknowns), what boundary data add to E u, and where the rows' stencils are centred."""
+    """Return E (rows, unknowns), the boundary data added to E u, and the centres of the rows' stencils."""
     formula = _formula_of_rows(layout)
     centres = row_centres(layout, formula)
     extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)
@@ -92,7 +92,7 @@ def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_a
 
 
 def _formula_of_rows(layout: Layout) -> RowFormula:
-    """Return what all rows of E read: the band's nodes, then each boundary's ghosts."""
+    """Return the formulas of all rows of E: the band's nodes, then each boundary's ghosts."""
     parts, numbering = [layout.formula, *(group.formula for group in layout.ghosts)], layout.numbering
     numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
@@ -109,10 +109,11 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
     """Return how all rows of E see the boundaries, and on which sheets they read if their ``formula`` is given."""
     band, owner, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
-    side_views = [
-        stack([(0, view), *((int(first[k]), group.side_views[index]) for k, group in enumerate(layout.ghosts))])
-        for index, view in enumerate(layout.boundaries.side_views)
-    ]
+    side_views = []
+    for index, view in enumerate(layout.boundaries.side_views):
+        of_ghosts = [group.side_views[index] for group in layout.ghosts]
+        moved = [replace(view, rows=view.rows + int(first[k])) for k, view in enumerate(of_ghosts)]
+        side_views.append(SideView.join([view, *moved]))
     if band.sheets is None or formula is None:
         return Centres(side_views, owner)
     normals = np.full(formula.points.shape, np.nan)

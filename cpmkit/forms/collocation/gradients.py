@@ -61,7 +61,10 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
         feet = reader.checked_closest_points(local[part])
         side_views = reader.side_views(feet.points, sides)
         gradient[part] = _interpolant_gradient(reader, values, feet, side_views)
-        bends = _find_bends(reader, feet, side_views)
+        bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
+        bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
+        order = np.lexsort((bends.distance, bends.rows))  # of each point the nearest bend
+        bends = bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
         rows, samples, weights = _samples_inside(reader, feet, side_views, bends, sides)
         if len(rows):
             read = _interpolant_gradient(reader, values, samples, reader.side_views(samples.points, sides))
@@ -110,14 +113,6 @@ class Bends(Rows):
     rows: Ints
     distance: Floats
     inward: Floats
-
-
-def _find_bends(reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView]) -> Bends:
-    """Return those points of a batch that lie beside a bend, each with the bend nearest to it."""
-    bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
-    bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
-    order = np.lexsort((bends.distance, bends.rows))
-    return bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:

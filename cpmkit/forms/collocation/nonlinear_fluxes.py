@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,7 +33,7 @@ class FluxRows:
     ----------
     law : Nonlinear
     datum : BoundaryData
-        Which rows, F in each, and where it is read.
+        The rows, F in each, and the points where u is read.
     reads : csr_array (rows, unknowns)
         Reads u at the boundary, each row from the side that it continues.
     rest : csr_array (rows, unknowns)
@@ -92,15 +93,9 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
     return FluxRows(law, datum, reads, rest.tocsr(), half)
 
 
-@dataclass(frozen=True, eq=False)
-class KnownValues:
-    """Data whose values (n,) are known at the points of a datum, and only there."""
-
-    values: Floats
-
-    def __call__(self, _points: Floats) -> Floats:
-        """Return the values."""
-        return self.values
+def _known_values(values: Floats, _points: Floats) -> Floats:
+    """Return data whose ``values`` (n,) are known at the points of a datum, and only there."""
+    return values
 
 
 def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
@@ -120,8 +115,8 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
         added = np.zeros(extension.shape[0])
         added[datum.rows] = factor * slope
         extension = (extension + diags_array(added) @ flux.rest).tocsr()
-        constant = KnownValues(flux.law.flux_at(v, points) - slope * v)
-        law = Mixed(1.0, KnownValues(-slope), constant) if flux.grows(v) else Flux(constant)
+        constant = partial(_known_values, flux.law.flux_at(v, points) - slope * v)
+        law = Mixed(1.0, partial(_known_values, -slope), constant) if flux.grows(v) else Flux(constant)
         data.append(replace(datum, factor=factor, data=constant, law=law))
     return replace(tables, extension=read_only(extension), data=data)
 

@@ -147,7 +147,12 @@ class Reader(Discretized):
         views = []
         for index, boundary in enumerate(self.tables.layout.boundaries.on_lattice):
             view = boundary.side_view(local, 2 * self.radius, self.spacing)
-            views.append(_moved_to_side(view, sides[index], self.spacing) if index in sides else view)
+            if index in sides:
+                on_boundary = np.abs(view.signed) < READ_FROM_SIDE_SPACINGS * self.spacing
+                inside = (1.0 if sides[index] == "left" else -1.0) * ON_BOUNDARY_SPACINGS * self.spacing
+                signed = np.where(on_boundary, inside, view.signed)
+                view = replace(view, signed=signed, director=view.director * (signed / view.signed)[:, None])
+            views.append(view)
         return views
 
     def to_local_points(self, points: Any) -> Floats:
@@ -185,13 +190,6 @@ class Reader(Discretized):
                     f"{shown(of_boundary)}."
                 )
         return sides
-
-
-def _moved_to_side(view: SideView, side: Side, spacing: float) -> SideView:
-    """Return the view with the points on the boundary moved to ``side``."""
-    on_boundary = np.abs(view.signed) < READ_FROM_SIDE_SPACINGS * spacing
-    signed = np.where(on_boundary, (1.0 if side == "left" else -1.0) * ON_BOUNDARY_SPACINGS * spacing, view.signed)
-    return replace(view, signed=signed, director=view.director * (signed / view.signed)[:, None])
 
 
 # Strips between two boundaries nearer than a spacing, in which no stencil finds room

@@ -12,12 +12,8 @@ from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.band_layout import Layout
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
-from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import DIFFERENT_DATA_SHARE, Strip
+from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import DIFFERENT_DATA_SHARE
 from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
-from cpmkit.manifold.abilities import HasMesh
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.mixed_cells import with_corners
-from cpmkit.mesh.quadratic_cells import outward_edges
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.data import evaluate_data
@@ -34,8 +30,6 @@ if TYPE_CHECKING:
 RESOLVED_EXTENT_SHARE = 0.25
 #: Entries of tables that are scanned at a time.
 TABLE_CHUNK_ENTRIES = 1 << 17
-#: The loop of a mesh's edge is looked for this share of a cell past the edge.
-PAST_EDGE_CELLS = 0.05
 #: Leapfrog's step is at most this many spacings over speed sqrt(d). The largest eigenvalue of A is at most
 #: 4 d speed^2 / spacing^2 (that of a solid, in the plane and in space; 5.9 and 8.7 instead of 8 and 12 on curves and
 #: surfaces), and the damping takes its share.
@@ -120,21 +114,18 @@ def _check_fluxes_at_points(layout: Layout) -> None:
 
 
 def _check_same_place(layout: Layout, scene: Scene) -> None:
+    time = scene.problem.start_time
     for strip in layout.strips:
-        if strip.coincide and _contradict(layout, strip, scene.problem.start_time):
-            names = [layout.boundaries.definitions[number].name for number in (strip.first, strip.second)]
+        first, second = (layout.boundaries.definitions[number] for number in (strip.first, strip.second))
+        pairs = zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
+        if strip.coincide and not all(
+            _equivalent(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
+            for a, b in pairs
+        ):
             raise SceneError(
-                f"boundaries {names[0]!r} and {names[1]!r} lie at the same place, near {place(strip.point)}, and hold "
-                "different conditions; keep one of them, with `left` and `right` where its sides differ."
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place, near {place(strip.point)}, and "
+                "hold different conditions; keep one of them, with `left` and `right` where its sides differ."
             )
-
-
-def _contradict(layout: Layout, strip: Strip, time: float | None) -> bool:
-    first, second = (layout.boundaries.definitions[number] for number in (strip.first, strip.second))
-    return any(
-        not _equivalent(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
-        for a, b in zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
-    )
 
 
 def _equivalent(condition: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
@@ -234,39 +225,12 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
         missing, given = ([] if resolved or no_flux else [0]), "`edge` gives a condition"
     if not missing:
         return
-    spacing, known = layout.lattice.spacing, _loops_of_mesh(scene.surface, layout.lattice.spacing)
-    loop_numbers = sorted({*resolved, *(known or ())})
-    loops_named = f"its loops are {', '.join(map(str, loop_numbers))}" if loop_numbers else "it is closed"
-    if known is None:
-        raise SceneError(
-            f"{given}, which the manifold has not at spacing={spacing:g}: {loops_named} as far as the nodes tell; "
-            "leave it out, or use a smaller spacing if the edge is shorter than a few of these."
-        )
-    if missing[0] in known or (known and not isinstance(scene.edge, Mapping)):
-        where = place(known.get(missing[0], next(iter(known.values()))))
-        raise ResolutionError(
-            f"{given}, an edge too short for spacing={spacing:g}: near {where} no node lies past it, and the "
-            "condition would have no effect; use a smaller spacing, or leave it out."
-        )
-    raise SceneError(f"{given}, which the manifold has not: {loops_named}; leave it out, or correct the number.")
-
-
-def _loops_of_mesh(surface: ClosestPointSource, spacing: float) -> dict[int, Floats] | None:
-    """Return a point (d,) on each loop of the edge, by a mesh of the surface; None where it has no mesh."""
-    if not isinstance(surface, HasMesh) or surface.manifold_dim == surface.dim == 3:
-        return None
-    points, cells = surface.mesh(spacing)
-    triangles, segments = with_corners(cells, 3), with_corners(cells, 2)
-    edges = outward_edges(points, triangles)
-    single = np.flatnonzero(edges.outward.any(axis=1))
-    a, b = points[edges.ends[single, 0]], points[edges.ends[single, 1]]
-    beyond = [0.5 * (a + b) + PAST_EDGE_CELLS * np.linalg.norm(b - a, axis=1, keepdims=True) * edges.outward[single]]
-    ends = np.concatenate([segments, segments[:, ::-1]])
-    ends = ends[np.bincount(segments.ravel(), minlength=len(points))[ends[:, 0]] == 1]
-    beyond.append(points[ends[:, 0]] + PAST_EDGE_CELLS * (points[ends[:, 0]] - points[ends[:, 1]]))
-    feet = surface.closest_point(np.concatenate(beyond))
-    loops, first = np.unique(feet.edge, return_index=True)
-    return {int(loop): feet.points[row] for loop, row in zip(loops, first, strict=True) if loop >= 0}
+    spacing = layout.lattice.spacing
+    loops_named = f"its loops are {', '.join(map(str, resolved))}" if resolved else "it is closed"
+    raise SceneError(
+        f"{given}, which the manifold has not at spacing={spacing:g}: {loops_named} as far as nodes lie past its edge; "
+        "leave it out, correct the number, or use a smaller spacing if the edge is shorter than a few of these."
+    )
 
 
 # Waves. A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and

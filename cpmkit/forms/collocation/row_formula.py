@@ -1,4 +1,4 @@
-"""What rows of the extension read: ``value = sum of coefficient * u(points) + data``."""
+"""Formulas of the rows of the extension: ``value = sum of coefficient * u(points) + data``."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.laws import Law
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.side_view import SideView
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryData:
-    """What boundary data add to some rows: ``factor * data(points)``.
+    """The term of boundary data in some rows: ``factor * data(points)``.
 
     Attributes
     ----------
@@ -52,7 +52,7 @@ class BoundaryData:
 
     @property
     def name(self) -> str:
-        """What the data are, for errors."""
+        """Name of the data in errors."""
         return self.label if self.part == "datum" else f"the {self.part} of {self.label}"
 
     @property
@@ -71,7 +71,7 @@ class BoundaryData:
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return what all ``data`` add to each of so many rows, (rows, channels)."""
+    """Return the sum (rows, channels) of all ``data`` in each of so many rows."""
     total = np.zeros((rows, channels))
     for datum in data:
         values = evaluate_data(datum.data, datum.points, channels, datum.name, time)
@@ -106,20 +106,16 @@ class ExtraPoint:
     owner: int = -1
     feet: ClosestPoints | None = None
 
-    def take(self, chosen: Bools) -> ExtraPoint:
-        """Return some of the points, without how boundaries see them."""
-        feet = None if self.feet is None else self.feet.take(chosen)
-        return ExtraPoint(self.rows[chosen], self.points[chosen], self.coefficient[chosen], feet=feet)
-
     def renumber(self, numbers: Ints) -> ExtraPoint:
-        """Return the points with row k of the batch called ``numbers[k]``; -1 leaves it out."""
-        chosen = self.take(numbers[self.rows] >= 0)
-        return replace(chosen, rows=numbers[chosen.rows])
+        """Return the points with row k of the batch called ``numbers[k]``, -1 leaves it out; without side views."""
+        chosen = numbers[self.rows] >= 0
+        feet = None if self.feet is None else self.feet.take(chosen)
+        return ExtraPoint(numbers[self.rows[chosen]], self.points[chosen], self.coefficient[chosen], feet=feet)
 
 
 @dataclass(frozen=True, eq=False)
 class RowFormula:
-    """What a batch of n rows reads.
+    """The formulas of a batch of n rows.
 
     Attributes
     ----------
@@ -128,7 +124,7 @@ class RowFormula:
     coefficient : (n,) float64
         Factor of u there.
     data : sequence of BoundaryData
-        What boundary data add.
+        Terms of boundary data.
     terms : sequence of ExtraPoint
         Further points that some rows read.
     feet : ClosestPoints, optional

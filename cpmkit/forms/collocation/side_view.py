@@ -12,14 +12,13 @@ In its section 4, C lies in S; here C may be off it by its ``gap``, and is snapp
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.sheets.boundary_on_sheets import NEAR_BOUNDARY_SPACINGS, BoundaryOnSheets, SurfacePoints
-from cpmkit.forms.collocation.sheets.sheets import Sheets
+from cpmkit.forms.collocation.sheets.sheets import NEAR_BOUNDARY_SPACINGS, BoundaryOnSheets, Sheets, SurfacePoints
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -70,15 +69,6 @@ class SideView(Rows):
     signed: Floats
     conormal: Floats
     director: Floats
-
-    def reverse(self) -> SideView:
-        """Return the same as seen from the opposite side."""
-        return replace(self, director=-self.director, signed=-self.signed)
-
-
-def stack(side_views: Sequence[tuple[int, SideView]]) -> SideView:
-    """Return several views as one, the rows of each moved up by the number beside it."""
-    return SideView.join([replace(view, rows=view.rows + offset) for offset, view in side_views])
 
 
 def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
@@ -264,32 +254,21 @@ def put_on_lattice(
         If the boundary is of the wrong dimension, too far from the surface, or has no sides where the scene needs them.
     """
     source = localize(boundary.source, lattice.origin)
-    samples = _samples(boundary.name, source, surface, lattice.spacing)
+    if source.dim != surface.dim:
+        raise SceneError(
+            f"boundary {boundary.name!r} lies in {source.dim}D, the surface in {surface.dim}D; both must be the same."
+        )
+    cells = surface_cells(source, lattice.spacing, 3)
+    samples = source.closest_point(np.asarray((cells + 0.5) * lattice.spacing, dtype=np.float64)).points
     on = surface.closest_point(samples)
     dimension_along(boundary.name, source, surface, surface.dimensions_at(on))
-    gap = _gap(boundary.name, on, radius)
+    gap = float(on.distance.max())
+    if gap > radius:
+        raise SceneError(
+            f"boundary {boundary.name!r} is up to {gap:.3g} away from the surface, more than the tube's radius "
+            f"{radius:.3g}; move it onto the surface, or check its unit of length."
+        )
     placed = oriented(boundary).relative_to(lattice.origin, source, surface)
     surface.queries["points"] += placed.left.queries[0]
     source.queries["points"] += placed.left.queries[1]
     return BoundaryOnLattice(placed, gap, samples, lattice.spacing, sheets)
-
-
-def _samples(name: str, source: LocalSource, surface: LocalSource, spacing: float) -> Floats:
-    """Return points (s, d) of the boundary, about a spacing apart."""
-    if source.dim != surface.dim:
-        raise SceneError(
-            f"boundary {name!r} lies in {source.dim}D, the surface in {surface.dim}D; both must be the same."
-        )
-    cells = surface_cells(source, spacing, 3)
-    return source.closest_point(np.asarray((cells + 0.5) * spacing, dtype=np.float64)).points
-
-
-def _gap(name: str, on_surface: ClosestPoints, radius: float) -> float:
-    """Return how far the boundary is from the surface at most."""
-    gap = float(on_surface.distance.max())
-    if gap > radius:
-        raise SceneError(
-            f"boundary {name!r} is up to {gap:.3g} away from the surface, more than the tube's radius "
-            f"{radius:.3g}; move it onto the surface, or check its unit of length."
-        )
-    return gap

@@ -35,7 +35,7 @@ BENEATH = [
     "grid/band",
     "grid/lattice",
     "grid/stencils",
-    "linear/products",
+    "linear/operators",
     "manifold/answers",
     "manifold/local_source",
     "manifold/vectors",
@@ -75,7 +75,7 @@ def one_boundary():
     return ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(1.0, c=1.0), [cut])
 
 
-def test_a_ghost_passes_through_twelve_files(watched):
+def test_a_ghost_passes_through_nine_files(watched):
     files, watch = watched
     scene = one_boundary()
     tables = ck.discretize(scene, 0.2, form="collocation").tables

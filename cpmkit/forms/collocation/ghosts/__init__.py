@@ -1,1 +1,1 @@
-"""Ghosts of a boundary: where they stand and what they read."""
+"""Ghosts of a boundary: where they stand, and the formulas of their values."""

@@ -13,7 +13,6 @@ from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLatti
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.walking import nearest_on_sheet
-from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, OneSided, Value
 from cpmkit.types import Bools, Floats, Ints
@@ -175,8 +174,8 @@ class GhostGeometry:
 
         Their own boundary counts as seen from the side that they continue, or from the one on which they stand.
         """
-        own = self.seen.take(rows) if own_side else self.seen.take(rows).reverse()
-        own = replace(own, rows=np.arange(len(rows)))
+        seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
+        own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
         return [
             own if number == self.index else boundary.side_view(points, radius, self.spacing)
             for number, boundary in enumerate(self.boundaries.on_lattice)
@@ -206,17 +205,12 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
         # where they meet, neither lies beyond the other
         opposite &= np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
-        if _holds_one_value(boundary):
+        left, right = boundary.condition("left"), boundary.condition("right")
+        if isinstance(left.law, Value) and same_condition(left, right):  # one value, across which u is continuous
             own = geometry.seen.conormal[rows][facing.rows]
             opposite &= np.abs(np.sum(own * at_foot.conormal, axis=1)) > ALONGSIDE_COSINE
         beyond[facing.rows[opposite & ~facing.end & ~at_foot.end]] = True
     return beyond
-
-
-def _holds_one_value(boundary: BoundarySet) -> bool:
-    """Return whether both sides hold the same value, across which the solution is continuous."""
-    left, right = boundary.condition("left"), boundary.condition("right")
-    return isinstance(left.law, Value) and same_condition(left, right)
 
 
 # Data that jump across a boundary. A curve given by points, or snapped to a mesh, is off the place at which a formula

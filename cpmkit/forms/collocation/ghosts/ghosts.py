@@ -27,7 +27,7 @@ from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLatti
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
-from cpmkit.scene.laws import Interface, OneSided, beta_at
+from cpmkit.scene.laws import Interface, beta_at
 from cpmkit.types import Bools, Floats, Ints
 
 #: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
@@ -47,7 +47,7 @@ class Ghosts:
     numbers : (band nodes,) int64
         For each node of the band its ghost, -1 where it has none.
     formula : RowFormula
-        What the ghosts read.
+        The formulas of their values.
     sources : RowFormula
         Where right-hand sides are read: just inside the side that each ghost continues.
     side_views : sequence of SideView
@@ -55,7 +55,8 @@ class Ghosts:
     orders : (g,) int64
         Order of each ghost.
     behind : (g,) float64
-        How far behind the boundary those read that read at one point, over where their right-hand sides are; NaN else.
+        Of ghosts that read one point: its distance from the boundary over that of the points where right-hand sides
+        are read; NaN for others.
     """
 
     geometry: GhostGeometry
@@ -151,9 +152,9 @@ def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floa
 
 
 def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: GhostGeometry) -> RowFormula:
-    """Return what ghosts read where their nodes stand past an edge: the edge's formula of the ghost's.
+    """Return the formulas of ghosts, combined with that of the edge where their nodes stand past an edge.
 
-    Not of those that continue what lies behind their boundary, which separates them from the edge.
+    Ghosts whose boundary separates them from the edge keep their own formula.
     """
     nodes, separated = geometry.seen.rows, geometry.past_edge
     coefficient = np.where(separated, 1.0, mirrored.coefficient[nodes])
@@ -180,7 +181,7 @@ def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -
 
 @dataclass(frozen=True, eq=False)
 class GhostFormula:
-    """What the ghosts of a boundary read, edges aside.
+    """The formulas of a boundary's ghosts, without those of the edge.
 
     ``rows`` is read on the side that they continue, ``own_terms`` where they stand; ``coupled`` are those of a
     transmission that read several points, ``orders`` (g,) is the order of each, lower than the condition's where there
@@ -195,7 +196,7 @@ class GhostFormula:
 
 
 def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
-    """Return what the ghosts of a boundary read at an order, or at that of their condition.
+    """Return the formulas of a boundary's ghosts at an order, or at that of their condition.
 
     A ghost whose mirror point lies beyond another boundary is of order 1.
     """
@@ -223,8 +224,11 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
             points[mirrored] = geometry.mirror.points[mirrored]
             feet = None if feet is None else feet.replace_rows(mirrored, geometry.mirror.take(mirrored))
         if not isinstance(law, Interface):
-            coefficient[rows], added = _one_sided(geometry, law, rows, points[rows], orders[rows] == 1)
-            data += added
+            where, t = geometry.at_boundary(rows), geometry.seen.distance[rows]
+            s = np.linalg.norm(geometry.foot_point[rows] - points[rows], axis=1)
+            beta, first_order = beta_at(law, where, geometry.name), orders[rows] == 1
+            coefficient[rows], factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
+            data.append(BoundaryData(rows, factor, where, law.datum, geometry.name, law))
         elif len(rows):
             coefficient[rows], added, own = first_order_ghosts(geometry, law, rows)
             own_terms.append(own)
@@ -234,14 +238,3 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
         own_terms += part.own_terms
     terms = [term for part in coupled for term in part.terms_beyond]
     return GhostFormula(RowFormula(points, coefficient, data, terms, feet), own_terms, coupled, orders, at_one_point)
-
-
-def _one_sided(
-    geometry: GhostGeometry, law: OneSided, rows: Ints, points: Floats, first_order: Bools
-) -> tuple[Floats, list[BoundaryData]]:
-    """Return the coefficients (k,) of u at the points that the ghosts ``rows`` read, and their data."""
-    where = geometry.at_boundary(rows)
-    s = np.linalg.norm(geometry.foot_point[rows] - points, axis=1)
-    beta, t = beta_at(law, where, geometry.name), geometry.seen.distance[rows]
-    coefficient, factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
-    return coefficient, [BoundaryData(rows, factor, where, law.datum, geometry.name, law)]

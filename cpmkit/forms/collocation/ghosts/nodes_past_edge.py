@@ -10,12 +10,16 @@ Where a boundary lies between the rim and the mirror point, the node is on the r
 continues the strip between the two, at first order, for no mirror point has room there. A ghost past the edge continues
 what lies behind a boundary that runs alongside, by the boundary's condition and not by the edge's; where one ends on
 the edge, both conditions hold.
+
+At a corner of a rim b jumps, and a flux that is given at y alone is that of one side. With b_j the conormals beside the
+corner and ``x - y = sum t_j b_j`` in the tangent space, ``2 (x - y) . b du/db`` becomes ``2 sum t_j du/db_j``, each
+flux read on its own side. Differs from King et al. (2024), who have no flux at a rim with corners.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,18 +28,124 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     coefficient_and_factor,
     mirror_distance,
 )
-from cpmkit.forms.collocation.ghosts.rim_corners import RimCorners, rim_corners
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
 from cpmkit.forms.collocation.side_view import BoundaryOnLattice, SideView
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.manifold.tangent_space import outward_conormals, unit_normals
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
 from cpmkit.types import Bools, Floats, Ints
+
+#: Sides of a corner are looked for so many spacings beside it, on either side,
+BESIDE_SPACINGS = 0.6
+#: and by this share of that past the rim: feet of points on it may count as inside.
+OUTWARD_SHARE = 0.1
+#: Fluxes are read nearer to the corner by this factor, where they are those of its sides and hardly others than there.
+READ_SHARE = 0.05
+#: A node that lies less far beyond a side, in spacings, is not beyond it.
+LEAST_BEYOND_SPACINGS = 1e-9
+#: Points of a rim on both sides of a foot that are farther apart than this share of the most have no corner between.
+STRAIGHT_SHARE = 0.97
+#: Conormals are differences over so many spacings: a corner nearer than that bends them.
+CONORMAL_SPACINGS = 0.05
+#: Directions of conormals that add less than this share of the strongest one are bends and rounding.
+LEAST_SINGULAR_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class RimCorners:
+    """Nodes whose feet are corners of a rim.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Numbers of the nodes.
+    points : (k, s, d) float64
+        Points of the rim on the sides of each corner.
+    loops : (k, s) int64
+        The loops of the edge that these belong to.
+    beyond : (k, s) float64
+        How far the node lies beyond each side: these times the conormals there add up to its offset from the corner.
+    """
+
+    rows: Ints
+    points: Floats
+    loops: Ints
+    beyond: Floats
+
+    def take(self, chosen: Bools) -> RimCorners:
+        """Return the ``chosen`` (k,) nodes."""
+        return RimCorners(self.rows[chosen], self.points[chosen], self.loops[chosen], self.beyond[chosen])
+
+
+def rim_corners(
+    surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float
+) -> list[RimCorners]:
+    """Return the corners among ``feet`` on a rim, of surfaces and of solids; a curve has none.
+
+    Parameters
+    ----------
+    surface : LocalSource
+        The manifold.
+    feet : ClosestPoints
+        Of n nodes.
+    beyond, outward : (n, d) float64
+        The offsets of the nodes from the feet, and the conormals at the feet.
+    spacing : float
+        Of the lattice.
+    """
+    dimension = surface.dimensions_at(feet)
+    corners = []
+    for m in range(2, surface.dim + 1):
+        rows = np.flatnonzero(dimension == m)
+        if len(rows):
+            corners.append(_corners(surface, feet.take(rows), beyond[rows], outward[rows], spacing, rows))
+    return [part for part in corners if len(part.rows)]
+
+
+def _corners(
+    surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
+) -> RimCorners:
+    """Return the corners among feet on parts of one dimension, which are numbered by ``rows``."""
+    reach = BESIDE_SPACINGS * spacing
+    directions = _along_rim(surface, feet, outward, spacing)
+    places = feet.points[:, None] + reach * (directions + OUTWARD_SHARE * outward[:, None])
+    sides = surface.closest_point(places.reshape(-1, surface.dim))
+    points, loops = sides.points.reshape(places.shape), sides.edge.reshape(len(rows), -1)
+    count = places.shape[1]
+    half = count // 2
+    is_corner = norms(points[:, :half] - points[:, half:]) < 2 * STRAIGHT_SHARE * reach
+    chosen = np.flatnonzero(is_corner.any(axis=1) & (loops >= 0).all(axis=1))
+    entries = (chosen[:, None] * count + np.arange(count)).ravel()
+    conormals = outward_conormals(surface, sides.take(entries), CONORMAL_SPACINGS * spacing)
+    conormals = conormals.reshape(len(chosen), *places.shape[1:]) * np.tile(is_corner[chosen], (1, 2))[:, :, None]
+    inverse = np.linalg.pinv(conormals.transpose(0, 2, 1), rcond=LEAST_SINGULAR_SHARE)
+    shares = np.einsum("nsd,nd->ns", inverse, beyond[chosen])
+    shares = np.where(shares > LEAST_BEYOND_SPACINGS * spacing, shares, 0.0)
+    offsets = points[chosen] - feet.points[chosen, None] + OUTWARD_SHARE * reach * conormals
+    readings = surface.closest_point((feet.points[chosen, None] + READ_SHARE * offsets).reshape(-1, surface.dim))
+    return RimCorners(rows[chosen], readings.points.reshape(offsets.shape), loops[chosen], shares)
+
+
+def _along_rim(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
+    """Return unit vectors (n, s, d) in the tangent space at right angles to ``outward``, then their opposites.
+
+    On a solid there are three, 120 degrees apart: one may run along an edge, where it meets no side.
+    """
+    others = outward[:, None]
+    if (surface.dimensions_at(feet) < surface.dim).all():
+        others = np.stack([outward, unit_normals(surface, feet, 0.5 * spacing)], axis=1)
+    basis = np.linalg.svd(others)[2][:, others.shape[1] :]
+    angles = np.arange(3) * 2 * np.pi / 3
+    turns = np.eye(1) if basis.shape[1] == 1 else np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    directions = np.einsum("sk,nkd->nsd", turns, basis)
+    return np.asarray(np.concatenate([directions, -directions], axis=1))
+
 
 #: Nodes nearer to their foot than this share of the spacing do not define the direction of the conormal.
 UNDIRECTED_EDGE_SPACINGS = 1e-6
@@ -54,15 +164,19 @@ def read_past_edge(
     rows: Ints | None = None,
     most: int = 2,
 ) -> RowFormula:
-    """Return what each node of the band reads, one point each, the edge's conditions applied to those past it.
+    """Return the formulas of all nodes of the band, with one point each: the foot, or a mirror point past an edge.
 
-    They are applied to the nodes ``rows`` alone, if given, and at the order ``most`` at most.
+    The edge's conditions are applied to the nodes ``rows`` alone, if given, and at the order ``most`` at most.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
     data: list[BoundaryData] = []
-    for past, law, own_order in _loops(band, edge, rows):
-        formula = _mirror(surface, band, lattice, edge, law, min(own_order or order, most), past)
+    rows = np.arange(len(band.nodes)) if rows is None else rows
+    loop_of = band.feet.edge[rows]
+    for loop in np.unique(loop_of[loop_of >= 0]):
+        past, condition = rows[loop_of == loop], edge_condition(edge, int(loop))
+        target = min(condition.order or order, most)
+        formula = _mirror(surface, band, lattice, edge, condition.one_sided, target, past)
         points[past], coefficient[past] = formula.points, formula.coefficient
         feet = None if feet is None or formula.feet is None else feet.replace_rows(past, formula.feet)
         data += [datum.renumber(past) for datum in formula.data]
@@ -87,23 +201,15 @@ def read_at_feet(
     return RowFormula(points, coefficient, data, feet=feet)
 
 
-def _loops(band: Band, edge: EdgeConditions, rows: Ints | None) -> list[tuple[Ints, OneSided, int | None]]:
-    """Return the nodes past each loop of the edge, of ``rows`` or all, its law, and its condition's own order."""
-    rows = np.arange(len(band.nodes)) if rows is None else rows
-    loop_of, loops = band.feet.edge[rows], []
-    for loop in np.unique(loop_of[loop_of >= 0]):
-        condition = edge_condition(edge, int(loop))
-        loops.append((rows[loop_of == loop], condition.one_sided, condition.order))
-    return loops
-
-
 def _mirror(
     surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, law: OneSided, order: int, rows: Ints
 ) -> RowFormula:
-    """Return what nodes past one loop read at order 1 or 2."""
+    """Return the formulas of nodes past one loop, at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     feet, start = band.feet.take(rows), None if band.sheets is None else band.feet.take(rows)
-    if is_zero_neumann(law) and not _has_flux(edge):
+    laws = [condition.one_sided for condition in conditions_of_edge(edge)]
+    has_flux = any(isinstance(other, Flux | Mixed) and not is_zero_neumann(other) for other in laws)
+    if is_zero_neumann(law) and not has_flux:
         on = feet if order == 1 else nearest_on_sheet(surface, start, foot - beyond, band.spacing)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     conormals = outward_conormals(surface, feet, 0.5 * band.spacing)
@@ -121,12 +227,6 @@ def _mirror(
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first_order, band.spacing)
     datum = BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)
     return RowFormula(on.points, coefficient, _data_beside_corners(datum, corners, edge, t, lattice), feet=on)
-
-
-def _has_flux(edge: EdgeConditions) -> bool:
-    """Return whether a flux other than zero is given anywhere on the edge."""
-    laws = [condition.one_sided for condition in conditions_of_edge(edge)]
-    return any(isinstance(law, Flux | Mixed) and not is_zero_neumann(law) for law in laws)
 
 
 def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
@@ -209,18 +309,14 @@ def straight_ahead(
     nodes = side_view.rows[past]
     feet = band.feet.take(nodes)
     outward = outward_conormals(boundary.surface, feet, 0.5 * band.spacing)
-    separated[past] = np.isin(nodes, behind) | _parallel(side_view.take(past), feet.points, outward, band.spacing)
+    offset = feet.points - side_view.foot[past]
+    inwards, length = np.sum(offset * outward, axis=1), np.linalg.norm(offset, axis=1)
+    parallel = np.abs(np.sum(side_view.conormal[past] * outward, axis=1)) > ALONGSIDE_COSINE
+    parallel &= (length < UNDIRECTED_FOOT_SPACINGS * band.spacing) | (inwards > ALONGSIDE_COSINE * length)
+    separated[past] = np.isin(nodes, behind) | parallel
     beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
     places[past] = feet.points + beyond * outward
     on = boundary.surface.closest_point(boundary.source.closest_point(places[separated]).points).points
     foot, distance = side_view.foot.copy(), side_view.distance.copy()
     foot[separated], distance[separated] = on, np.linalg.norm(places[separated] - on, axis=1)
     return replace(side_view, foot=foot, distance=distance), places, separated
-
-
-def _parallel(side_view: SideView, feet: Floats, outward: Floats, spacing: float) -> Bools:
-    """Return at which feet on an edge the boundary runs alongside it, on the inner side."""
-    offset = feet - side_view.foot
-    inwards, length = np.sum(offset * outward, axis=1), np.linalg.norm(offset, axis=1)
-    across = np.abs(np.sum(side_view.conormal * outward, axis=1)) > ALONGSIDE_COSINE
-    return np.asarray(across & ((length < UNDIRECTED_FOOT_SPACINGS * spacing) | (inwards > ALONGSIDE_COSINE * length)))

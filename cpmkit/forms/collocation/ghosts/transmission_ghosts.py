@@ -76,7 +76,7 @@ class CoupledGhosts:
     Attributes
     ----------
     rows : (k,) int64
-        Which ghosts of the boundary these are.
+        Their numbers among the boundary's ghosts.
     terms_beyond, own_terms : list of ExtraPoint
         Points that they read on the side that they continue, and on the side on which they stand.
     data : list of BoundaryData

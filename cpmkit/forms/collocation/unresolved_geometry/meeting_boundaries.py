@@ -1,6 +1,6 @@
 """Boundaries that meet: two that cross with different data, two side by side, and one whose own sides mix.
 
-The sides of a curve mix around open ends, between flanks of a sharp tip, and on short rings.
+The sides of a curve mix around open ends and between flanks of a sharp tip.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.collocation.ghosts.ghost_geometry import ALONGSIDE_COSINE, INSIDE_SIDE_SPACINGS
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
+from cpmkit.forms.collocation.side_view import BoundariesOnBand
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition
@@ -33,11 +33,6 @@ CLOSED_END_SPACINGS = 0.5
 #: Conormals at feet of one side face each other below this cosine: the angle is below 45 degrees, or the flanks run
 #: side by side. Nodes within so many spacings of the boundary are examined.
 FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
-#: The conormals of a ring around a limb have a mean at least this long; those of a loop on a flat place cancel.
-LEAST_MEAN_CONORMAL = 0.7
-#: On rings of so many spacings the sides are separate (around a finger of a hand: 0.53 of the jump leaks at 7.5, 0.002
-#: at 11 spacings).
-LEAST_RING_SPACINGS = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +87,14 @@ class MixedSides:
 
     Attributes
     ----------
-    kind : "tip", "flanks" or "ring"
-        An open end with different values on its sides; flanks of one curve that face each other; a short closed curve
-        around a limb.
+    kind : "tip" or "flanks"
+        An open end with different values on its sides; flanks of one curve that face each other.
     boundary : int
         Its number.
     point : (d,) float64
         In the scene's coordinates.
     size : float
-        Of flanks their distance, of a ring its length; 0 of a tip.
+        Of flanks their distance; 0 of a tip.
     more : int
         How many more such places the boundary has.
     """
@@ -121,15 +115,10 @@ class MixedSides:
                 f"{spacing:.2g}, of the end they run into each other; give both sides one value there, or a smaller "
                 "spacing."
             )
-        if self.kind == "flanks":
-            return (
-                f"Boundary {name!r} comes back to itself {where}, its flanks {self.size:.2g} apart, "
-                f"{self.size / spacing:.2g} spacings, or less: the values of the other side show between them; a "
-                f"spacing of {min(self.size / 3, spacing / 2):.2g} confines that to a shorter piece."
-            )
         return (
-            f"Boundary {name!r} is a closed curve of {self.size / spacing:.2g} spacings around a limb {where}: its two "
-            f"sides mix; a spacing of {self.size / LEAST_RING_SPACINGS:.2g} separates them."
+            f"Boundary {name!r} comes back to itself {where}, its flanks {self.size:.2g} apart, "
+            f"{self.size / spacing:.2g} spacings, or less: the values of the other side show between them; a "
+            f"spacing of {min(self.size / 3, spacing / 2):.2g} confines that to a shorter piece."
         )
 
 
@@ -143,12 +132,19 @@ def find_meetings(
     crossings: list[SectorJump] = []
     strips: list[Strip] = []
     with_sides = [number for number, boundary in enumerate(boundaries.on_lattice) if boundary.has_sides]
-    thinned = {number: _one_per_cell(boundaries.side_views[number], lattice.spacing) for number in with_sides}
+    thinned = {}
+    for number in with_sides:  # one entry for each cell of half a spacing
+        view = boundaries.side_views[number]
+        cells = np.floor(view.foot / (0.5 * lattice.spacing)).astype(np.int64)
+        thinned[number] = view.take(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
     for first, second in combinations(with_sides, 2):
-        pairs = _feet_beside(boundaries.on_lattice[second], thinned[first], lattice.spacing)
-        if pairs is None:
+        view, other = thinned[first], boundaries.on_lattice[second]
+        seen = other.side_view(view.foot, MEETING_SPACINGS * lattice.spacing, lattice.spacing)
+        seen = seen.take(~seen.end & ~view.end[seen.rows])
+        if not len(seen.rows):
             continue
-        feet, distance, signed, along = pairs
+        feet, distance, signed = view.foot[seen.rows], seen.distance, seen.signed
+        along = np.sum(view.conormal[seen.rows] * seen.conormal, axis=1)
         aligned = np.abs(along) > ALONGSIDE_COSINE
         crossing = _crossing_point(feet, signed, aligned, lattice.spacing)
         if crossing is not None:
@@ -164,25 +160,6 @@ def find_meetings(
             coincide = bool(same >= min(SAME_PLACE_SAMPLES, len(distance)))
             strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
     return crossings, strips
-
-
-def _one_per_cell(view: SideView, spacing: float) -> SideView:
-    """Return one entry of a view for each cell of half a spacing that its feet lie in."""
-    _, first = np.unique(np.floor(view.foot / (0.5 * spacing)).astype(np.int64), axis=0, return_index=True)
-    return view.take(np.sort(first))
-
-
-def _feet_beside(
-    other: BoundaryOnLattice, side_view: SideView, spacing: float
-) -> tuple[Floats, Floats, Floats, Floats] | None:
-    """Return points of one boundary near another: feet (k, d), distance, signed distance, cosine of the conormals."""
-    seen = other.side_view(side_view.foot, MEETING_SPACINGS * spacing, spacing)
-    inside = ~seen.end & ~side_view.end[seen.rows]
-    if not inside.any():
-        return None
-    rows = seen.rows[inside]
-    along = np.sum(side_view.conormal[rows] * seen.conormal[inside], axis=1)
-    return side_view.foot[rows], seen.distance[inside], seen.signed[inside], along
 
 
 def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
@@ -229,7 +206,6 @@ def find_mixed_sides(
         if on_lattice.has_sides and on_lattice.oriented.dimension > 1 and not alike:
             places += _tips(number, boundaries, lattice, channels, time)
             places += _flanks(number, boundaries, lattice)
-            places += _ring(number, boundaries, lattice)
     return places
 
 
@@ -280,19 +256,3 @@ def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list
     widest = int(width.argmax())
     middle = 0.5 * (close.foot[first[widest]] + close.foot[second[widest]])
     return [MixedSides("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
-
-
-def _ring(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[MixedSides]:
-    """Return the boundary if it is a short closed curve around a limb."""
-    boundary, view = boundaries.on_lattice[number], boundaries.side_views[number]
-    is_curve_on_surface = boundary.source.manifold_dim == 1 and boundary.oriented.dimension == 2
-    if not is_curve_on_surface or not len(view.rows) or view.end.any():
-        return []
-    if (boundary.source.closest_point(boundary.samples).edge >= 0).any():
-        return []
-    centre = boundary.samples.mean(axis=0)
-    length = 2 * np.pi * float(np.linalg.norm(boundary.samples - centre, axis=1).mean())
-    around = np.linalg.norm(view.conormal.mean(axis=0)) >= LEAST_MEAN_CONORMAL
-    if length >= LEAST_RING_SPACINGS * lattice.spacing or not around:
-        return []
-    return [MixedSides("ring", number, lattice.to_scene(centre[None])[0], length)]

@@ -32,9 +32,6 @@ CONORMAL_STEP_SPACINGS = 0.005
 BRIDGED_GAP_SPACINGS = 1.5
 #: Rims that face each other so narrowly along so many spacings are those of a slit, not a notch's tip or a small hole.
 SLIT_LENGTH_SPACINGS = 6.0
-#: The share of the difference of the values on both sides that leaks at most across two spacings; half of it for each
-#: further one (a slit in a sphere: 0.45 at 2, 0.11 at 4, 0.055 at 5 spacings; in the plane a tenth of that).
-LEAK_AT_TWO_SPACINGS = 0.45
 #: A gap of so many spacings leaks next to nothing: the spacing that resolves a gap is this share of it.
 WIDE_GAP_SPACINGS = 6.0
 #: A boundary nearer to a rim than this many spacings lies on it, and runs along it if so many samples do; a curve that
@@ -68,11 +65,6 @@ class FacingRims:
     point: Floats
     gap: float
     local: bool
-
-    def leak(self, spacing: float) -> float:
-        """Return about the largest share of the difference of both sides that leaks across."""
-        width = self.gap / spacing
-        return 1.0 if width <= BRIDGED_GAP_SPACINGS else LEAK_AT_TWO_SPACINGS * 2.0 ** (2.0 - width)
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,39 +200,32 @@ def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[RimStrip]:
     """Return the boundaries beside rims; no closest point is asked for where the manifold has none."""
-    past = np.flatnonzero(band.feet.edge >= 0)
-    strips = []
-    for number, boundary in enumerate(boundaries):
-        strip = _rim_strip(number, boundary, surface, band, lattice, past) if boundary.has_sides and len(past) else None
-        strips += [strip] if strip is not None else []
-    return strips
-
-
-def _rim_strip(
-    number: int, boundary: BoundaryOnLattice, surface: LocalSource, band: Band, lattice: Lattice, past: Ints
-) -> RimStrip | None:
     from scipy.spatial import cKDTree
 
-    h, points = band.spacing, surface.closest_point(boundary.samples).points
-    distance, nearest = cKDTree(band.feet.points[past]).query(points)
-    close = np.flatnonzero(distance < 3 * STRIP_SPACINGS * h)
-    if not len(close):
-        return None
-    points, rim = points[close], band.feet.take(past[nearest[close]])
-    outward = outward_conormals(surface, rim, CONORMAL_STEP_SPACINGS * h)
-    inside = np.sum((rim.points - points) * outward, axis=1, keepdims=True)
-    foot = surface.closest_point(points + (inside + PAST_RIM_SPACINGS * h) * outward)
-    width = np.linalg.norm(foot.points - points, axis=1)
-    seen = boundary.side_view(points, h, h)
-    beside = (width[seen.rows] < STRIP_SPACINGS * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
-    beside &= np.abs(np.sum(seen.conormal * outward[seen.rows], axis=1)) > ALONGSIDE_COSINE
-    rows = seen.rows[beside]
-    rows = rows[np.argsort(width[rows], kind="stable")]
-    if not len(rows):
-        return None
-    on_rim = width[rows] < ON_RIM_SPACINGS * h
-    along = bool(on_rim.all() or on_rim.sum() >= RIM_RUN_SAMPLES)
-    return RimStrip(number, int(foot.edge[rows[0]]), lattice.to_scene(points[rows]), float(width[rows[0]]), along)
+    h, past, strips = band.spacing, np.flatnonzero(band.feet.edge >= 0), []
+    for number, boundary in enumerate(boundaries if len(past) else ()):
+        if not boundary.has_sides:
+            continue
+        points = surface.closest_point(boundary.samples).points
+        distance, nearest = cKDTree(band.feet.points[past]).query(points)
+        close = np.flatnonzero(distance < 3 * STRIP_SPACINGS * h)
+        if not len(close):
+            continue
+        points, rim = points[close], band.feet.take(past[nearest[close]])
+        outward = outward_conormals(surface, rim, CONORMAL_STEP_SPACINGS * h)
+        inside = np.sum((rim.points - points) * outward, axis=1, keepdims=True)
+        foot = surface.closest_point(points + (inside + PAST_RIM_SPACINGS * h) * outward)
+        width = np.linalg.norm(foot.points - points, axis=1)
+        seen = boundary.side_view(points, h, h)
+        beside = (width[seen.rows] < STRIP_SPACINGS * h) & (foot.edge[seen.rows] >= 0) & ~seen.end
+        beside &= np.abs(np.sum(seen.conormal * outward[seen.rows], axis=1)) > ALONGSIDE_COSINE
+        rows = seen.rows[beside]
+        rows = rows[np.argsort(width[rows], kind="stable")]
+        if len(rows):
+            on_rim = width[rows] < ON_RIM_SPACINGS * h
+            along, least = bool(on_rim.all() or on_rim.sum() >= RIM_RUN_SAMPLES), float(width[rows[0]])
+            strips.append(RimStrip(number, int(foot.edge[rows[0]]), lattice.to_scene(points[rows]), least, along))
+    return strips
 
 
 # Junctions of a manifold of curves: points at which three arms or more meet

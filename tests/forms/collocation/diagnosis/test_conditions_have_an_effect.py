@@ -26,7 +26,7 @@ def nothing(x):
 def test_a_condition_on_the_edge_of_a_closed_curve_is_refused(edge, form):
     scene = ck.Scene(CIRCLE, ck.ScreenedPoisson(1.0), edge=edge)
     for ask in (ck.solve, partial(ck.explain, dry_run=True)):
-        with pytest.raises(ck.SceneError, match=r"which the manifold has not: it is closed; leave it out"):
+        with pytest.raises(ck.SceneError, match=r"which the manifold has not.*: it is closed.*; leave it out"):
             ask(scene, 0.1, form=form)
 
 
@@ -41,7 +41,7 @@ def test_a_wall_on_the_edge_of_a_closed_curve_is_fine(edge, form):
 @FORMS
 def test_a_loop_that_is_not_there_is_refused_by_its_number(form):
     edge = {0: ck.Dirichlet(5.0), 1: ck.Neumann(), 7: ck.Neumann()}
-    with pytest.raises(ck.SceneError, match=r"loop 7, which the manifold has not: its loops are 0, 1"):
+    with pytest.raises(ck.SceneError, match=r"loop 7, which the manifold has not.*: its loops are 0, 1"):
         ck.solve(ck.Scene(ARC, ck.Laplace(), edge=edge), 0.1, form=form)
     for key in ("7", -1, 1.5):
         with pytest.raises(ck.InputError, match="a key of `edge`, the number of a loop, must be a whole number"):
@@ -52,16 +52,16 @@ def test_a_loop_that_is_not_there_is_refused_by_its_number(form):
             )
 
 
-def test_a_loop_too_short_for_the_spacing_is_told_as_such():
+def test_a_loop_too_short_for_the_spacing_is_refused():
     """A hole of a twentieth of the spacing, which no node sees, and a smaller spacing does."""
     holed = ck.source("analytic.cap", height=-np.sqrt(1 - 1e-4), axis=[1, 2.3, 4.1])
     scene = ck.Scene(holed, ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0))
-    with pytest.raises(ck.ResolutionError, match=r"an edge too short for spacing=0.2: near \(.*\) no node lies past"):
+    with pytest.raises(ck.SceneError, match=r"has not at spacing=0.2: .* use a smaller spacing if the edge"):
         ck.solve(scene, 0.2, form="collocation")
 
 
 def test_a_surface_without_a_mesh_tells_both_ways_out():
-    with pytest.raises(ck.SceneError, match="as far as the nodes tell; leave it out, or use a smaller spacing"):
+    with pytest.raises(ck.SceneError, match=r"as far as nodes lie past its edge; leave it out, .*a smaller spacing"):
         ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1, form="collocation")
 
 
