@@ -146,12 +146,12 @@ def both_forms(spacings: Sequence[float]) -> None:
         "exp(4 sin(3 x + 2 y)), contrast 3000": contrast(),
         "1 above a circle, 3000 below": jump(),
     }
-    print('| diffusivity | spacing | collocation | Galerkin | Galerkin, `strength="accurate"` |')
+    print('| diffusivity | spacing | collocation | Galerkin | Galerkin, `stabilisation="accurate"` |')
     print("|---|--:|--:|--:|--:|")
     for name, case in cases.items():
         for spacing in spacings:
             row = [error(case, spacing, form="collocation")[0], error(case, spacing, form="galerkin")[0]]
-            row.append(error(case, spacing, form="galerkin", strength="accurate")[0])
+            row.append(error(case, spacing, form="galerkin", stabilisation="accurate")[0])
             print(f"| {name} | {spacing:g} | {' | '.join(f'{one:.1e}' for one in row)} |", flush=True)
 
 

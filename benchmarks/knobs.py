@@ -1,4 +1,4 @@
-"""What the knobs of the Galerkin form cost and gain: degree, strength and samples, on the sphere and a torus.
+"""What the knobs of the Galerkin form cost and gain: degree, stabilisation and samples, on the sphere and a torus.
 
 Run ``python benchmarks/knobs.py``, or with the spacings behind it; it needs ``pip install . ./plugins/cpmkit-analytic``
 and takes three minutes. It prints the table of docs/tables/knobs.md; with ``--record`` it also writes the record in the
@@ -25,7 +25,7 @@ from cpmkit.types import Floats
 SPACINGS = (0.2, 0.1, 0.05)
 DEGREES = (1, 2, 3)
 #: Options of a row, beside the degree.
-KNOBS = ({}, {"strength": "accurate"}, {"samples": "plain"})
+KNOBS = ({}, {"stabilisation": "accurate"}, {"samples": "plain"})
 #: Degrees between which a tolerance chooses, and where what it knows of them is kept.
 RECORDED, RECORD = (2, 3), Path(ck.__file__).parent / "accuracy" / "degree_choice.json"
 #: The radii of the torus.

@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
 from cpmkit.files.plain_values import record_from_table
-from cpmkit.forms.choice import module_of, options_of
+from cpmkit.forms.choice import RENAMED_OPTIONS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
@@ -123,7 +123,9 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
     if not _is_near(lattice, scene):
         raise of_another_scene(path, "its nodes are elsewhere")
-    given = {name: array.item() if array.ndim == 0 else array for name, array in lattice.items()}
+    given = {
+        RENAMED_OPTIONS.get(name, name): array.item() if array.ndim == 0 else array for name, array in lattice.items()
+    }
     if given.get("balance") == 0:  # of a release that had this option
         del given["balance"]
     try:

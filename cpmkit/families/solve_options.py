@@ -36,7 +36,7 @@ class DiscretizingKeywords(TypedDict, total=False):
     degree: int
     order: int
     sheets: bool
-    strength: str
+    stabilisation: str
     samples: str
     tips: str
     refine: str

@@ -17,6 +17,7 @@ from cpmkit.grid.spacings import needed_spacing, other_solver_hint, rounded_up
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.manifold.local_source import largest_dim
 from cpmkit.runtime import memory
+from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
@@ -24,8 +25,10 @@ from cpmkit.scene.scene import Scene
 
 #: The options of each form, by its name.
 FORMS: dict[str, type[DeclaredOptions]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
+#: Old names of options, which work for one release, and the new names.
+RENAMED_OPTIONS = {"strength": "stabilisation"}
 #: The module of each form, see :func:`module_of`, and the module and class of its cost model.
-MODULES = {"collocation": "cpmkit.forms.collocation.form", "galerkin": "cpmkit.forms.galerkin.discretizing"}
+MODULES = {"collocation": "cpmkit.forms.collocation.form", "galerkin": "cpmkit.forms.galerkin.discretize_scene"}
 COST_MODELS = {
     "collocation": ("cpmkit.forms.collocation.collocation_cost", "CollocationCost"),
     "galerkin": ("cpmkit.forms.galerkin.galerkin_cost", "GalerkinCost"),
@@ -54,6 +57,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
     InputError
         If there is no spacing, an option belongs to another form, or a value is not accepted.
     """
+    given = current_keywords(given, RENAMED_OPTIONS, 3)
     form, reason = choose_form(scene, given)
     own, rest = split_options(FORMS[form], given)
     target, rest = split_options(

@@ -13,7 +13,7 @@ import numpy as np
 from cpmkit.errors import InputError, shown
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import ANYTHING, TEXT, Kind, check_fields, list_of, numbers, table_of, whole_numbers
-from cpmkit.forms.choice import every_option
+from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
 from cpmkit.saving.export import FORMAT_VERSION
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import describe_scene
@@ -92,7 +92,7 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
             f"{shown(path.name)} is of format {saved}, and this cpmkit reads format {FORMAT_VERSION}; solve the "
             "scene again, or read the file with the version that its summary names."
         )
-    options = [replace(OPTION_ARRAY, name=f"lattice_{name}") for name in every_option()]
+    options = [replace(OPTION_ARRAY, name=f"lattice_{name}") for name in (*every_option(), *RENAMED_OPTIONS)]
     rows = {row.name: row for row in (*options, *LATTICE_ARRAYS)}
     numbers_of_lattice = [replace(row, needed=False) for row in rows.values() if not row.shape]
     on_lattice = bool(read_saved(path, numbers_of_lattice, SAVED_SOLUTION_WORDS))

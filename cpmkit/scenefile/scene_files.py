@@ -12,12 +12,13 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.choice import own_options
+from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
 from cpmkit.forms.options import Options
 from cpmkit.formulas.expressions import ReactionExpression, StateExpression
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
+from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary
@@ -155,7 +156,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
     SceneError
         If a key or its value is not accepted.
     """
-    grid = as_table(tables.get("discretization", {}), "[discretization]")
+    grid = current_keywords(as_table(tables.get("discretization", {}), "[discretization]"), RENAMED_OPTIONS)
     with naming_table("[discretization]"):
         own, accepted = own_options(grid)
         check_accepted(

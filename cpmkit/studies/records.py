@@ -22,7 +22,7 @@ from cpmkit.files.plain_values import (
     whole_numbers,
 )
 from cpmkit.files.whole_files import explain_system_error
-from cpmkit.forms.choice import every_option
+from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
 from cpmkit.studies.sweep import TARGET_ENTRIES, listed
 
 Record = dict[str, Any]
@@ -93,6 +93,7 @@ def _record(line: bytes, where: str) -> Record:
         record = None
     if not isinstance(record, dict):
         raise InputError(f"{where} is not a JSON object; remove that line, its run is made again.")
+    record = {RENAMED_OPTIONS.get(name, name): value for name, value in record.items()}
     accepts = {name: every_option()[name].accepts for name in listed()}
     options = {name: or_none(Kind("a value that it takes", check)) for name, check in accepts.items()}
     try:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-import cpmkit.forms.galerkin.equations as equations
-import cpmkit.forms.galerkin.values as values
+import cpmkit.forms.galerkin.space.energy as energy
 import cpmkit.linear.direct as factorization
 import cpmkit.linear.multigrid.solver as multigrid
 from cpmkit.applications import geodesic_distance
@@ -50,9 +49,9 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
     count = len(prepared.points)
     geodesic_distance(prepared, [1, 0, 0], method="heat")
     counted(factorization, "factors_of")
-    counted(values, "values_at_samples", lambda found: len(found) >= count)
-    counted(values, "gradients_at_samples")
-    counted(equations, "gradient_load")
+    counted(energy, "values_at_samples", lambda found: len(found) >= count)
+    counted(energy, "gradients_at_samples")
+    counted(energy, "gradient_load")
     for name in ("points_at", "normals_at"):
         counted(QuantisedSamples, name, lambda found: len(found) >= count)
     geodesic_distance(prepared, [0, 1, 0], method="heat")

@@ -264,7 +264,7 @@ def _options(rng: Any, shape: Shape, equation: str, law: str) -> dict[str, Any]:
         return {}
     plain = equation in ("screened", "poisson", "laplace", "elliptic")
     ways: list[dict[str, Any]] = [
-        {"degree": 1}, {"degree": 3}, {"solver": "direct"}, {"strength": "accurate"}, {"samples": "plain"},
+        {"degree": 1}, {"degree": 3}, {"solver": "direct"}, {"stabilisation": "accurate"}, {"samples": "plain"},
         {"estimate": "tight"}, {"form": "collocation"}, {"form": "collocation", "degree": 2},
         {"form": "collocation", "order": 1}, {"form": "collocation", "degree": 4},
     ]  # fmt: skip

@@ -54,12 +54,13 @@ def test_data_whose_squares_overflow_are_refused(make, form):
 
 
 def test_accurate_stabilisation_gains_little_on_a_smooth_surface():
-    """What the documentation of ``strength`` says: nothing but iterations on lattices that are fine enough."""
+    """What the documentation of ``stabilisation`` says: nothing but iterations on lattices that are fine enough."""
     scene = ck.Scene(ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda p: 7 * p[:, 0] * p[:, 1]))
     points = np.random.default_rng(0).normal(size=(200, 3))
     points /= np.linalg.norm(points, axis=1)[:, None]
+    exact = points[:, 0] * points[:, 1]
     errors = [
-        np.sqrt(np.mean((ck.solve(scene, 0.15, strength=strength).evaluate(points) - points[:, 0] * points[:, 1]) ** 2))
-        for strength in ("default", "accurate")
+        np.sqrt(np.mean((ck.solve(scene, 0.15, stabilisation=name).evaluate(points) - exact) ** 2))
+        for name in ("default", "accurate")
     ]
     assert 0.75 < errors[1] / errors[0] < 1.05

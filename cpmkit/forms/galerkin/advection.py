@@ -1,9 +1,12 @@
-"""A velocity at the samples: cell numbers, how far upstream the equation is tested, how strongly u is held.
+"""Advection by a velocity: upwinding, its matrices and loads, and the stabilisation that it needs.
 
 With the cell number P = |v| h / a the equation is tested with phi + tau v . grad phi (streamline upwinding, Brooks and
-Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``: nothing below P = 1, and nothing that the
-solution of the equation would feel, as all of the equation is tested so, -a Lap u included. What holds u off the
-manifold is in units of a or, where it is larger, of a share of |v| h: what is carried along would bend u there.
+Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``. Below P = 1 tau is zero. All of the equation
+is tested so, -a Lap u included, so that its solution is not changed. The stabilisation off the manifold is proportional
+to a, or to a share of |v| h where that is larger: advection would deflect u there.
+
+A sample contributes the values N_i of the splines, ``D_i = v . grad N_i``, and the rest of the equation,
+``R_i = - a (tr H_i - n' H_i n) - grad a . grad N_i + c N_i``. The kernels work patch by patch, in units of the spacing.
 """
 
 from __future__ import annotations
@@ -31,13 +34,24 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: What is added: all with (v . grad u) phi first, or with -u v . grad phi; of a rate or of streamlines alone.
+#: Which terms a kernel adds, see `add_advection`.
 CONVECTIVE, CONSERVATIVE, RATE, STREAMLINES = 0, 1, 2, 3
+#: Below this cell number there is no upwinding.
+UPWIND_CELL_NUMBER = 1.0
+#: tau is at most h / |v| over the first number, and h^2 / a over the second. On a circle cut at a point, with a layer
+#: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone up to
+#: 3.3 percent, and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4
+#: percent.
+LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION = 2.0, 16.0
+#: The share of |v| h that the stabilisation is proportional to at least.
+STABILISATION_SHARE = 0.1
+#: At boundaries a velocity, which may jump there, is evaluated so far inside the cell, as a share of the way to its
+#: middle.
+INSIDE_SHARE = 1e-6
 
 
 @compiled
-def transport_forms(
+def advection_forms(
     forms: Floats,
     splines: Any,
     kind: int,
@@ -49,7 +63,7 @@ def transport_forms(
     a: float,
     c: float,
 ) -> None:
-    """Write three rows: N, D and R at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
+    """Write three rows, N, D and R of each spline, at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
     room = room_for(splines)
     codim, d = normals.shape
     x, y, z = t[0], t[1], t[2]
@@ -81,7 +95,7 @@ def transport_forms(
 
 @compiled
 def scatter_unsymmetric(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add a ``block`` with rows of ``room`` of the unknowns ``columns`` to a matrix."""
+    """Add a dense ``block``, whose rows have length ``room``, of the unknowns ``columns`` to a sparse matrix."""
     width = len(columns)
     rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
     sort_columns(columns, rank, ascending)
@@ -94,7 +108,7 @@ def scatter_unsymmetric(block: Floats, room: int, columns: Ints, indptr: Any, in
 
 
 @compiled
-def add_transport(
+def add_advection(
     unknowns: Ints,
     spacing: float,
     splines: Any,
@@ -106,7 +120,7 @@ def add_transport(
     velocity: Floats,
     upstream: Floats,
     a: Floats,
-    of_a: Floats,
+    gradient_of_a: Floats,
     c: Floats,
     terms: int,
     matrix: Any,
@@ -116,20 +130,20 @@ def add_transport(
     Parameters
     ----------
     places, directions : (q, d), (q, c, e) int32
-        As of `FixedSamples`.
+        Quantised, as of `FixedSamples`.
     velocity : (q, d) float64
         v, tangential.
     upstream : (q,) float64
         tau.
     a, c : (q,) or (1,) float64
         The diffusivity, and the factor of u.
-    of_a : (q, d) or (0, d) float64
+    gradient_of_a : (q, d) or (0, d) float64
         The gradient of the diffusivity, tangential; none where it is constant.
     terms : int
-        CONVECTIVE as it stands; CONSERVATIVE with -u v . grad phi first; of a RATE, tau (v . grad phi) (c u - a Lap u);
-        STREAMLINES, tau (v . grad phi) (v . grad u), with a = c = 0.
+        CONVECTIVE: the sum above. CONSERVATIVE: with -u v . grad phi as the first term. RATE: tau (v . grad phi)
+        (c u - a Lap u) alone. STREAMLINES: tau (v . grad phi) (v . grad u) alone, where a = c = 0.
     matrix : (indptr, indices, data)
-        In the pattern of the space.
+        In CSR format, with the pattern of the space.
     """
     indptr, indices, data = matrix
     d = places.shape[1]
@@ -146,11 +160,11 @@ def add_transport(
             for axis in range(d):
                 t[axis] = PLACE_UNIT * places[q, axis] + 0.5
                 v[axis] = velocity[q, axis]
-                if len(of_a):
-                    g[axis] = of_a[q, axis]
+                if len(gradient_of_a):
+                    g[axis] = gradient_of_a[q, axis]
             own, factor = a[q if len(a) > 1 else 0], c[q if len(c) > 1 else 0]
             decode_normals(directions[q], normals)
-            transport_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
+            advection_forms(forms, splines, kind, t, v, g, normals, spacing, own, factor)
             N, D, R = forms[:room], forms[room : 2 * room], forms[2 * room :]
             for i in range(width):
                 through = w * upstream[q] * D[i]
@@ -163,7 +177,7 @@ def add_transport(
 
 
 @compiled
-def add_upstream(
+def add_upstream_load(
     unknowns: Ints,
     spacing: float,
     splines: Any,
@@ -189,30 +203,20 @@ def add_upstream(
             for axis in range(d):
                 t[axis] = PLACE_UNIT * places[q, axis] + 0.5
                 v[axis] = velocity[q, axis]
-            transport_forms(forms, splines, kind, t, v, none, normals, spacing, 0.0, 0.0)
+            advection_forms(forms, splines, kind, t, v, none, normals, spacing, 0.0, 0.0)
             for channel in range(channels):
                 density = weights[q] * upstream[q] * f[q if len(f) > 1 else 0, channel]
                 for place in range(width):
                     load[unknowns[p, place], channel] += density * forms[room + place]
 
 
-#: Below this cell number the equation is tested with phi alone.
-UPWIND_CELL_NUMBER = 1.0
-#: tau is at most h / |v| over the first, and h^2 / a over the second. A circle cut at a point, with a layer at the cut,
-#: at cell numbers of 10 to 1000 and six positions: nothing above its range; with h / (4 |v|) alone up to 3.3 percent,
-#: and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4 percent.
-LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION = 2.0, 16.0
-#: Share of |v| h that u is held by at least.
-HOLDING_SHARE = 0.1
-
-
 @dataclass(frozen=True, eq=False)
 class Advection:
-    """What a velocity does at the samples.
+    """The terms of a velocity.
 
     Attributes
     ----------
-    space : Space
+    space : SplineSpace
         The splines and their samples.
     velocity : (q, d) float64
         v, its tangential part.
@@ -220,8 +224,8 @@ class Advection:
         tau, a time.
     a, c : (q,) or (1,) float64
         The diffusivity; and the factor of u in the equation as it is tested, with div v where it is conservative.
-    of_a : (q, d) or (0, d) float64
-        The gradient of a; none where it is constant.
+    gradient_of_a : (q, d) or (0, d) float64
+        The gradient of a; empty where a is constant.
     conservative : bool
         Whether the equation has div(v u) in place of v . grad u.
     """
@@ -231,50 +235,51 @@ class Advection:
     upstream: Floats
     a: Floats
     c: Floats
-    of_a: Floats
+    gradient_of_a: Floats
     conservative: bool
 
-    def added_to(self, matrix: csr_array, strength: Stabilisation) -> csr_array:
-        """Return a stiffness with the terms of the velocity, and u held as they need it."""
+    def add_to(self, matrix: csr_array, stabilisation: Stabilisation) -> csr_array:
+        """Return a stiffness with the terms of the velocity, and the stabilisation that they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
-        more = np.maximum(HOLDING_SHARE * speed * space.dof_map.spacing - self.a, 0.0)
+        more = np.maximum(STABILISATION_SHARE * speed * space.dof_map.spacing - self.a, 0.0)
         if more.any():
-            data += stabilisation_data(space, more, strength)
-            add_ghosts(space, more, strength, data)
+            data += stabilisation_data(space, more, stabilisation)
+            add_ghosts(space, more, stabilisation, data)
         terms = CONSERVATIVE if self.conservative else CONVECTIVE
-        self._add(data, self.upstream, terms, self.a, self.c, self.of_a)
+        self._add(data, self.upstream, terms, self.a, self.c, self.gradient_of_a)
         return space.matrix(data)
 
-    def mass_upstream(self) -> csr_array | None:
-        """Return the integrals of tau (v . grad phi) u, which belong to a rate; None where tau is zero."""
+    def rate_matrix(self) -> csr_array | None:
+        """Return the integrals of tau (v . grad phi) u, which multiply du/dt; None where tau is zero."""
         if not self.upstream.any():
             return None
         data = np.zeros(len(self.space.indices))
         self._add(data, self.upstream, RATE, c=np.ones(1))
         return self.space.matrix(data)
 
-    def on_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
-        """Return levels with the upwinding that their spacings need, for an operator that has ``share`` of this.
+    def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
+        """Return levels with the upwinding that their spacings need, for an operator with ``share`` times these terms.
 
         With h / (2 |v|) everywhere, not only above a cell number of one, twice the spacing needs twice as much more.
         """
         data = np.zeros(len(self.space.indices))
         times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
         self._add(data, share * times, STREAMLINES)
-        added, found = self.space.matrix(data), []
+        added, upwinded = self.space.matrix(data), []
         for level in levels:
             added = (level.prolongation.T @ added @ level.prolongation).tocsr()
-            found.append(replace(level, added=added))
+            upwinded.append(replace(level, added=added))
             added = 2.0 * added
-        return found
+        return upwinded
 
     def add_load(self, f: Floats, load: Floats) -> None:
         """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), f (q, channels) or (1, channels)."""
         if self.upstream.any():
             samples = self.space.samples
-            of_samples = samples.places, samples.weights, self.velocity, self.upstream
-            add_upstream(*kernel_arguments(self.space), *of_samples, np.ascontiguousarray(f, dtype=np.float64), load)
+            sample_arrays = samples.places, samples.weights, self.velocity, self.upstream
+            f = np.ascontiguousarray(f, dtype=np.float64)
+            add_upstream_load(*kernel_arguments(self.space), *sample_arrays, f, load)
 
     def _add(
         self,
@@ -283,30 +288,47 @@ class Advection:
         terms: int,
         a: Floats | None = None,
         c: Floats | None = None,
-        of_a: Floats | None = None,
+        gradient_of_a: Floats | None = None,
     ) -> None:
-        space, samples, none = self.space, self.space.samples, np.zeros(1)
-        coefficients = none if a is None else a, self.of_a[:0] if of_a is None else of_a, none if c is None else c
-        of_samples = samples.places, samples.weights, samples.directions, self.velocity, upstream
-        matrix = space.indptr, space.indices, data
-        add_transport(*kernel_arguments(space), *of_samples, *coefficients, terms, matrix)
+        """Add ``terms`` to the entries ``data``; coefficients that are not given are zero."""
+        zero, gradient = np.zeros(1), self.gradient_of_a[:0] if gradient_of_a is None else gradient_of_a
+        coefficients = zero if a is None else a, gradient, zero if c is None else c
+        _add_terms(self.space, self.velocity, upstream, coefficients, terms, data)
+
+
+def _add_terms(
+    space: SplineSpace,
+    velocity: Floats,
+    upstream: Floats,
+    coefficients: tuple[Floats, Floats, Floats],
+    terms: int,
+    data: Floats,
+) -> None:
+    samples = space.samples
+    sample_arrays = samples.places, samples.weights, samples.directions, velocity, upstream
+    matrix = space.indptr, space.indices, data
+    add_advection(*kernel_arguments(space), *sample_arrays, *coefficients, terms, matrix)
+
+
+def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
+    """Return the matrix (n, n) of sum w u (field . grad v), ``field`` (p, d) at the first samples, zero at others."""
+    data, zero, velocity = np.zeros(len(space.indices)), np.zeros(1), np.zeros(space.samples.places.shape)
+    velocity[: len(field)] = field
+    _add_terms(space, velocity, np.zeros(len(velocity)), (zero, velocity[:0], zero), CONSERVATIVE, data)
+    return space.matrix(-data)
 
 
 def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
-    """Return tau (q,) where v is ``speed`` (q,) long and the diffusivity is ``a`` (q,) or (1,)."""
+    """Return tau (q,) of the module's formula, where |v| is ``speed`` (q,) and the diffusivity ``a`` (q,) or (1,)."""
     moving = speed > 0
-    across = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
+    crossing_time = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
     inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=moving)  # of the cell number
     share = np.maximum(0.0, 1.0 - UPWIND_CELL_NUMBER * inverse)
     limit = np.where(share > 0, inverse, 0.0)
-    return np.asarray(across * share / np.hypot(LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION * limit))
+    return np.asarray(crossing_time * share / np.hypot(LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION * limit))
 
 
-#: At boundaries a velocity is read so far inside the cell, as a share of the way to its middle: it may jump there.
-INSIDE_SHARE = 1e-6
-
-
-def velocity_at(velocity: VectorField, points: Floats, normals: Floats, lattice: Lattice) -> Floats:
+def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, lattice: Lattice) -> Floats:
     """Return the tangential part (k, d) of a velocity at ``points`` (k, d) with ``normals`` (k, c, d).
 
     Raises
@@ -317,11 +339,12 @@ def velocity_at(velocity: VectorField, points: Floats, normals: Floats, lattice:
     v = evaluate_data(velocity, lattice.to_scene(points), None, "the velocity")
     if v.shape[1] != points.shape[1]:
         raise InputError(f"the velocity must be vectors of shape (n, {points.shape[1]}), got (n, {v.shape[1]}).")
-    along = np.einsum("qd,qcd->qc", v, normals)
-    return np.asarray(v - np.einsum("qc,qcd->qd", along, normals))
+    normal_part = np.einsum("qd,qcd->qc", v, normals)
+    return np.asarray(v - np.einsum("qc,qcd->qd", normal_part, normals))
 
 
 def outward_speed(velocity: VectorField, samples: BoundarySamples, lattice: Lattice) -> Floats:
-    """Return v . b (b,) at boundary samples, b out of their cells."""
+    """Return v . b (b,) at boundary samples, with b the conormal out of the cell of each."""
     points = samples.points + INSIDE_SHARE * (samples.centres - samples.points)
-    return np.asarray(np.einsum("bd,bd->b", velocity_at(velocity, points, samples.normals, lattice), samples.conormals))
+    v = tangential_velocity(velocity, points, samples.normals, lattice)
+    return np.asarray(np.einsum("bd,bd->b", v, samples.conormals))

@@ -1,34 +1,176 @@
-"""Coefficients of equations at the samples: diffusivities, those that depend on u too, factors, velocities."""
+"""Coefficients of equations at the samples: diffusivities, factors, velocities, also such that depend on u."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, place
+from cpmkit.forms.field import Field
 from cpmkit.forms.form_records import StateDependentCoefficient
-from cpmkit.forms.galerkin.advection import Advection, upstream_times, velocity_at
-from cpmkit.forms.galerkin.conditions.nitsche import scale_rows
-from cpmkit.forms.galerkin.shared import cached_on_space
-from cpmkit.forms.galerkin.space.energy import convection_matrix, gradients_at
-from cpmkit.forms.galerkin.values import SplineValues
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.forms.galerkin.advection import Advection, tangential_velocity, upstream_times
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.patch_locator import CellSides
+from cpmkit.forms.galerkin.point_reading import PointReader
+from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.runtime.caches import state_without_cached
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_values
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.laws import Flux, Mixed
-from cpmkit.types import Floats
+from cpmkit.types import Bools, Floats, Ints
 
-if TYPE_CHECKING:
-    from scipy.sparse import csr_array
-
-
-#: A tensor whose smallest eigenvalue on tangents is below this share of its largest is not told from a singular one.
+#: A tensor whose smallest eigenvalue on tangents is below this share of its largest one counts as singular: rounding.
 SINGULAR_SHARE = 1e-12
+#: Samples nearer than so many spacings to the chord of an edge on a boundary may lie past it: edges bend by less.
+NEAR_CHORD_SPACINGS = 0.05
+#: At so many times the distance of a boundary from the manifold data are surely those of one side.
+GAPS = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class SampleCoefficients:
+    """Coefficients at the p samples of the manifold, or at all q samples, those on boundaries included.
+
+    Attributes
+    ----------
+    reader : PointReader
+        With the samples, and the space of functions.
+    """
+
+    reader: PointReader
+
+    __getstate__ = state_without_cached
+
+    @property
+    def sampled(self) -> SampledScene:
+        """The manifold and its boundaries."""
+        return self.reader.sampled
+
+    @property
+    def space(self) -> FunctionSpace:
+        """The functions."""
+        return self.reader.space
+
+    # Data
+
+    def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return data (p, channels) at the samples of the manifold, each read on the side of its cell."""
+        return evaluate_data(data, self._reading_points(data), channels, label, time)
+
+    def _reading_points(self, data: Any) -> Floats:
+        """Return the points (p, d) at which data are read for the samples.
+
+        The samples themselves; but those of functions of points that lie past a boundary beside their cell are moved to
+        the side of the cell.
+        """
+        parts = data if isinstance(data, Sequence) else [data]
+        if not any(map(callable, parts)):  # numbers are the same everywhere
+            return np.broadcast_to(np.zeros(1), (self.sampled.interior, self.sampled.lattice.dim))
+        if any(isinstance(part, Field) for part in parts):
+            return self.reader.points
+        points = self.reader.points.copy()  # functions of the user may write to it
+        if self.sampled.oriented:
+            rows, places = self._samples_past_boundary
+            points[rows] = places
+        return points
+
+    @cached_property
+    def _samples_past_boundary(self) -> tuple[Ints, Floats]:
+        """The samples past the boundary that their cell lies beside, and points on the side of the cell."""
+        return _samples_past_boundary(self.sampled, self.reader.locator.sides)
+
+    def at_all_samples(self, data: Any, label: str) -> Floats:
+        """Return a coefficient (q,) at all samples, or (1,) if it is a number."""
+        if not callable(data) and np.ndim(data) == 0:
+            return evaluate_data(data, np.zeros((1, self.sampled.lattice.dim)), 1, label)[:, 0]
+        return self.append_boundary_samples(self.at_points(data, label)[:, 0])
+
+    def append_boundary_samples(self, values: Floats) -> Floats:
+        """Return values (p, ...) at the samples of the manifold as (q, ...): on boundaries the first of their cell."""
+        samples = self.sampled.samples
+        first = np.searchsorted(samples.cell[: self.sampled.interior], self.sampled.boundary.cell)
+        return np.concatenate([values, values[first]])
+
+    def append_zeros(self, values: Floats) -> Floats:
+        """Return values (p, ...) at the samples of the manifold as (q, ...): zero on boundaries."""
+        return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
+
+    # Diffusivity
+
+    def diffusivity(self, data: Any) -> Floats:
+        """Return a diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number.
+
+        Raises
+        ------
+        InputError
+            If it is not positive, or not positive definite on tangents.
+        """
+        if isinstance(data, StateDependentCoefficient):
+            a = self.evaluate_at_state(data)
+        elif not callable(data) and np.ndim(data) == 0:
+            return check_positive(self.at_all_samples(data, "the diffusivity"))
+        else:
+            a = evaluate_diffusivity(data, self._reading_points(data), "the diffusivity")
+        if a.ndim < 3:
+            return self.append_boundary_samples(check_positive(a))
+        if self.space.size > self.space.spline_count:
+            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
+        normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
+        return self.append_boundary_samples(check_tensor(a, normals, self.reader.points))
+
+    def penalty_scale(self, data: Any) -> Floats | None:
+        """Return the coefficient (q,) that penalties are proportional to, where it differs from the diffusivity."""
+        if not isinstance(data, StateDependentCoefficient) or data.holding is None:
+            return None
+        return self.diffusivity(StateDependentCoefficient(data.holding, data.u))
+
+    def evaluate_at_state(self, state: StateDependentCoefficient) -> Floats:
+        """Return a coefficient that depends on u at the samples of the manifold, (p, ...)."""
+        values = self.space.values_at_samples(state.u)[:, 0]
+        gradients = self.space.gradients_at_samples(state.u)[:, 0]
+        return np.asarray(state.coefficient(values, gradients, self.reader.points.copy()))
+
+    def beside_boundaries(self, state: StateDependentCoefficient) -> Callable[[Floats], Floats]:
+        """Return a coefficient that depends on u as a function of points (b, d), one beside each boundary sample."""
+        boundary, u = self.sampled.boundary, state.u[: self.space.spline_count]
+        values = np.asarray(self.boundary_rows[0] @ u)[:, 0]
+        gradients = self.space.gradients_beside_boundaries(u, boundary.points, boundary.normals)[:, 0]
+        return lambda points: state.coefficient(values, gradients, points)
+
+    @cached_property
+    def boundary_rows(self) -> tuple[Any, Any]:
+        """Matrices (b, n) that evaluate splines at the samples on boundaries, and du/db out of the cell of each."""
+        boundary, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
+        along = self.space.spline_derivative_rows(patch, boundary.points, boundary.conormals)
+        return self.space.spline_rows(patch, boundary.points), along
+
+    # Advection
+
+    def advection(self, terms: Terms) -> Advection:
+        """Return the advection by the velocity of ``terms`` at the samples; zero at those on boundaries."""
+        assert terms.velocity is not None
+        a, c = self.diffusivity(terms.diffusivity), self.at_all_samples(terms.c, "the factor c")
+        rows, samples = slice(self.sampled.interior), self.sampled.samples
+        points, normals = samples.points_at(rows), samples.normals_at(rows)
+        v = tangential_velocity(terms.velocity, points, normals, self.sampled.lattice)
+        upstream = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.space.spacing)
+        gradient_of_a = v[:0]
+        if terms.conservative and upstream.any():
+            c = c + self.append_zeros(np.trace(self._projected_gradients(v), axis1=1, axis2=2))
+        if len(a) > 1 and upstream.any():
+            gradient_of_a = self.append_zeros(self._projected_gradients(a[: len(v), None])[:, 0])
+        v, upstream = self.append_zeros(v), self.append_zeros(upstream)
+        return Advection(self.space.splines, v, upstream, a, c, gradient_of_a, terms.conservative)
+
+    def _projected_gradients(self, values: Floats) -> Floats:
+        """Return the tangential gradients (p, k, d) of the splines nearest to ``values`` (p, k) at the samples."""
+        return self.space.spline_gradients_at_samples(self.space.project(values))
 
 
 def check_positive(a: Floats) -> Floats:
@@ -45,7 +187,7 @@ def check_positive(a: Floats) -> Floats:
 
 
 def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
-    """Return a diffusivity (k, d, d) if it is positive on tangents at all ``points`` (k, d).
+    """Return a diffusivity (k, d, d) if it is positive definite on tangents of the manifold.
 
     Parameters
     ----------
@@ -72,110 +214,50 @@ def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
     return a
 
 
-@dataclass(frozen=True, eq=False)
-class Coefficients(SplineValues):
-    """The part of the form that reads coefficients at its samples, those on boundaries included."""
+def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Ints, Floats]:
+    """Return the samples (k,) past the boundary beside their cell, and points (k, d) on the side of the cell.
 
-    def _at_samples(self, data: Any, what: str) -> Floats:
-        """Return a coefficient (q,) at all samples, (1,) if it is a number; on boundaries their cell's first."""
-        if not callable(data) and np.ndim(data) == 0:
-            return evaluate_data(data, np.zeros((1, self.space.dof_map.dim)), 1, what)[:, 0]
-        return self._and_on_boundaries(self.data_at_points(data, what)[:, 0])
+    The points are mirror images in the scene's coordinates. Cells follow a boundary along quadratic edges, and on a
+    mesh along its curved surface, so that a sample may lie past the boundary by a thousandth of a spacing. With the
+    coefficient of the other material there the matrix would not be positive where that is a thousand times stiffer.
+    Where a boundary lies off the manifold, data may change anywhere between it and its closest points: samples within
+    that distance count as past it, too. Boundaries without a left, and those of curves, have no such samples.
+    """
+    rows, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, sampled.lattice.dim))]
+    for number, oriented in enumerate(sampled.oriented):
+        if sampled.mesh.manifold_dim == 1 or not oriented.has_left:
+            continue
+        near, side = _samples_near_chords(sampled, np.flatnonzero(sides.owner == number), sides.left)
+        if not len(near):
+            continue
+        origin = oriented.left.origin
+        x = sampled.lattice.to_scene(sampled.samples.points_at(near)) - origin
+        feet, on_boundary = oriented.feet(x)
+        leftward = oriented.axis_and_left(feet, on_boundary, DIFFERENCE_SPACINGS * sampled.lattice.spacing)[1]
+        inside = side * dots(x - on_boundary.points, leftward)
+        doubt = GAPS * norms(on_boundary.points - feet.points)
+        past = (inside < doubt) & (feet.edge < 0)
+        step = side * np.maximum(doubt, -inside)
+        rows.append(near[past])
+        places.append((on_boundary.points + step[:, None] * leftward)[past] + origin)
+    distinct, first = np.unique(np.concatenate(rows), return_index=True)
+    return distinct, np.concatenate(places)[first]
 
-    def _and_on_boundaries(self, own: Floats) -> Floats:
-        """Return a coefficient (p, ...) of the manifold's samples at all samples (q, ...)."""
-        one = self.sampled
-        first = np.searchsorted(one.samples.cell[: one.interior], one.boundary.cell)
-        return np.concatenate([own, own[first]])
 
-    def _diffusivity(self, given: Any) -> Floats:
-        """Return the diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number."""
-        one = self.sampled
-        if not callable(given) and not isinstance(given, StateDependentCoefficient) and np.ndim(given) == 0:
-            return check_positive(self._at_samples(given, "the diffusivity"))
-        points = self.points.copy() if isinstance(given, StateDependentCoefficient) else self._reading_points(given)
-        if isinstance(given, StateDependentCoefficient):
-            own = given.coefficient(self.at_points(given.u)[:, 0], self.slopes_at_points(given.u)[:, 0], points)
-        else:
-            own = evaluate_diffusivity(given, points, "the diffusivity")
-        if own.ndim == 3 and len(self._tips):
-            raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
-        if own.ndim < 3:
-            return self._and_on_boundaries(check_positive(own))
-        return self._and_on_boundaries(check_tensor(own, one.samples.normals_at(slice(one.interior)), points))
+def _samples_near_chords(sampled: SampledScene, half_facets: Ints, left: Bools) -> tuple[Ints, Ints]:
+    """Return the samples (k,) near the chord of one of the half facets of their cell, and their side.
 
-    def _holding(self, given: Any) -> Floats | None:
-        """Return what terms of the form's own are in units of, (q,) at all samples; None for the diffusivity."""
-        if not isinstance(given, StateDependentCoefficient) or given.holding is None:
-            return None
-        return self._diffusivity(StateDependentCoefficient(given.holding, given.u))
-
-    def _carried_by(self, terms: Terms) -> Advection:
-        """Return what the velocity of these terms does at the samples, and nothing at those on boundaries."""
-        assert terms.velocity is not None
-        one, a, c = self.sampled, self._diffusivity(terms.diffusivity), self._at_samples(terms.c, "the factor c")
-        rows = slice(one.interior)
-        points, normals = one.samples.points_at(rows), one.samples.normals_at(rows)
-        v = velocity_at(terms.velocity, points, normals, one.lattice)
-        upstream, of_a = upstream_times(np.linalg.norm(v, axis=1), a[: len(v)], self.spacing), v[:0]
-        if terms.conservative and upstream.any():
-            c = c + self._on_boundaries_too(np.trace(self._nearest_slopes(v), axis1=1, axis2=2))
-        if len(a) > 1 and upstream.any():
-            of_a = self._on_boundaries_too(self._nearest_slopes(a[: len(v), None])[:, 0])
-        v, upstream = self._on_boundaries_too(v), self._on_boundaries_too(upstream)
-        return Advection(self.space, v, upstream, a, c, of_a, terms.conservative)
-
-    def _on_boundaries_too(self, values: Floats) -> Floats:
-        """Return values at all samples, zero at those on boundaries."""
-        return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
-
-    def _carried_for(self, terms: Terms) -> Advection | None:
-        """Return the same, of the scene's own terms as they are kept; None without a velocity."""
-        own = self.scene.problem.terms()
-        names = "velocity", "diffusivity", "c", "conservative"
-        if all(getattr(terms, name) is getattr(own, name) for name in names):
-            return self._carried
-        return None if terms.velocity is None else self._carried_by(terms)
-
-    @cached_property
-    def _carried(self) -> Advection | None:
-        """What the velocity of the scene's own equation does; None without one."""
-        terms = self.scene.problem.terms()
-        return None if terms.velocity is None else self._carried_by(terms)
-
-    @cached_on_space
-    def _boundary_rows(self) -> tuple[csr_array, csr_array]:
-        """Rows that read u, and du/db out of its own cell, at the samples on boundaries."""
-        one, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
-        return self._value_rows(patch, one.points), self._derivative_rows(patch, one.points, one.conormals)
-
-    @property
-    def _boundary_spacings(self) -> Floats:
-        """(b,) the spacing of the splines at the samples on boundaries, (1,) for all of them."""
-        return np.full(1, self.spacing)
-
-    def _beside_boundaries(self, at: StateDependentCoefficient) -> Callable[[Floats], Floats]:
-        """Return a coefficient at a state as a function of one point (b, d) beside each boundary sample."""
-        one, splines = self.sampled.boundary, at.u[: self._tips.splines]
-        patch = self.space.dof_map.patch[self.sampled.interior :]
-        values = np.asarray(self._boundary_rows[0] @ splines)[:, 0]
-        slopes = gradients_at(self.space, patch, one.points, one.normals, splines)[:, 0]
-        return lambda points: at.coefficient(values, slopes, points)
-
-    def advection(self, field: StateDependentCoefficient) -> CsrOperator:
-        """Return the integrals of u (w . grad v) over the samples, w (p, d) given at a state.
-
-        Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
-        with u as it does inside.
-        """
-        w = field.coefficient(self.at_points(field.u)[:, 0], self.slopes_at_points(field.u)[:, 0], self.points.copy())
-        inside = convection_matrix(self.space, w)
-        given = [one.rows for one in self.sampled.held if isinstance(one.law, (Flux, Mixed))]
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *given])
-        if len(rows):
-            one = self.sampled.boundary
-            at = self.sampled.lattice.to_scene(one.points)
-            through = np.einsum("bd,bd->b", self._beside_boundaries(field)(at), one.conormals)
-            read = self._boundary_rows[0][rows]
-            inside = (inside - read.T @ scale_rows((one.weights * through)[rows], read)).tocsr()
-        return CsrOperator(self._tips.bordered(inside, None, None))
+    The side is 1 where the half facet is on the ``left`` (n,), and -1 elsewhere.
+    """
+    half, mesh = sampled.half, sampled.mesh
+    samples: Any = sampled.samples  # quantised by now
+    cells, facet = half.cell[half_facets], half.facet[half_facets]
+    starts = samples.cell_starts[cells].astype(np.int64)
+    count = samples.cell_starts[cells + 1] - starts
+    rows = np.arange(count.sum()) + np.repeat(starts - np.cumsum(count) + count, count)
+    start, end = (mesh.vertices[mesh.cells[cells, (facet + k) % 3]] for k in (1, 2))
+    along = np.repeat((end - start) / norms(end - start)[:, None], count, axis=0)
+    offset = samples.points_at(rows) - np.repeat(start, count, axis=0)
+    near = norms(offset - dots(offset, along)[:, None] * along) < NEAR_CHORD_SPACINGS * sampled.lattice.spacing
+    distinct, first = np.unique(rows[near], return_index=True)
+    return distinct, np.repeat(np.where(left[half_facets], 1, -1), count)[near][first]

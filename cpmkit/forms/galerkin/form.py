@@ -1,19 +1,25 @@
-"""The Galerkin form, as the families of equations see it: splines on the lattice, integrals over samples."""
+"""The Galerkin form: the contract of a form by a function space over quadrature samples, with conditions.
+
+Its parts, in the order of the method: the sampled scene (mesh and quadrature), the function space (dof map, splines,
+energy), the conditions, and over these the reader, the coefficients, the assembly of equations, and the resolution.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits
+from cpmkit.forms.contract import Discretized, spread_rows
+from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateDependentCoefficient, StateFlux
+from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
-from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions
-from cpmkit.forms.galerkin.equations import EquationAssembly
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, impose_conditions
+from cpmkit.forms.galerkin.equation_assembly import EquationAssembly
 from cpmkit.forms.galerkin.error_orders import (
     DISPERSION_OF_DEGREE,
     EIGENVALUE_DIVISORS,
@@ -21,62 +27,61 @@ from cpmkit.forms.galerkin.error_orders import (
     difference_order,
     on_curved_cells,
 )
-from cpmkit.forms.galerkin.galerkin_cost import check_unknowns_fit, factorised_share
-from cpmkit.forms.galerkin.galerkin_operator import levels_resolving_waves, multigrid_applies
-from cpmkit.forms.galerkin.galerkin_work import GalerkinWork
-from cpmkit.forms.galerkin.levels import coarser_levels
+from cpmkit.forms.galerkin.galerkin_cost import GalerkinWork, check_unknowns_fit, factorised_share
+from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, levels_resolving_waves, multigrid_applies
 from cpmkit.forms.galerkin.mesh_warnings import NOISE_FACTOR
-from cpmkit.forms.galerkin.normal_alignment import NormalSpread
-from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
-from cpmkit.forms.galerkin.scene_sampling import sample_scene
-from cpmkit.forms.galerkin.shared import cached_on_space
-from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate
-from cpmkit.forms.galerkin.slow_convergence import (
-    layer_spacings,
-    slow_convergence_reason,
-    support_floor,
-    tensor_layer_warnings,
-)
-from cpmkit.forms.galerkin.solution_warnings import (
-    crossing_warnings,
-    outflow_layer_warnings,
-    resolution_warnings,
-    tip_warnings,
-    turning_warnings,
-)
-from cpmkit.forms.galerkin.space.dof_map import DofMap, build_dof_map, connected_pieces
-from cpmkit.forms.galerkin.space.spline_space import build_spline_space
+from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.point_reading import PointReader
+from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
+from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate, support_floor
+from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.supported_scenes import check
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.protocols import Operator
-from cpmkit.manifold.abilities import has_finite_feet, integral_floor_of, warnings_of
+from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.linear.protocols import Operator, Stiffness
+from cpmkit.manifold.abilities import integral_floor_of
+from cpmkit.runtime.caches import state_without_cached
 from cpmkit.runtime.memory import release_memory
-from cpmkit.scene.diffusivities import StateDiffusivity
-from cpmkit.scene.laws import Nonlinear, data_of
+from cpmkit.scene.data import Data
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.functionals import TestedRightSide
+from cpmkit.scene.laws import data_of
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Progress, no_progress
+from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
-    from cpmkit.forms.contract import Discretized
+    from scipy.sparse import csr_array
+
     from cpmkit.linear.solve_report import SolveReport
+
+#: Data are not resolved if their projection differs by more than this share of their range: they have jumps or spikes.
+UNRESOLVED_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(EquationAssembly):
-    """A scene on splines of the lattice; unknowns are coefficients, and nobody outside reads them.
+class Galerkin(Discretized):
+    """A scene on a function space; the unknowns are coefficients, which only the form interprets.
 
     Attributes
     ----------
     scene : Scene
-        What is discretised.
+        The scene.
     options : Options
-        How.
+        The options of the discretisation.
     sampled : SampledScene
-        The manifold as samples, its boundaries as facets between them.
-    space : Space
-        The splines over these.
+        The manifold as a mesh with quadrature samples, and its boundaries as facets of the cells.
+    space : FunctionSpace
+        The functions that the unknowns stand for: splines of one spacing, refined or enriched ones.
+    conditions : tuple of ImposedCondition
+        The conditions of the scene, with the samples at which each is imposed.
+    coefficients : SampleCoefficients
+        Evaluates data at the samples; with the reader of points. Shared by all scenes on the same space.
+    lattice_resolution : LatticeResolution
+        How the lattice resolves the manifold. Shared likewise.
     """
 
     form: ClassVar[str] = "galerkin"
@@ -84,129 +89,262 @@ class Galerkin(EquationAssembly):
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
+    scene: Scene
+    options: Options[GalerkinOptions]
+    sampled: SampledScene
+    space: FunctionSpace
+    conditions: tuple[ImposedCondition, ...]
+    coefficients: SampleCoefficients = field(repr=False)
+    lattice_resolution: LatticeResolution = field(repr=False)
+
+    __getstate__ = state_without_cached
+
+    # Operators
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns."""
+        return self.space.size
+
+    @property
+    def spacing(self) -> float:
+        """Spacing of the lattice, in the scene's unit."""
+        return self.sampled.lattice.spacing
+
     @property
     def traits(self) -> FormTraits:
-        """Multigrid for systems that are surely positive, and waves; factors for others; dispersion by degree."""
-        dispersion = DISPERSION_OF_DEGREE[self.options.own.degree]
+        """Multigrid or factors, the dispersion by degree, and whether cubic splines pay: on smooth closed surfaces."""
+        dispersion, sampled = DISPERSION_OF_DEGREE[self.options.own.degree], self.sampled
+        closed = not self.scene.boundaries and not len(sampled.boundary)
+        smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
         return FormTraits(
             iterative_solver="multigrid" if multigrid_applies(self.scene) else "direct",
-            dispersion=on_curved_cells(dispersion) if self.sampled.geometry == "closest_point" else dispersion,
+            dispersion=on_curved_cells(dispersion) if sampled.geometry == "closest_point" else dispersion,
             work_record=GalerkinWork,
-            higher_degree=3 if self._is_smooth_and_closed and self.options.own.refine == "off" else None,
+            higher_degree=3 if smooth and self.options.own.refine == "off" else None,
         )
-
-    @property
-    def _is_smooth_and_closed(self) -> bool:
-        """Whether the manifold is a closed surface with cells from closest points, without boundaries."""
-        sampled = self.sampled
-        on_surface = sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
-        return on_surface and not self.scene.boundaries and not len(sampled.boundary)
-
-    def with_scene(self, scene: Scene) -> Galerkin:
-        """Return the same splines for a scene that differs in its equation and its data alone."""
-        check(scene, self.options)
-        one = self.sampled
-        if scene.problem.terms().conservative and np.any(one.half.cut < 0) and not np.any(one.boundary.owner < 0):
-            raise SceneError(
-                "what a conservative velocity carries out through the edge is read at samples there, which this scene "
-                "was prepared without; prepare it with this problem."
-            )
-        laws = impose_conditions(scene, one.boundary, one.left, one.surface, one.lattice)
-        return replace(self, scene=scene, sampled=replace(one, held=laws))
 
     def check(self, solver: str) -> None:
         """Refuse factors that do not fit into memory; make the warnings before matrices take memory."""
         factors = factorised_share(self.scene, solver)
-        if factors:  # what others need was checked before the tables
+        if factors:  # the memory of other solvers was checked before the tables were made
             check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
         self.warnings()
         release_memory()
 
-    # Levels
+    def with_scene(self, scene: Scene) -> Galerkin:
+        """Return the same space for a scene that differs in its equation and its data alone."""
+        check(scene, self.options)
+        sampled = self.sampled
+        if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and np.all(sampled.boundary.owner >= 0):
+            raise SceneError(
+                "what a conservative velocity carries out through the edge is read at samples there, which this scene "
+                "was prepared without; prepare it with this problem."
+            )
+        conditions = impose_conditions(scene, sampled.boundary, sampled.left, sampled.surface, sampled.lattice)
+        return replace(self, scene=scene, conditions=conditions)
+
+    @property
+    def constant(self) -> Floats:
+        """(n, 1) the unknowns of the function 1."""
+        return self.space.constant
+
+    @property
+    def mass(self) -> CsrOperator:
+        """M, the integrals of products of functions; singular, for some splines are zero at all samples."""
+        return self.space.mass
+
+    @property
+    def mass_in_time(self) -> CsrOperator:
+        """M + h^2 S, S the stabilisation: with M alone systems of short steps have a condition number of h^2 / dt.
+
+        S vanishes on constants, so that totals are those of M. The errors of heat and waves are the same, measured.
+        """
+        return self.assembly.mass_in_time
+
+    @cached_property
+    def assembly(self) -> EquationAssembly:
+        """The assembly of the scene's equation and conditions."""
+        return EquationAssembly(self.scene, self.conditions, self.coefficients)
+
+    def stiffness(self, terms: Terms) -> GalerkinOperator:
+        """Return A: the energy with its stabilisation, c u v, advection, and the terms of the conditions."""
+        return self.assembly.stiffness(terms)
+
+    def advection(self, field: StateDependentCoefficient) -> CsrOperator:
+        """Return the integrals of u (w . grad v), w = ``field``, less those over boundaries with given slope."""
+        return self.assembly.state_advection(field)
+
+    def weighted_mass(self, values: Floats) -> csr_array:
+        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the samples."""
+        return self.space.weighted_mass(self.coefficients.append_boundary_samples(values))
+
+    def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
+        """Return the integrals over boundaries with du/db = lambda u; None where there are none."""
+        matrix = _conditions_of(stiffness).boundary_mass
+        return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the prolongations from lattices of twice the spacing, four times, and so on; all resolve A's waves."""
-        return levels_resolving_waves(self._levels, operator, self.spacing)
+        """Return the prolongations from coarser spaces, down to lattices of twice the spacing and so on."""
+        return [
+            *self.space.refined_levels,
+            *levels_resolving_waves(self.space.plain_levels, operator, self.spacing),
+        ]
 
-    @cached_on_space
-    def _levels(self) -> Sequence[Level]:
-        return self._tips.on_levels(
-            coarser_levels(self.space.dof_map, self.space.dof_map.patch[self.sampled.interior :])
+    def load(self, f: Data, time: float | None = None) -> Floats:
+        """Return the integrals (n, channels) of f times each function."""
+        return f.loads(self, time) if isinstance(f, TestedRightSide) else self.assembly.load(f, time, self.channels)
+
+    def gradient_load(self, values: Floats) -> Floats:
+        """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
+        return self.space.gradient_load(values)
+
+    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+        """Return the load (n, channels) of the conditions' data."""
+        assert isinstance(stiffness, GalerkinOperator)
+        terms = self.assembly.terms_with_scene_data(stiffness)
+        if not terms.conditions:
+            return np.zeros((self.size, self.channels))
+        if of == "laplacian":
+            return -terms.for_laplacian.load(self.channels, time)
+        return terms.load(self.channels, time)
+
+    @property
+    def state_fluxes(self) -> Sequence[StateFlux]:
+        """The samples at which the fluxes of conditions depend on u."""
+        return self.assembly.condition_terms(Terms()).state_fluxes
+
+    def linearise(self, seen: Sequence[Floats]) -> Galerkin:
+        """Return the form with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
+        terms = self.assembly.condition_terms(Terms()).linearise(seen)
+        return replace(self, conditions=terms.conditions)
+
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
+        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        assert isinstance(stiffness, GalerkinOperator)
+        return self.assembly.free_constants(stiffness)
+
+    # Values
+
+    @property
+    def points(self) -> Floats:
+        """(p, d) the samples of the manifold: one read-only array, which lives as long as it is referred to."""
+        return self.coefficients.reader.points
+
+    points_in_use = points
+
+    @property
+    def point_weights(self) -> Floats:
+        """(p,) the quadrature weights of the samples."""
+        return self.sampled.samples.weights[: self.sampled.interior]
+
+    def some_points(self, count: int) -> tuple[Ints, Floats]:
+        """Return the numbers (k,) and positions (k, d) of about ``count`` samples, evenly spread over all."""
+        rows = spread_rows(self.sampled.interior, count)
+        return rows, self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
+
+    def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
+        """Return the values (k, channels) of u at the samples, or at those with the numbers ``rows`` (k,)."""
+        return self.space.values_at_samples(u, rows)
+
+    def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
+        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels), in mean square."""
+        del time  # no unknown represents data of a condition
+        return (
+            self.space.project(values) if start is None else start + self.space.project(values - self.at_points(start))
         )
 
-    @property
-    def finest_spacing(self) -> float:
-        """The smallest spacing of any level."""
-        return self.spacing
+    def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
+        """Return data at the samples, (p, channels), each on the side of its cell."""
+        return self.coefficients.at_points(data, label, time, channels)
 
-    # Telling
+    def interpolate(
+        self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
+    ) -> Floats:
+        """Return the unknowns nearest to ``data``; in range, the means under each spline of spikes and jumps.
 
-    @property
-    def _first_dof_map(self) -> DofMap:
-        """The parting on the lattice itself, by which pieces and copies are told."""
-        return self.space.dof_map
+        The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. Means keep the
+        range and the total, and spread the data as heat spreads in a time of h^2 / 4.
+        """
+        values = self.data_at_points(data, label, time, self.channels)
+        loads = self.space.load(values)
+        u = self.space.projection.solve(loads)
+        if not in_range:
+            return u
+        off, areas = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0), self.space.areas
+        rough = off > UNRESOLVED_SHARE * np.ptp(values, axis=0)
+        seen = np.flatnonzero(areas > 0)
+        u[self.space.spline_count :, rough] = 0.0
+        u[np.ix_(seen, rough)] = loads[np.ix_(seen, rough)] / areas[seen, None]
+        return u
+
+    def inner(self, u: Floats, v: Floats) -> Floats:
+        """Return the means (k, m) over the manifold of the products of u's columns with v's."""
+        return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
+
+    def integrals(self, u: Floats) -> Floats:
+        """Return the integrals (channels,) of u over the samples."""
+        return np.asarray(self.space.totals @ u)
+
+    def rows(self, points: Any, side: Sides = None) -> csr_array:
+        """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
+        return self.coefficients.reader.rows(points, side)
+
+    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
+        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        del time
+        return self.coefficients.reader.evaluate(u, points, side)
+
+    def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
+        """Return the tangential gradient (k, channels, d) at points, projected, or at the samples, not projected."""
+        if points is None:
+            return self.space.gradients_at_samples(u)
+        return self.coefficients.reader.gradient(u, points, side)
+
+    def conormal_derivative(
+        self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
+    ) -> Floats:
+        """Return du/db (k, channels), b outwards, at points of a boundary's side, or of the manifold's edge."""
+        return self.coefficients.reader.conormal_derivative(u, points, boundary, side, self.scene)
+
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Return the integrals (channels,) of du/db by the residual of the weak form; None on rims without samples."""
+        return self.assembly.flux(u, boundary, side, time)
+
+    def signed_distance(self, name: str, points: Any) -> Floats:
+        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
+        return self.coefficients.reader.signed_distance(name, points)
+
+    # Diagnosis
+
+    @cached_property
+    def resolution(self) -> Resolution:
+        """How the lattice resolves the manifold, and layers of the equation."""
+        return Resolution(self.scene, self.conditions, self.coefficients, self.lattice_resolution)
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what a reader of any solution should know."""
-        return self._told
+        """Return warnings that hold for any solution."""
+        return self._warnings
 
     @cached_property
-    def _told(self) -> tuple[str, ...]:
-        one, (before, after) = self.sampled, self._told_of_lattice
-        at_points = [
-            text for tell in (crossing_warnings, tip_warnings) for text in tell(self.scene, one.mesh, one.lattice)
+    def _warnings(self) -> tuple[str, ...]:
+        mesh, lattice = self.sampled.mesh, self.sampled.lattice
+        source, resolved = self.lattice_resolution.warnings
+        data = [
+            DataAtPoints(f"the {name} of {one.label}", data, lattice.to_scene(self.sampled.boundary.points[one.rows]))
+            for one in self.conditions
+            for name, data in data_of(one.law)
         ]
-        layers = () if self._carried is None else outflow_layer_warnings(self._conditions_of_scene)
+        layers = () if self.assembly.advection is None else outflow_layer_warnings(self.assembly.terms_of_scene)
         return (
-            *before,
-            *at_points,
-            *after,
+            *source,
+            *crossing_warnings(self.scene, mesh, lattice),
+            *tip_warnings(self.scene, mesh, lattice),
+            *resolved,
             *layers,
-            *tensor_layer_warnings(self),
-            *unresolved_data(self, self.condition_data(), self.finest_spacing),
+            *self.resolution.tensor_layer_warnings(),
+            *unresolved_data(self, data, self.space.finest_spacing),
         )
-
-    def condition_data(self) -> list[DataAtPoints]:
-        """Return the data of conditions at the samples on boundaries and rims."""
-        one = self.sampled
-        return [
-            DataAtPoints(f"the {name} of {held.what}", data, one.lattice.to_scene(one.boundary.points[held.rows]))
-            for held in one.held
-            for name, data in data_of(held.law)
-        ]
-
-    @cached_on_space
-    def _told_of_lattice(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """What is told of the source and the samples, and of how the lattice resolves them, whatever the equation."""
-        one, dof_map = self.sampled, self._first_dof_map
-        cuts = dof_map.patch[one.interior :]
-        source = warnings_of(one.surface.source, one.lattice.spacing)
-        rounding = one.lattice.rounding_warnings(one.surface.bounds, not one.surface.shift.any())
-        of_pieces = resolution_warnings(dof_map, connected_pieces(dof_map), one.lattice, cuts, one.geometry)
-        resolved = (*of_pieces, *turning_warnings(self.turned, one.lattice))
-        return (*source, *rounding, *one.told), resolved
-
-    @cached_property
-    def _unresolved_share(self) -> float:
-        """The share of the patches whose piece of the manifold has one unknown."""
-        dof_map = self._first_dof_map
-        count, piece = connected_pieces(dof_map)
-        size = np.bincount(piece, minlength=count)
-        return float(np.mean(size[piece[dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
-
-    @property
-    def turned(self) -> NormalSpread:
-        """How much of the manifold lies on splines under which it turns: thin, folded or creased on this lattice."""
-        return self._areas_and_turned[1]
-
-    def source_error(self, difference: float | None = None) -> float:
-        """Return what the source leaves in integrals, its noise, or a lift that a mesh does not support."""
-        one = self.sampled
-        noise = NOISE_FACTOR * one.surface.noise / self.spacing
-        left = max(integral_floor_of(self.scene.surface, self.spacing), noise)
-        if one.geometry != "normals":
-            return left
-        return max(left, support_floor(one.surface, float(one.samples.weights.sum()), difference))
 
     def diagnosis(
         self,
@@ -220,29 +358,29 @@ class Galerkin(EquationAssembly):
         Of degree 2 at twice the spacing; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3 and of
         eigenvalues. At order 3 the difference is 7 times the error; with order 2 the estimate would be half the error.
         """
-        divisors = EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS
+        divisor = (EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS)[self.options.own.degree]
+        other = coarser.resolution if isinstance(coarser, Galerkin) else None
         return Diagnosis(
-            difference_order(self, divisors[self.options.own.degree], ratio, coarser, difference),
-            self.slow if coarser is None else slow_convergence_reason(self, coarser),
-            unresolved_share=self._unresolved_share,
+            difference_order(self.resolution, divisor, ratio, other, difference),
+            self.resolution.slow_convergence_reason(other),
+            unresolved_share=self.lattice_resolution.unresolved_share,
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
-        """Return about the error by third differences of the splines' coefficients."""
-        return single_solution_estimate(self, u)
+        """Return an estimate of the error by third differences of coefficients; None for refined splines."""
+        return single_solution_estimate(self.resolution, u) if self.space.has_one_level else None
 
-    @cached_property
-    def layer_spacings(self) -> float:
-        """How wide layers beside conditions are, in spacings; infinite where there can be none."""
-        return layer_spacings(self)
-
-    @cached_property
-    def slow(self) -> str:
-        """Why the error may fall slowly, in words."""
-        return slow_convergence_reason(self)
+    def source_error(self, difference: float | None = None) -> float:
+        """Return the error that the source leaves: in integrals, by noise, or by curving a mesh without support."""
+        sampled = self.sampled
+        noise = NOISE_FACTOR * sampled.surface.noise / self.spacing
+        error = max(integral_floor_of(self.scene.surface, self.spacing), noise)
+        if sampled.geometry != "normals":
+            return error
+        return max(error, support_floor(sampled.surface, float(sampled.samples.weights.sum()), difference))
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
-        """Return what the space holds and what the solve did."""
+        """Return the work of a solve."""
         return GalerkinWork(
             self.size,
             len(self.sampled.samples),
@@ -253,117 +391,42 @@ class Galerkin(EquationAssembly):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the form's options, and the lattice's origin."""
+        """Return the options, the origin of the lattice, and what the space says of itself."""
         return {
             "form": self.options.form,
             "form_reason": self.options.reason,
             **self.options.own.as_dict(),
             "origin": self.sampled.lattice.origin.tolist(),
+            **self.space.describe(),
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the options of the lattice, the nodes of the splines, and where the left of boundaries is."""
-        given = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
-        made = {"nodes": self._first_dof_map.nodes, "sides": self._sides}
-        return {**{name: np.array(value) for name, value in given.items()}, **made}
-
-    @cached_on_space
-    def _sides(self) -> Floats:
-        return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
+        """Return the options of the lattice, the arrays of the space, and the sides of boundaries."""
+        options = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
+        arrays = {name: np.array(value) for name, value in options.items()}
+        return {
+            **arrays,
+            **self.space.arrays(),
+            "sides": side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries)),
+        }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Compare the nodes of the splines, and where the left of boundaries is."""
-        sides, own = saved.get("sides", self._sides), self._sides
-        if sides.shape == own.shape and np.any(np.sum(sides * own, axis=(1, 2)) < 0):
+        """Return how a saved discretisation differs, in the sides of boundaries or in its space; empty if equal."""
+        sides = side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
+        saved_sides = saved.get("sides", sides)
+        if saved_sides.shape == sides.shape and np.any(np.sum(saved_sides * sides, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
-        return "" if np.array_equal(self._first_dof_map.nodes, saved["nodes"]) else "its nodes are others"
+        return self.space.differs_from(saved)
 
 
-def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Refuse, before anything is built, what the form does not carry.
-
-    Raises
-    ------
-    SceneError
-        With what to do instead.
-    """
-    problem, surface = scene.problem, scene.surface
-    if problem.family not in FAMILIES:
-        raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
-    if problem.terms().velocity is not None and options.own.tips == "singular":
-        raise SceneError(
-            "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "
-            "known; use tips='extended'."
-        )
-    if problem.terms().velocity is not None and scene.has_tensor:
-        raise SceneError(
-            f"the form {options.form!r} takes no velocity beside a diffusivity that is a tensor; give one that is a "
-            "number or a function that returns numbers."
-        )
-    if options.own.refine == "auto":
-        check_refined(scene, options)
-    orders = [one.order for one in scene.conditions if one.order is not None]
-    if orders:
-        raise SceneError(
-            f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
-            "form='collocation'."
-        )
-    if surface.manifold_dim not in range(1, surface.dim):
-        raise SceneError(
-            f"the form {options.form!r} takes curves and surfaces of one dimension, got a manifold of dimension "
-            f"{surface.manifold_dim} in {surface.dim}D; use form='collocation'."
-        )
-    if has_finite_feet(surface):
-        raise SceneError(
-            f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
-            "samples; fit a surface to them, or use form='collocation'."
-        )
+def _conditions_of(stiffness: Stiffness) -> Any:
+    assert isinstance(stiffness, GalerkinOperator)
+    assert stiffness.conditions is not None
+    return stiffness.conditions
 
 
-def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Refuse what splines of several levels do not carry.
-
-    Raises
-    ------
-    SceneError
-        With what to do instead.
-    """
-    problem, terms = scene.problem, scene.problem.terms()
-    reasons = {
-        "no channels that are tied to each other": problem.family == "coupled",
-        f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family != "steady",
-        "surfaces, got a curve: a smaller spacing costs little there": scene.surface.manifold_dim == 1,
-        "no velocity: upwinding goes by one spacing": terms.velocity is not None,
-        "no diffusivity that is a tensor or depends on u": scene.has_tensor
-        or isinstance(terms.diffusivity, StateDiffusivity),
-        "no conditions that depend on u": any(isinstance(one.law, Nonlinear) for one in scene.conditions),
-        f"splines of degree 2, got degree={options.own.degree}": options.own.degree != 2,
-        "tips='extended' alone: the ends of boundaries are refined": options.own.tips == "singular",
-    }
-    for reason, holds in reasons.items():
-        if holds:
-            raise SceneError(f"refine='auto' takes {reason}; use refine='off'.")
-
-
-def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
-    """Discretise a scene on splines of one level; ``progress`` is told the stage and the share of it that is done.
-
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
-    """
-    check(scene, options)
-    sampled = sample_scene(scene, options, progress)
-    progress("space", 0.0)
-    dof_map = build_dof_map(
-        sampled.samples.points, sampled.corners, options.spacing, sampled.samples.cell, options.own.degree
-    )
-    assert isinstance(sampled.samples, Samples)
-    sampled = replace(
-        sampled, samples=QuantisedSamples.of(sampled.samples, dof_map)
-    )  # what they were made of is let go
-    made = Galerkin(scene, options, sampled, build_spline_space(dof_map, sampled.samples))
-    release_memory()
-    progress("space", 1.0)
-    return made
+def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:
+    """Return the form of a sampled scene on a function space."""
+    coefficients = SampleCoefficients(PointReader(sampled, space))
+    resolution = LatticeResolution(sampled, space)
+    return Galerkin(scene, options, sampled, space, sampled.conditions, coefficients, resolution)

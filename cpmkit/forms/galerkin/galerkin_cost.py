@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -13,7 +13,7 @@ from cpmkit.forms.cost_model import CostModel, growth_through
 from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
 from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.projection import MOST_FACTORISED_PROJECTION
+from cpmkit.forms.galerkin.space.projection import MOST_FACTORISED_PROJECTION
 from cpmkit.grid.blocks import check_numbered
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
 from cpmkit.grid.spacings import (
@@ -85,6 +85,34 @@ BYTES_HELD_PER_SAMPLE = 50.0
 COARSEST_DRY_RUN_SHARE = 1 / 16
 #: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
 FITTING_ROUNDS = 30
+
+
+@dataclass(frozen=True)
+class GalerkinWork:
+    """Work of a solve in units that do not depend on the machine.
+
+    Attributes
+    ----------
+    unknowns, samples, patches : int
+        Of the function space.
+    closest_point_queries : int
+        Number of closest points computed, of the manifold and its boundaries.
+    nonzeros : int
+        Stored entries of the matrix.
+    operator_applications : int
+        Products of the matrix with a vector.
+    """
+
+    unknowns: int
+    samples: int
+    patches: int
+    closest_point_queries: int
+    nonzeros: int
+    operator_applications: int
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the measures as plain values."""
+        return asdict(self)
 
 
 class SceneExtras(NamedTuple):
@@ -260,7 +288,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
         """Return counts from the form at the spacing, or at two coarser ones if the scene is large."""
-        from cpmkit.forms.galerkin.form import discretize
+        from cpmkit.forms.galerkin.discretize_scene import discretize
 
         scene, options = self.scene, self.options
         progress("dry run", 0.0)
@@ -310,7 +338,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
             Part(
                 "splines",
                 f"{round(counts['unknowns']):,}",
-                f"unknowns: of degree {own.degree}, strength {own.strength!r}",
+                f"unknowns: of degree {own.degree}, stabilisation {own.stabilisation!r}",
             ),
         ]
         if own.refine == "auto":

@@ -1,4 +1,4 @@
-"""A as the Galerkin form makes it: a matrix that remembers what it was made of."""
+"""The matrix of an equation with the properties that solvers need, and the scenes that multigrid applies to."""
 
 from __future__ import annotations
 
@@ -21,31 +21,30 @@ from cpmkit.types import Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: Levels are made while k h is at most this there, 6.3 nodes a wavelength, and the first while it is at most the second
-#: number. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as without waves, 19 to 25
-#: at 1.6 and more where k is larger, 34 to 62 at 2, and 150 do not do at 3.2.
+#: Levels are made while k h is at most the first number there, 6.3 nodes a wavelength, and the first level while k h is
+#: at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as without
+#: waves, 19 to 25 at 1.6 and more where k is larger, 34 to 62 at 2, and 150 are not enough at 3.2.
 MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """A, with the terms of the conditions that are in it.
+    """A, with the terms of the conditions that it contains.
 
     Attributes
     ----------
     conditions : ConditionTerms, optional
-        The terms.
+        The terms of the conditions.
     fixed : bool
-        Whether c u fixes the constants by itself.
+        Whether c u determines the constants by itself.
     waves : float
-        The largest k^2 anywhere, -c / a of the equation; 0 where c takes nothing.
+        The largest k^2 anywhere, -c / a of the equation; 0 where c takes no energy.
     least, lowest : float
         The smallest diffusivity a, and the smallest c.
-    carried : Carried, optional
-        What a velocity does.
+    advection : Advection, optional
+        The terms of a velocity.
     share : float
-        How many times A is in this, which may be A beside a mass.
+        The factor of A in this operator, which may be a sum of A and a mass.
     """
 
     conditions: ConditionTerms | None = None
@@ -53,16 +52,18 @@ class GalerkinOperator(CsrOperator):
     waves: float = 0.0
     least: float = 1.0
     lowest: float = 0.0
-    carried: Advection | None = None
+    advection: Advection | None = None
     share: float = 1.0
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
         """Return ``M + factor A``, M the identity where no mass is given."""
-        made = super().scaled_plus_mass(factor, mass)
-        return made if self.carried is None else replace(self, matrix=made.matrix, share=factor * self.share)
+        shifted = super().scaled_plus_mass(factor, mass)
+        if self.advection is None:
+            return shifted
+        return replace(self, matrix=shifted.matrix, share=factor * self.share)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``A - shift M``; a shift above the smallest c makes waves, M being the mass on the manifold."""
+        """Return ``A - shift M``, M the mass; solutions are waves where the shift is above the smallest c."""
         plain, lowest = super().minus_shifted_mass(shift, mass), self.lowest - shift
         waves = max(-lowest, 0.0) / self.least
         return GalerkinOperator(
@@ -77,59 +78,59 @@ class GalerkinOperator(CsrOperator):
 
 
 def build_operator(
-    matrix: csr_array, conditions: ConditionTerms, a: Floats, c: Floats | None, carried: Advection | None = None
+    matrix: csr_array, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
 ) -> GalerkinOperator:
-    """Return A where the diffusivity is ``a`` (q,) and the factor of u is ``c`` (q,) at all samples, or (1,)."""
+    """Return the operator of a matrix, with diffusivity ``a`` (q,) and factor ``c`` (q,) at all samples, or (1,)."""
     waves = 0.0 if c is None else max(float((-c / a).max()), 0.0)
     fixed = c is not None and bool((c > 0).all())
     lowest = 0.0 if c is None else float(c.min())
-    symmetric = carried is None
-    of_equation = conditions, fixed, waves, float(a.min()), lowest, carried
-    return GalerkinOperator(matrix, symmetric, symmetric and waves > 0, not symmetric, *of_equation)
+    symmetric = advection is None
+    properties = conditions, fixed, waves, float(a.min()), lowest, advection
+    return GalerkinOperator(matrix, symmetric, symmetric and waves > 0, not symmetric, *properties)
 
 
 def levels_resolving_waves(levels: Sequence[Level], operator: Operator, spacing: float) -> Sequence[Level]:
-    """Return those of the ``levels``, the first of which leads to twice the ``spacing``, that resolve A's waves.
+    """Return those of the ``levels``, the first of which leads to twice the ``spacing``, that resolve the waves of A.
 
-    Where a velocity carries u, all of them with the upwinding that they need.
+    Where there is a velocity, all of them with the upwinding that they need.
     """
     inner = operator.operator if isinstance(operator, Bordered) else operator
-    if isinstance(inner, GalerkinOperator) and inner.carried is not None:
-        return inner.carried.on_levels(levels, inner.share)
+    if isinstance(inner, GalerkinOperator) and inner.advection is not None:
+        return inner.advection.add_to_levels(levels, inner.share)
     square = operator.waves if isinstance(operator, GalerkinOperator) else 0.0
     if not square:
         return levels
     radians = [square**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
     most = max(MOST_RADIANS, min(radians[0], MOST_RADIANS_OF_FIRST)) if radians else MOST_RADIANS
-    return levels[: sum(one <= most for one in radians)]
+    return levels[: sum(radian <= most for radian in radians)]
 
 
 def is_surely_definite(scene: Scene) -> bool:
-    """Tell whether what is factorised or iterated on has no eigenvalue below zero, as far as numbers tell.
+    """Return whether the matrices of a scene surely have no eigenvalue below zero, as far as its numbers show.
 
-    Eigenvalues are sought by a shift. It lies below all of them unless a number is given, or conditions or c take from
-    the energy. A c that is a function is asked nowhere: a multigrid refuses what turns out to be indefinite.
+    Eigenvalues are found by a shift. It lies below all of them unless a number is given, or conditions or c take
+    energy. A c that is a function is not evaluated: multigrid refuses a matrix that turns out to be indefinite.
     """
     problem = scene.problem
     if not isinstance(problem, Eigen):
         c = problem.terms().c
         return callable(c) or bool(np.all(np.asarray(c) >= 0))
-    laws = [one.law for one in scene.conditions]
-    takes = not all(is_dissipative(law) or isinstance(law, (Interface, Spectral)) for law in laws)
-    if takes or problem.near is not None:
+    laws = [condition.law for condition in scene.conditions]
+    takes_energy = not all(is_dissipative(law) or isinstance(law, (Interface, Spectral)) for law in laws)
+    if takes_energy or problem.near is not None:
         return False
     steklov = any(isinstance(law, Spectral) for law in laws)
     return not steklov or (not callable(problem.c) and bool(np.all(np.asarray(problem.c) >= 0)))
 
 
 def multigrid_applies(scene: Scene) -> bool:
-    """Tell whether a multigrid serves: systems are surely positive, or what is below zero are waves.
+    """Return whether multigrid solves the systems of a scene: they are surely positive, or their solutions are waves.
 
-    That is so of equations with c below zero, and of eigenvalues sought near a number, unless conditions take from the
-    energy or have the lambda that is sought.
+    Solutions are waves for equations with c below zero, and for eigenvalues sought near a number unless conditions take
+    energy or contain the eigenvalue.
     """
     problem = scene.problem
     if not isinstance(problem, Eigen) or is_surely_definite(scene):
         return True
-    laws = [one.law for one in scene.conditions]
+    laws = [condition.law for condition in scene.conditions]
     return problem.near is not None and all(is_dissipative(law) or isinstance(law, Interface) for law in laws)

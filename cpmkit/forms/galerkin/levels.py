@@ -1,9 +1,10 @@
-"""The parting of the next coarser lattice, and its splines in terms of the finer ones.
+"""Coarser levels for multigrid: dof maps of lattices of twice the spacing, and prolongations between their splines.
 
-The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other one of the finer's: a
-cell lies in one coarser cell, a patch in one coarser patch. Which of the copies of a coarser node a finer unknown hangs
-on is told by any patch that reads the unknown: such patches are joined by touching ones that all read it, their coarser
-patches touch or are one, and all of these read the coarser node.
+The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other one of the finer
+lattice: a cell lies in one coarser cell, a patch in one coarser patch. A coarser node may have several unknowns. A
+finer unknown depends on those that the coarser patch of any of its patches reads. The choice of the patch does not
+matter: the patches that read the unknown are connected by touching patches that read it too, so that their coarser
+patches touch or are equal, and all of these read the coarser node.
 """
 
 from __future__ import annotations
@@ -27,10 +28,20 @@ if TYPE_CHECKING:
 def two_scale(
     cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
 ) -> tuple[Any, Any, Any]:
-    """Return pointers, columns (ascending in each row) and weights of P.
+    """Return row pointers, columns (ascending in each row) and weights of the prolongation P (n, m).
 
-    ``cells`` (p, d) and ``unknowns`` (p, (degree + 1)^d) of n are those of the finer patches, ``parent`` (p,) their
-    coarser ones, whose cells and unknowns follow. ``shares`` (degree + 2,): what a coarser spline is of finer ones.
+    Parameters
+    ----------
+    cells, unknowns : (p, d), (p, (degree + 1)^d)
+        Of the finer patches.
+    n : int
+        Number of finer unknowns.
+    parent : (p,)
+        The coarser patch of each finer one.
+    coarse_cells, coarse_unknowns
+        Of the coarser patches.
+    shares : (degree + 2,)
+        Coefficients of the finer splines whose sum is a coarser spline, along an axis.
     """
     p, d = cells.shape
     width, along = unknowns.shape[1], len(shares) - 1
@@ -80,7 +91,7 @@ def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight:
     at = begin
     while at < used and columns[at] < column:
         at += 1
-    if at < used and columns[at] == column:  # of a speck, all of whose nodes are one unknown
+    if at < used and columns[at] == column:  # of an isolated piece, whose nodes are one unknown
         weights[at] += weight
         return used
     for k in range(used, at, -1):
@@ -89,20 +100,20 @@ def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight:
     return used + 1
 
 
-#: A piece of the manifold within so many cells along every axis has one unknown. What is within three cells, as is all
-#: that a finer level gives one unknown, lies within two coarser ones.
+#: A piece of the manifold within so many cells along every axis has one unknown. Pieces that have one unknown on the
+#: finer level lie within three of its cells, and so within two coarser ones.
 ISOLATED_CELLS = 2
 
 
 def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
-    """Return the parting of the lattice of twice the spacing, and the matrix P (n, m) from its unknowns to the finer.
+    """Return the dof map of the lattice of twice the spacing, and the prolongation P (n, m) from its unknowns.
 
     Notes
     -----
-    A spline of degree p and spacing 2h is the sum of p + 2 of spacing h with the binomials of p + 1 over 2^p along
-    every axis, (1, 3, 3, 1)/4 of degree 2: node J's of 2J + p // 2 - p and following. Rows of P sum to 1. Coarser
-    patches are components of the patches of one coarser cell that touch; unknowns are made of them as of the finer
-    ones. Samples keep their order.
+    A spline of degree p and spacing 2h at node J is the sum of p + 2 splines of spacing h at the nodes from 2J + p // 2
+    - p on along every axis, with the binomials of p + 1 over 2^p as coefficients: (1, 3, 3, 1)/4 for degree 2. Rows of
+    P sum to 1. A coarser patch is a connected component of the touching patches in one coarser cell. Samples keep their
+    order.
     """
     from scipy.sparse import csr_array
 
@@ -111,26 +122,27 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
     touching = _pairs(label[dof_map.touching[~inside]], count)
-    further = _is_isolated(cells, touching), dof_map.degree
-    coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, label[dof_map.patch], *further)
+    isolated = _is_isolated(cells, touching)
+    patch = label[dof_map.patch]
+    coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
     fine = dof_map.cells, dof_map.unknowns, dof_map.size
     indptr, indices, weights = two_scale(*fine, label, cells, coarse.unknowns, two_scale_shares(dof_map.degree))
     return coarse, csr_array((weights, indices, indptr), shape=(dof_map.size, coarse.size))
 
 
 def two_scale_shares(degree: int) -> Floats:
-    """Return (degree + 2,) what a spline of spacing 2h is of those of spacing h, along an axis."""
+    """Return (degree + 2,) the coefficients of a spline of spacing 2h in splines of spacing h, along an axis."""
     return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
 
 
 def _pairs(pairs: Ints, count: int) -> Ints:
-    """Return the distinct pairs of two numbers below ``count``, the smaller first."""
+    """Return the distinct pairs (k, 2) among ``pairs`` of numbers below ``count``, the smaller number first."""
     codes = np.unique(pairs.min(axis=1) * count + pairs.max(axis=1))
     return np.stack([codes // count, codes % count], axis=1)
 
 
 def _is_isolated(cells: Ints, touching: Ints) -> Bools:
-    """Return (p,) whether a patch is of a piece that has one unknown."""
+    """Return (p,) which patches belong to pieces of the manifold that have one unknown."""
     from cpmkit.forms.galerkin.space.dof_map_kernels import bounds
 
     pieces, label = components(len(cells), touching)
@@ -139,29 +151,29 @@ def _is_isolated(cells: Ints, touching: Ints) -> Bools:
     return small[label]
 
 
-#: No coarser level is made of fewer unknowns: they are solved for exactly.
+#: A level of at most so many unknowns is the coarsest: its systems are solved by factors.
 COARSEST_UNKNOWNS = 400
-#: Nor of a level that has more than this share of the finer one's unknowns: all that is left are specks.
-LEAST_GAIN = 0.9
+#: Coarsening ends where a level has more than this share of the unknowns before: isolated pieces are left alone.
+LARGEST_REMAINING_SHARE = 0.9
 
 
-def coarser_levels(dof_map: DofMap, beside: Ints) -> list[Level]:
-    """Return the steps to coarser levels, from the finest on.
+def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
+    """Return the steps to coarser levels, the finest first.
 
     Parameters
     ----------
-    dof_map : Parting
-        The finest.
-    beside : (k,) int64
-        The patches that boundary samples lie in: on each level the unknowns that these read, or that the coarser
-        patches that hold these read, are the strip.
+    dof_map : DofMap
+        Of the finest level.
+    boundary_patches : (k,) int64
+        The patches with samples on boundaries. The unknowns that these patches read, and on coarser levels the coarser
+        patches that contain them, are the strip of each level, which the smoother treats by blocks.
     """
-    level = replace(dof_map, patch=np.unique(beside))
+    level = replace(dof_map, patch=np.unique(boundary_patches))
     levels: list[Level] = []
     while level.size > COARSEST_UNKNOWNS:
         strip = np.unique(level.unknowns[level.patch])
         level, prolongation = coarsen(level)
-        if level.size > LEAST_GAIN * prolongation.shape[0]:
+        if level.size > LARGEST_REMAINING_SHARE * prolongation.shape[0]:
             break
         levels.append(Level(prolongation, strip, lines=_lines(level) if level.degree > 2 else None))
     return levels
@@ -174,4 +186,4 @@ def _lines(dof_map: DofMap) -> Ints:
     lines = np.unique(
         np.concatenate([np.moveaxis(blocks, 1 + axis, -1).reshape(-1, width) for axis in range(dim)]), axis=0
     )
-    return np.asarray(lines[lines[:, 0] != lines[:, -1]])  # specks have one unknown all along
+    return np.asarray(lines[lines[:, 0] != lines[:, -1]])  # isolated pieces have one unknown all along

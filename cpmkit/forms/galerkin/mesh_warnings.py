@@ -1,4 +1,4 @@
-"""What a reader of a solution should know: what was mended, what the lattice does not resolve, each with a place."""
+"""Warnings on the mesh of a scene: repairs, contouring, noise, and the insertion of boundaries, each with a place."""
 
 from __future__ import annotations
 
@@ -19,60 +19,56 @@ from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition
 from cpmkit.types import SIDES, Floats
 
-#: Manifolds with more than this share on splines under which they turn are told of.
-TURNED_SHARE = 0.03
-#: A boundary farther off the manifold than so many spacings is refused, and told from so many on.
+#: A boundary farther from the manifold than so many spacings is refused, and one farther than so many is warned of.
 AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
-#: Closest points whose noise is a larger share of the spacing are told of.
+#: Closest points whose noise is a larger share of the spacing are warned of,
 NOISE_SHARE = 1e-3
-#: What helps then.
+#: with this advice.
 EXACTER = "compute closest points more exactly"
-#: The error that noise leaves, as a share of the range of u, times the spacing over the noise (measured on spheres and
-#: curves: .15 to .4); and below how many times the noise no spacing makes sense.
+#: The error of noise is this factor times the noise over the spacing, as a share of the range of u (measured on spheres
+#: and curves: .15 to .4). Spacings below so many times the noise are pointless.
 NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
-#: More copies than this share of the nodes are told of.
-COPIES_SHARE = 0.5
 
 
-def _cells_and_cure(bend: CellGeometry, cure: str) -> tuple[str, str]:
-    """Return what the cells are called, and what helps: ``cure`` where they are the user's own mesh."""
-    return ("triangulation of the surface", "use a smaller spacing") if bend == "closest_point" else ("mesh", cure)
+def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
+    """Return the name of the cells in messages, and the advice: ``cure`` where they are the user's mesh."""
+    return ("triangulation of the surface", "use a smaller spacing") if geometry == "closest_point" else ("mesh", cure)
 
 
-def repair_warnings(mended: RepairReport, bend: CellGeometry) -> Iterator[str]:
-    """Tell what was not sound about a mesh, or about a triangulation, which is curved by closest points."""
-    if mended.doubled:
-        cells, cure = _cells_and_cure(bend, "clean the mesh")
+def repair_warnings(report: RepairReport, geometry: CellGeometry) -> Iterator[str]:
+    """Yield warnings on the repairs of a mesh, or of a triangulation by closest points."""
+    if report.doubled:
+        cells, cure = _cells_and_cure(geometry, "clean the mesh")
         yield (
-            f"{mended.doubled} cells of the {cells} had the corners of another, or none of their own, and were left "
+            f"{report.doubled} cells of the {cells} had the corners of another, or none of their own, and were left "
             f"out; {cure} if they were meant."
         )
-    if mended.fans:
-        cells, cure = _cells_and_cure(bend, "join them by an edge")
+    if report.fans:
+        cells, cure = _cells_and_cure(geometry, "join them by an edge")
         yield (
-            f"Parts of the {cells} touch at {mended.fans} vertices that no edge joins there: nothing flows through "
+            f"Parts of the {cells} touch at {report.fans} vertices that no edge joins there: nothing flows through "
             f"these; {cure} if it should."
         )
 
 
-def seam_warnings(places: Floats, surface: LocalSource, bend: CellGeometry) -> Iterator[str]:
-    """Tell of rims that lie on others."""
+def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) -> Iterator[str]:
+    """Yield a warning if edges of rims lie on other rims."""
     if len(places):
         yield (
             f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
-            f"flows across them; {_cells_and_cure(bend, 'weld the vertices of the mesh there')[1]} if it should."
+            f"flows across them; {_cells_and_cure(geometry, 'weld the vertices of the mesh there')[1]} if it should."
         )
 
 
 def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
-    """Tell what closest points alone do not say of a surface."""
+    """Yield warnings on the triangulation of a surface that is known by closest points alone."""
     if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
             f"or more, at {report.lattice_spacing:g} spacings: the surface is thin there, or its sheets meet; a "
             "smaller spacing tells."
         )
-    yield from _fault_warnings(report.defects, surface)
+    yield from _defect_warnings(report.defects, surface)
     if report.isolated_components:
         yield (
             f"{report.isolated_components} pieces of the triangulation by closest points with less area than a tenth "
@@ -83,7 +79,7 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
 
 
 def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
-    """Tell of closest points that are too noisy for the spacing."""
+    """Yield a warning if closest points are too noisy for the spacing."""
     if source.noise > NOISE_SHARE * spacing:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
@@ -93,47 +89,47 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return the warnings, without the advice to take a smaller spacing where noise would be the larger there."""
+    """Return the warnings; for noisy closest points they do not advise a smaller spacing, which would enlarge noise."""
     noisy = source.noise > NOISE_SHARE * spacing
     return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
 
 
-def _fault_warnings(faults: MeshDefects, surface: LocalSource) -> Iterator[str]:
-    """Warn of the places at which a triangulation breaks a law."""
+def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str]:
+    """Yield warnings on the defects of a triangulation."""
 
     def first(places: Floats) -> str:
         return f"the first near {_in_scene(places[0], surface)}"
 
-    if len(faults.cracks):
+    if len(defects.cracks):
         yield (
-            f"{len(faults.cracks)} edges of the triangulation by closest points are open where the surface has no rim, "
-            f"{first(faults.cracks)}: cracks through which nothing flows; use a smaller spacing."
+            f"{len(defects.cracks)} edges of the triangulation by closest points are open where the surface has no "
+            f"rim, {first(defects.cracks)}: cracks through which nothing flows; use a smaller spacing."
         )
-    knots = np.concatenate([faults.nonmanifold_edges, faults.branch_ends])
+    knots = np.concatenate([defects.nonmanifold_edges, defects.branch_ends])
     if len(knots):
         yield (
             f"Sheets of the triangulation by closest points hang together wrongly at {len(knots)} places, "
             f"{first(knots)}; use a smaller spacing."
         )
-    if len(faults.folds):
+    if len(defects.folds):
         yield (
-            f"{len(faults.folds)} triangles fold over beside a rim of the surface, {first(faults.folds)}; use a "
+            f"{len(defects.folds)} triangles fold over beside a rim of the surface, {first(defects.folds)}; use a "
             "smaller spacing."
         )
-    if len(faults.uncovered):
+    if len(defects.uncovered):
         yield (
-            f"The triangulation by closest points leaves the surface at {len(faults.uncovered)} places of creases or "
-            f"rims, {first(faults.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
+            f"The triangulation by closest points leaves the surface at {len(defects.uncovered)} places of creases or "
+            f"rims, {first(defects.uncovered)}: sharp edges or corners may be cut; use a smaller spacing."
         )
-    if faults.component_change or faults.wrong_area:
+    if defects.component_change or defects.wrong_area:
         yield (
-            f"The triangulation by closest points has an area {faults.area_error:+.0%} off a sum over lattice nodes, "
-            f"and {abs(faults.component_change)} pieces came or went at rims; use a smaller spacing."
+            f"The triangulation by closest points has an area {defects.area_error:+.0%} off a sum over lattice nodes, "
+            f"and {abs(defects.component_change)} pieces came or went at rims; use a smaller spacing."
         )
 
 
 def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
-    """Tell what closest points alone do not say of a curve."""
+    """Yield warnings on the trace of a curve that is known by closest points alone."""
     broken = report.defects
     if len(broken.gaps):
         yield (
@@ -155,10 +151,10 @@ def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
         )
 
 
-def _missing_piece_warnings(points: Floats, source: LocalSource, what: str) -> Iterator[str]:
+def _missing_piece_warnings(points: Floats, source: LocalSource, kind: str) -> Iterator[str]:
     if len(points):
         yield (
-            f"A piece of the {what} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
+            f"A piece of the {kind} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
             "out; use a smaller spacing."
         )
 
@@ -168,7 +164,7 @@ def _in_scene(point: Floats, source: LocalSource) -> str:
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
-    """Refuse boundaries that left no trace, that lie away, and those on another that hold something else.
+    """Refuse boundaries that are not in the mesh, that are far away, or that coincide with another of other conditions.
 
     Raises
     ------
@@ -198,7 +194,7 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
 
 
 def insertion_warnings(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> Iterator[str]:
-    """Tell how boundaries came to lie in the mesh."""
+    """Yield warnings on the insertion of boundaries."""
     for number, other in sorted(insertion.coincident):
         if number in insertion.empty:
             yield (

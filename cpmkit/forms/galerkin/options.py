@@ -24,10 +24,10 @@ REFINEMENTS = ("off", "auto")
 FEWEST_LEVELS, MOST_LEVELS = 1, 4
 
 
-def _check_strength(strength: Any, what: str) -> Any:
-    if not isinstance(strength, str) or strength not in STABILISATIONS:
-        raise InputError(f"{what} must be {' or '.join(map(repr, STABILISATIONS))}, got {shown(strength)}.")
-    return strength
+def _check_stabilisation(stabilisation: Any, what: str) -> Any:
+    if not isinstance(stabilisation, str) or stabilisation not in STABILISATIONS:
+        raise InputError(f"{what} must be {' or '.join(map(repr, STABILISATIONS))}, got {shown(stabilisation)}.")
+    return stabilisation
 
 
 def _check_sampling(samples: Any, what: str) -> Any:
@@ -83,13 +83,13 @@ class GalerkinOptions(DeclaredOptions):
         "the spacing to the power of the degree plus one.",
         _check_degree,
     )
-    strength: str = option(
+    stabilisation: str = option(
         "default",
-        "How strongly the Galerkin form holds what samples of the manifold do not see. ``accurate`` takes 1.4 to 2 "
-        "times the iterations of ``default`` and gains on coarse lattices alone: on smooth sources of degree 2 it "
-        "leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where a smaller spacing buys "
-        "more; of degree 1 it leaves .4 to .9.",
-        _check_strength,
+        "How strongly the Galerkin form stabilises splines off the manifold, where samples do not determine them. "
+        "``accurate`` takes 1.4 to 2 times the iterations of ``default`` and gains on coarse lattices alone: on smooth "
+        "sources of degree 2 it leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where "
+        "a smaller spacing buys more; of degree 1 it leaves .4 to .9.",
+        _check_stabilisation,
     )
     samples: str = option(
         "auto",

@@ -235,8 +235,9 @@ class PatchLocator:
 
     def _patch_of_cell(self, points: Floats, candidates: Ints, scores: Floats, patch: Ints) -> Ints:
         """Return the best of the ``candidates`` (k, q) whose lattice cell contains the point, or the ``patch`` (k,)."""
-        cell = np.floor(points / self.lattice.spacing + 0.5).astype(np.int64)
-        contains = (self.dof_map.cells[candidates] == cell[:, None]).all(axis=2) & np.isfinite(scores)
+        magnified = self.dof_map.magnify(candidates, points[:, None])
+        cells = np.floor(magnified / self.lattice.spacing + 0.5).astype(np.int64)
+        contains = (self.dof_map.cells[candidates] == cells).all(axis=2) & np.isfinite(scores)
         best = np.where(contains, scores, np.inf).argmin(axis=1)
         rows = np.arange(len(points))
         return np.where(contains[rows, best], candidates[rows, best], patch)

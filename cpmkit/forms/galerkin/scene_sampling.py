@@ -1,4 +1,4 @@
-"""From a scene to samples: a mesh of the manifold, its boundaries inserted, split, curved, cut and sampled."""
+"""From a scene to samples: the manifold as a mesh with the boundaries inserted, subdivided, curved, cut and sampled."""
 
 from __future__ import annotations
 
@@ -58,40 +58,40 @@ from cpmkit.types import Bools, Ints, Progress
 
 @dataclass(frozen=True, eq=False)
 class SampledScene:
-    """A scene's manifold as samples, and its boundaries as facets of the cells between them.
+    """The manifold of a scene as a mesh with samples, and its boundaries as facets of the cells.
 
     Attributes
     ----------
     lattice : Lattice
-        That all coordinates are relative to.
+        All coordinates are relative to its origin.
     surface : LocalSource
         The manifold.
     sources : sequence of LocalSource
-        Where the boundaries lie.
+        The boundaries.
     oriented : sequence of OrientedBoundary
-        The boundaries with what tells their left.
+        The boundaries with the rule that names their left.
     mesh : Mesh
-        Split, curved, cut; its cells in 32 bits.
+        Subdivided, curved and cut; its cells in 32 bits.
     corners : (m, k) int32
         The vertices of its cells after cutting.
     half : HalfFacets
         Its facets on boundaries and rims.
-    samples : Samples or FixedSamples
-        Those of the manifold, those on boundaries after them; the latter once they are parted.
+    samples : Samples or QuantisedSamples
+        The samples on the manifold, then those on boundaries; quantised once the dof map is known.
     boundary : BoundarySamples
-        The latter.
+        The samples on boundaries.
     left : (b,) bool
         Which of these are on the left of their boundary.
-    held : sequence of Held
-        Which law holds at which of these.
-    told : tuple of str
-        What a reader of a solution should know of the way here.
+    conditions : tuple of ImposedCondition
+        The conditions of the scene, with the samples at which each is imposed.
+    warnings : tuple of str
+        Of the mesh and the insertion of boundaries.
     winding : (m,) int8
-        Which way its cells are wound, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
-    bend : "flat", "closest_point" or "normals"
+        The orientation of the cells, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
+    geometry : "flat", "closest_point" or "normals"
         How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
-        What u behaves like at the ends of boundaries, where that is asked for.
+        The singular functions at the ends of boundaries, if they are wanted.
     """
 
     lattice: Lattice
@@ -104,38 +104,36 @@ class SampledScene:
     samples: Samples | QuantisedSamples
     boundary: BoundarySamples
     left: Bools
-    held: tuple[ImposedCondition, ...]
-    told: tuple[str, ...]
+    conditions: tuple[ImposedCondition, ...]
+    warnings: tuple[str, ...]
     winding: Any = None
     geometry: CellGeometry = "flat"
     singular: tuple[SingularFunction, ...] = ()
 
     @property
     def interior(self) -> int:
-        """Number of samples that lie on no boundary: the first ones."""
+        """Number of samples on the manifold and on no boundary: the first ones."""
         return len(self.samples) - len(self.boundary)
 
     @property
     def queries(self) -> int:
-        """Closest points that were asked for, of the manifold and its boundaries."""
-        counted = {id(one.queries): one.queries["points"] for one in (self.surface, *self.sources)}
-        return sum(counted.values())
+        """Number of closest points computed, of the manifold and its boundaries."""
+        sources = {id(source.queries): source.queries["points"] for source in (self.surface, *self.sources)}
+        return sum(sources.values())
 
 
 @dataclass(frozen=True, eq=False)
 class InsertedScene:
-    """A scene's manifold as a mesh with the boundaries in it, from which samples of any fineness are taken.
+    """The manifold of a scene as a mesh with the boundaries inserted, which can be sampled at any fineness.
 
     Attributes
     ----------
-    lattice, surface, sources, oriented
+    lattice, surface, sources, oriented, geometry, warnings
         As of :class:`SampledScene`.
     mesh : Mesh
-        Of flat cells, not yet split.
-    points : mapping
+        Of flat cells, not yet subdivided.
+    points : mapping of int to (k,) int64
         The vertices that are points of a surface with a condition, by the number of the boundary.
-    bend, told
-        As of :class:`SampledScene`.
     """
 
     lattice: Lattice
@@ -145,11 +143,11 @@ class InsertedScene:
     mesh: Mesh
     points: Mapping[int, Ints]
     geometry: CellGeometry
-    told: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
-    """Sample a scene at the spacing of the options; ``progress`` is told the stage and the share that is done.
+    """Sample a scene at the spacing of the options; ``progress`` receives the stage and the share that is done.
 
     Raises
     ------
@@ -157,14 +155,14 @@ def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Prog
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     progress("samples", 0.0)
-    found = insert(scene, options)
+    inserted = insert_scene(scene, options)
     progress("samples", 0.5)
-    sampled = sample_inserted(scene, options, found)
+    sampled = sample_inserted(scene, options, inserted)
     progress("samples", 1.0)
     return sampled
 
 
-def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
+def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     """Return a mesh of a scene's manifold with its boundaries inserted.
 
     Raises
@@ -178,104 +176,97 @@ def insert(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
     check_samples_fit(surface, spacing, options.own.degree)
-    surface, mesh, bend, told = _repaired_cells(surface, spacing, options.own.sampling)
+    surface, mesh, geometry, warnings = _repaired_cells(surface, spacing, options.own.sampling)
     points: Mapping[int, Ints] = {}
     if sources:
-        insertion = insert_boundaries(mesh, sources, spacing, movable=bend == "closest_point")
+        insertion = insert_boundaries(mesh, sources, spacing, movable=geometry == "closest_point")
         mesh, points = insertion.mesh, insertion.point_vertices
         check_insertion(insertion, scene.boundaries, spacing)
-        told += tuple(insertion_warnings(insertion, scene.boundaries, spacing))
-    return InsertedScene(lattice, surface, sources, oriented, mesh, points, bend, told)
+        warnings += tuple(insertion_warnings(insertion, scene.boundaries, spacing))
+    return InsertedScene(lattice, surface, sources, oriented, mesh, points, geometry, warnings)
 
 
 def sample_inserted(
-    scene: Scene, options: Options[GalerkinOptions], found: InsertedScene, regions: Regions | None = None
+    scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions | None = None
 ) -> SampledScene:
-    """Sample a scene whose boundaries are inserted, finer in ``regions``.
+    """Sample a scene whose boundaries are inserted, more finely in ``regions``.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
         As :func:`sample_scene` does.
     """
-    spacing, sampling, bend = options.spacing, options.own.sampling, found.geometry
-    lattice, surface, sources, oriented = found.lattice, found.surface, found.sources, found.oriented
-    told = found.told
-    longest = longest_edge(sampling, bend, found.mesh.manifold_dim)
-    mesh = subdivide(found.mesh, longest * spacing)
+    spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
+    lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
+    longest = longest_edge(sampling, geometry, inserted.mesh.manifold_dim)
+    mesh = subdivide(inserted.mesh, longest * spacing)
     mesh = mesh if regions is None else grade_mesh(mesh, regions, longest)
-    with_tips = options.own.tips == "singular" and mesh.manifold_dim == 2
-    mesh = grade_towards_tips(mesh, spacing) if with_tips else mesh
-    mesh = curve_cells(mesh, bend, surface, sources, spacing)
-    is_whole = bend != "closest_point" and not len(mesh.cut)  # repaired cells: each vertex has one fan of cells
-    corners = mesh.cells if is_whole else cut_corners(mesh)
+    has_singular_functions = options.own.tips == "singular" and mesh.manifold_dim == 2
+    mesh = grade_towards_tips(mesh, spacing) if has_singular_functions else mesh
+    mesh = curve_cells(mesh, geometry, surface, inserted.sources, spacing)
+    is_uncut = geometry != "closest_point" and not len(mesh.cut)  # repaired cells have distinct vertices
+    corners = mesh.cells if is_uncut else cut_corners(mesh)
     half, winding = half_facets(mesh), mesh.winding
-    told += tuple(seam_warnings(seam_midpoints(mesh, half), surface, bend))
-    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), found.points)
+    warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
+    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), inserted.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
-    laws = impose_conditions(scene, boundary, left, surface, lattice)
-    singular, of_ends = singular_functions(mesh, boundary, laws, lattice) if with_tips else ((), ())
-    told += of_ends
-    further, fine = boundary.as_samples if len(boundary) else None, needs_degree_four(options.own.degree, bend)
+    conditions = impose_conditions(scene, boundary, left, surface, lattice)
+    singular: tuple[SingularFunction, ...] = ()
+    if has_singular_functions:
+        singular, tip_warnings = singular_functions(mesh, boundary, conditions, lattice)
+        warnings += tip_warnings
+    further = boundary.as_samples if len(boundary) else None
     if regions is None:
-        samples = quadrature(mesh, spacing, further, triangles_to_clip(mesh, sampling, bend, spacing), fine)
-    else:
-        samples = graded_samples(mesh, regions, sampling, bend, further)
-    if len(boundary):
-        some = samples.weights > 0
-        told += point_warnings(
-            scene, boundary, spacing, (lattice.to_scene(samples.points[some]), samples.weights[some])
+        clipped, fine = (
+            triangles_to_clip(mesh, sampling, geometry, spacing),
+            needs_degree_four(options.own.degree, geometry),
         )
-    # what is held on: cells in 32 bits, and no midpoints, which samples were taken from alone
+        samples = quadrature(mesh, spacing, further, clipped, fine)
+    else:
+        samples = graded_samples(mesh, regions, sampling, geometry, further)
+    if len(boundary):
+        on_manifold = samples.weights > 0
+        interior = lattice.to_scene(samples.points[on_manifold]), samples.weights[on_manifold]
+        warnings += point_warnings(scene, boundary, spacing, interior)
+    # stored from here on: cells in 32 bits, and no midpoints, which only the quadrature needs
     cells: Any = mesh.cells.astype(np.int32)
-    held_corners: Any = corners.astype(np.int32) if has_cut_corners(mesh, corners) else cells
-    mesh = replace(mesh, cells=cells, midpoints=None)
-    parts = (
+    return SampledScene(
         lattice,
         surface,
-        sources,
+        inserted.sources,
         oriented,
-        mesh,
-        held_corners,
+        replace(mesh, cells=cells, midpoints=None),
+        corners.astype(np.int32) if has_cut_corners(mesh, corners) else cells,
         half,
         samples,
         boundary,
         left,
-        laws,
-        told,
+        conditions,
+        warnings,
         winding,
-        bend,
+        geometry,
         singular,
     )
-    return SampledScene(*parts)
 
 
 def _repaired_cells(
     surface: LocalSource, spacing: float, sampling: str
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
-    """Return the manifold, a sound mesh of it, how its cells are to be bent, and what is to be told of it.
+    """Return the manifold, a repaired mesh of it, the geometry of its cells, and warnings.
 
-    The noise of what has closest points alone is known then.
+    A manifold that is known by closest points alone is returned with the noise of these.
     """
     lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
-    own = source_cells(surface, *(spacing * length for length in lengths))
-    if own is not None:
-        mesh, mended = repair_source_mesh(surface, own.mesh, own.split)
-        return surface, mesh, own.geometry, tuple(repair_warnings(mended, own.geometry))
+    source_mesh = source_cells(surface, *(spacing * length for length in lengths))
+    if source_mesh is not None:
+        mesh, repairs = repair_source_mesh(surface, source_mesh.mesh, source_mesh.split)
+        return surface, mesh, source_mesh.geometry, tuple(repair_warnings(repairs, source_mesh.geometry))
     surface = with_noise(surface, spacing)
-    noisy = tuple(noise_warnings(surface, spacing))
+    warnings = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:
-        traces, of_curve = contour_curve(surface, spacing, curved=False)
-        return (
-            surface,
-            traces,
-            "closest_point",
-            noisy + with_noise_advice(tracing_warnings(of_curve, surface), surface, spacing),
-        )
-    triangles, of_surface = contour_surface(surface, spacing, curved=False)
-    return (
-        surface,
-        triangles,
-        "closest_point",
-        noisy + with_noise_advice(contouring_warnings(of_surface, surface), surface, spacing),
-    )
+        mesh, curve_report = contour_curve(surface, spacing, curved=False)
+        contouring = tracing_warnings(curve_report, surface)
+    else:
+        mesh, surface_report = contour_surface(surface, spacing, curved=False)
+        contouring = contouring_warnings(surface_report, surface)
+    return surface, mesh, "closest_point", warnings + with_noise_advice(contouring, surface, spacing)

@@ -1,4 +1,4 @@
-"""Where boundaries meet or end with different values: u jumps at a point there, and no spacing resolves that."""
+"""Warnings on solutions: jumps at points of the conditions' data, unresolved layers, pieces and folds."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
-from cpmkit.forms.galerkin.mesh_warnings import COPIES_SHARE, TURNED_SHARE
+from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
 from cpmkit.forms.galerkin.normal_alignment import NormalSpread
 from cpmkit.forms.galerkin.space.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.grid.lattice import Lattice
@@ -19,15 +19,22 @@ from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints
 
-#: Values that differ by less than this share of their size are equal: a vertex lies beside the true crossing.
+#: Values at a crossing that differ by less than this share of their size count as equal: the vertex is not exactly
+#: there.
 DIFFERENT_SHARE = 0.01
+#: A layer of width a / v . b is reported where it is narrower than this share of the spacing.
+OUTFLOW_LAYER_SPACINGS = 0.25
+#: Folds are reported where more than this share of the area is on splines under which normals point in many directions.
+FOLDED_SHARE = 0.03
+#: Nodes with several unknowns are reported where these are more than this share of the nodes.
+COPIES_SHARE = 0.5
 
 
 def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
-    """Tell of boundaries on a surface that meet with different values.
+    """Yield a warning if boundaries on a surface meet with different values: no spacing resolves the jump.
 
-    On a sphere at h = 0.2 and 0.1, two great circles that hold 1 and 2 left errors of 0.3 within half a spacing of the
-    crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight.
+    On a sphere at h = 0.2 and 0.1, two great circles with the values 1 and 2 left errors of 0.3 within half a spacing
+    of the crossing, 0.05 from one to two spacings away, 0.006 at four and 0.001 at eight.
     """
     if mesh.manifold_dim == 1 or not len(mesh.cut):
         return
@@ -49,10 +56,10 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
 
 
 def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
-    """Tell of boundaries that end inside a surface with different values on their sides.
+    """Yield warnings on boundaries that end inside a surface with different values on their sides.
 
-    On a sphere at h = 0.2 and 0.1, an arc that holds 1 and -1 left errors of 0.4 within half a spacing of its ends, 0.1
-    from one to two spacings away and 0.02 at four.
+    On a sphere at h = 0.2 and 0.1, an arc with the values 1 and -1 left errors of 0.4 within half a spacing of its
+    ends, 0.1 from one to two spacings away and 0.02 at four.
     """
     if mesh.manifold_dim == 1:
         return
@@ -75,7 +82,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
 
 
 def ends_inside(mesh: Mesh, number: int) -> Ints:
-    """Return the vertices (k,) of triangles at which a boundary ends inside the surface: it is continued there."""
+    """Return the vertices (k,) at which a boundary ends inside the surface; its edges are continued there."""
     own = mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip]
     past = mesh.cut[(mesh.owner == number) & mesh.beyond_tip]
     vertices, count = np.unique(own, return_counts=True)
@@ -83,7 +90,7 @@ def ends_inside(mesh: Mesh, number: int) -> Ints:
 
 
 def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
-    """Return the largest of the values that a boundary holds at its vertices."""
+    """Return the largest magnitude of the given values of a boundary at its vertices."""
     where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
 
@@ -112,69 +119,77 @@ def _shared_vertices(mesh: Mesh) -> Iterator[tuple[int, list[int]]]:
 
 
 def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
-    """Return the largest difference of the values that two boundaries hold at a point."""
+    """Return the largest difference between the given values of two boundaries at a point."""
     first, second = (_values(scene, k, where[None]) for k in pair)
     return max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
 
 
 def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
-    """Return the values (k, channels) of a boundary's sides at points, of the sides with Dirichlet conditions.
+    """Return the given values (k, channels) of each side of a boundary with a Dirichlet condition, at points (k, d).
 
-    In problems in time at the start.
+    Of problems in time at the start.
     """
     boundary, time = scene.boundaries[number], scene.problem.start_time
     laws = [boundary.condition(side).law for side in SIDES]
-    what = f"boundary {boundary.name!r}"
-    return [evaluate_data(law.datum, where, scene.channels, what, time) for law in laws if isinstance(law, Value)]
+    label = f"boundary {boundary.name!r}"
+    return [evaluate_data(law.datum, where, scene.channels, label, time) for law in laws if isinstance(law, Value)]
 
 
 def _largest_magnitude(values: Floats) -> float:
     return float(np.abs(values).max(initial=0.0))
 
 
-#: A layer is a / v . b wide; one of less than this share of the spacing is told.
-LAYER_SPACINGS = 0.25
-
-
 def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
-    """Say where a velocity leaves through a value that u can meet in a layer only that is thinner than the spacing."""
-    if terms.speed_out is None:
+    """Yield warnings where a velocity flows out through a given value, in a layer that the spacing does not resolve."""
+    if terms.outward_speed is None:
         return
     spacing = terms.lattice.spacing
-    for one in terms.held:
-        if not isinstance(one.law, Value) or not len(one.rows):
+    for _, condition in conditions_with_law(terms.conditions, Value):
+        rows = condition.rows
+        if not len(rows):
             continue
-        cell_numbers = terms.speed_out[one.rows] * spacing / terms.a[one.rows]
+        cell_numbers = terms.outward_speed[rows] * spacing / terms.a[rows]
         worst = int(cell_numbers.argmax())
-        if cell_numbers[worst] * LAYER_SPACINGS <= 1:
+        if cell_numbers[worst] * OUTFLOW_LAYER_SPACINGS <= 1:
             continue
-        where = place(terms.lattice.to_scene(terms.samples.points[one.rows[[worst]]])[0])
-        width = spacing / cell_numbers[worst]
+        where = place(terms.lattice.to_scene(terms.samples.points[rows[[worst]]])[0])
+        width, label = spacing / cell_numbers[worst], condition.label
         yield (
-            f"{one.what[0].upper()}{one.what[1:]}: the velocity flows out through a value that is given, near {where}; "
+            f"{label[0].upper()}{label[1:]}: the velocity flows out through a value that is given, near {where}; "
             f"where what arrives differs from it u has a layer {width:.2g} wide, which spacing={spacing:g} leaves out; "
-            f"use {width / LAYER_SPACINGS:.2g} or less to see it."
+            f"use {width / OUTFLOW_LAYER_SPACINGS:.2g} or less to see it."
         )
 
 
 def resolution_warnings(
     dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: CellGeometry
 ) -> Iterator[str]:
-    """Tell of pieces that the lattice does not resolve, and of many copies that no cut along ``boundaries`` makes.
+    """Yield warnings on isolated pieces of the manifold, and on many unknowns at equal nodes.
 
-    ``boundaries`` (b,) are the patches of the samples there.
+    Parameters
+    ----------
+    dof_map : DofMap
+        Of the lattice.
+    pieces : int and (n,) int64
+        The number of connected pieces, and that of each unknown.
+    lattice : Lattice
+        Coordinates are relative to its origin.
+    boundaries : (b,) int64
+        The patches of the samples on boundaries: nodes there have several unknowns by construction.
+    bend : "flat", "closest_point" or "normals"
+        The geometry of the mesh cells.
     """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)
-    specks = np.flatnonzero(size == 1)
-    if len(specks) and count > 1:
-        node = dof_map.places[np.flatnonzero(piece == specks[0])[0]]
+    isolated = np.flatnonzero(size == 1)
+    if len(isolated) and count > 1:
+        node = dof_map.places[np.flatnonzero(piece == isolated[0])[0]]
         at = place(lattice.to_scene(node))
         yield (
             f"One piece of the manifold is smaller than {ISOLATED_SPACINGS:g} spacings and has one value, near {at}; "
             "a smaller spacing resolves it."
-            if len(specks) == 1
-            else f"{len(specks)} pieces of the manifold are smaller than {ISOLATED_SPACINGS:g} spacings and have one "
+            if len(isolated) == 1
+            else f"{len(isolated)} pieces of the manifold are smaller than {ISOLATED_SPACINGS:g} spacings and have one "
             f"value each, the first near {at}; a smaller spacing resolves them."
         )
     low, high = dof_map.nodes.min(axis=0), dof_map.nodes.max(axis=0)
@@ -183,24 +198,21 @@ def resolution_warnings(
     copies = np.bincount(number) - 1
     copies[number[dof_map.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):
-        of_feet = "sheets of it are near each other, or its triangulation is torn;"
-        cause = (
-            of_feet
-            if bend == "closest_point"
-            else "seams of the mesh that are not welded act as cuts; check the mesh, or"
-        )
+        cause = "seams of the mesh that are not welded act as cuts; check the mesh, or"
+        if bend == "closest_point":
+            cause = "sheets of it are near each other, or its triangulation is torn;"
         yield (
             f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "
             f"manifold share: {cause} use a smaller spacing."
         )
 
 
-def turning_warnings(turned: NormalSpread, lattice: Lattice) -> Iterator[str]:
-    """Tell where the manifold is thin or folded on the lattice."""
-    if turned.share > TURNED_SHARE:
+def fold_warnings(spread: NormalSpread, lattice: Lattice) -> Iterator[str]:
+    """Yield a warning where the manifold is thin, folded or creased on the lattice."""
+    if spread.share > FOLDED_SHARE:
         yield (
             "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "
-            f"a smaller spacing. {turned.share:.0%} of it lies on splines that see it from several sides, most near "
-            f"{place(lattice.to_scene(turned.near))}; at a fold up to three spacings of the way along the manifold may "
+            f"a smaller spacing. {spread.share:.0%} of it lies on splines that see it from several sides, most near "
+            f"{place(lattice.to_scene(spread.near))}; at a fold up to three spacings of the way along the manifold may "
             "be missing."
         )

@@ -139,7 +139,7 @@ def test_it_is_saved_loaded_and_told(tmp_path):
     np.testing.assert_array_equal(loaded.evaluate(at), solution.evaluate(at))
     assert loaded.work == solution.work
     told = solution.summary()["discretization"]
-    assert (told["form"], told["form_reason"], told["strength"]) == ("galerkin", "as asked", "default")
+    assert (told["form"], told["form_reason"], told["stabilisation"]) == ("galerkin", "as asked", "default")
     other = ck.Scene(ck.source("analytic.sphere", radius=1.3), SCREENED.problem)
     with pytest.raises(ck.InputError, match="another scene"):
         ck.load(tmp_path / "a.npz", other)
@@ -170,7 +170,7 @@ def test_an_estimate_is_near_the_error():
 def test_forms_are_chosen_with_a_reason():
     reason = lambda **given: ck.discretize(SCREENED, 0.3, **given).describe()["form_reason"]  # noqa: E731
     assert reason(form="galerkin") == "as asked"
-    assert reason(strength="accurate") == "the only one with the option 'strength'"
+    assert reason(stabilisation="accurate") == "the only one with the option 'stabilisation'"
     assert reason(order=2) == "the only one with the option 'order'"
     heat = ck.Scene(SPHERE, ck.Heat(xy, until=0.1, step=0.05))
     assert "curves and surfaces" in ck.discretize(heat, 0.3).describe()["form_reason"]

@@ -19,30 +19,27 @@ from cpmkit.types import Bools, Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: Area by length of what a sample reads, in spacings, where nothing else is near.
+#: Area over length of the splines that a sample reads, in spacings, where the manifold is wide.
 WIDE_SHARE = 0.89
-#: Data are read so many widths inside their side, and twice as far: a curve that is snapped to the surface lies nearer
-#: to where materials meet than that.
-READ_BESIDE_WIDTHS = 0.25
-#: Readings whose logarithms differ by less are of one material, and are continued to the boundary.
+#: Data are evaluated so many widths inside their side, and twice as far: a boundary that was snapped to the surface
+#: lies nearer than that to where materials meet.
+READ_INSIDE_WIDTHS = 0.25
+#: Two values whose logarithms differ by less belong to one material, and are extrapolated to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4
-#: Readings whose logarithm is farther than this from the zone's mean near by are of another zone: all of a sliver may
-#: be, that a boundary cuts off beside an edge of the mesh.
+#: A value whose logarithm differs by more from the mean nearby belongs to another zone: so may all of a sliver that a
+#: boundary cuts off beside an edge of the mesh.
 OTHER_ZONE_LOG_RATIO = 2.0
-
-#: What is given may differ from the problem's diffusivity by this share of it.
-DIFFUSIVITY_MISMATCH_SHARE = 0.01
-#: Share of a boundary's points that may be misread, where it meets other boundaries.
-MISREAD_POINTS_SHARE = 0.1
+#: A prescribed conductivity may differ by this share from the problem's diffusivity, and by more at this share of the
+#: points of a boundary: near other boundaries it may be evaluated in the wrong zone.
+DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 
 def local_widths(
     values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
 ) -> Floats:
-    """Return how wide the manifold is beside boundary samples (b,), h at most: penalties are in units of its inverse.
+    """Return the width (b,) of the manifold beside boundary samples, at most h: penalties are in units of its inverse.
 
-    ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, A_j and L_j the integrals of spline j over the
+    ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, with A_j and L_j the integrals of spline j over the
     manifold and over its side of the boundary.
 
     Parameters
@@ -52,9 +49,10 @@ def local_widths(
     areas : (n,) float64
         A_j.
     samples : BoundarySamples
-        Where they are.
+        The samples.
     sides : sequence of (b,) bool
-        Those that are measured together, as on one side of a boundary, none twice; elsewhere the width is h.
+        Disjoint sets of samples, such as those on one side of a boundary. L_j is summed over each by itself; samples in
+        none have the width h.
     spacing : (b,) float64
         h there.
     """
@@ -66,28 +64,24 @@ def local_widths(
 
 
 def one_sided_value(
-    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, what: str
+    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
 ) -> Floats:
     """Return a positive coefficient (b,) at boundary samples, on the side of their cells.
-
-    On rims it is read as it is, and where it is smooth from side to side: where its third difference is below its
-    second one, so that a jump would be a smaller error than continuing it from one side. Elsewhere it is read twice
-    along the conormal, and twice towards the middle of the cell, and continued to the sample. The first readings may
-    lie in another zone, where boundaries meet, the second beyond where materials change, where a boundary is off that:
-    those are taken that fit the zone's mean.
 
     Parameters
     ----------
     data : Data
         The coefficient.
     samples : BoundarySamples
-        Where it is read.
+        The samples.
     widths : (b,) float64
-        How wide the manifold is there.
+        The width of the manifold there.
     around : (b,) float64
-        The mean of the logarithm of the coefficient over the zone near by.
-    lattice, what
-        That coordinates are relative to, and what the data are, in sentences.
+        The mean of the logarithm of the coefficient nearby.
+    lattice : Lattice
+        Coordinates are relative to its origin.
+    label : str
+        Names the data in errors.
 
     Raises
     ------
@@ -95,71 +89,88 @@ def one_sided_value(
         If it is not a positive number everywhere.
     """
     if not callable(data):
-        return _positive_values(data, samples.points, lattice, what)
-    return one_sided_readings(data, samples, widths, around, lattice, what)[0]
+        return _positive_values(data, samples.points, lattice, label)
+    return extrapolated_value(data, samples, widths, around, lattice, label)[0]
 
 
 def inward_steps(samples: BoundarySamples, widths: Floats) -> tuple[Floats, Floats]:
-    """Return the steps (b, d) by which data are read beside a boundary: along the conormal, and into the cell."""
-    return -READ_BESIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
+    """Return the steps (b, d) from samples into their side: against the conormal, and towards the cell's middle."""
+    return -READ_INSIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
 
 
-def one_sided_readings(
-    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, what: str
+def extrapolated_value(
+    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
 ) -> tuple[Floats, Bools]:
-    """Return the same for a function of points, and where (b,) it was read along the conormal or at the samples."""
+    """Return a function of points at boundary samples as :func:`one_sided_value` does, and how it was evaluated.
+
+    The function is evaluated at one and two steps against the conormal, and at one and two steps towards the middle of
+    the cell, and extrapolated linearly to the sample. The points of the first pair may lie in another zone where
+    boundaries meet, those of the second beyond a change of material where the boundary is off it: the pair that is
+    nearer to the mean around is taken. On rims, and where the function is smooth across the boundary, it is evaluated
+    at the sample itself: it counts as smooth where its third difference is smaller than its second, so that a jump
+    would be a smaller error than the extrapolation.
+
+    Returns
+    -------
+    values : (b,) float64
+    along : (b,) bool
+        Where it was evaluated against the conormal, or at the sample.
+    """
 
     def logarithm(step: Floats | float) -> Floats:
-        return np.asarray(np.log(_positive_values(data, samples.points + step, lattice, what)))
+        return np.asarray(np.log(_positive_values(data, samples.points + step, lattice, label)))
 
-    along, into = inward_steps(samples, widths)
-    here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (along, into)]
-    found = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
-    off = [np.abs(one - around) for one in found]
+    inward, into_cell = inward_steps(samples, widths)
+    here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (inward, into_cell)]
+    limits = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
+    off = [np.abs(limit - around) for limit in limits]
     by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
-    value = np.where(by_conormal, *found)
+    value = np.where(by_conormal, *limits)
     value = np.where(np.abs(value - around) < OTHER_ZONE_LOG_RATIO, value, around)
     rim = samples.owner < 0  # nothing is beyond
-    (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -along))
+    (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -inward))
     smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
     smooth = rim | (smooth & (np.abs(here - around) < OTHER_ZONE_LOG_RATIO))
     return np.exp(np.where(smooth, here, value)), smooth | by_conormal
 
 
 def prescribed_conductivity(
-    own: Data | None, a: Floats, samples: BoundarySamples, widths: Floats, lattice: Lattice, what: str, side: str
+    data: Data | None, a: Floats, samples: BoundarySamples, widths: Floats, lattice: Lattice, label: str, side: str
 ) -> Floats:
-    """Return the conductivity (k,) that a condition gives on one side, ``a`` (k,), that of the problem, if it is None.
+    """Return the conductivity (k,) that a condition gives on one side, or ``a`` (k,), the problem's, if it gives none.
 
     Raises
     ------
     SceneError
-        If it is not that of the problem.
+        If it differs from that of the problem.
     """
-    if own is None:
+    if data is None:
         return a
-    wanted = one_sided_value(own, samples, widths, np.log(a), lattice, f"a conductivity of {what}")
-    off = np.abs(wanted / a - 1)
+    prescribed = one_sided_value(data, samples, widths, np.log(a), lattice, f"a conductivity of {label}")
+    off = np.abs(prescribed / a - 1)
     if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
         worst = int(off.argmax())
         where = place(lattice.to_scene(samples.points[[worst]])[0])
         raise SceneError(
-            f"{what} gives the conductivity {wanted[worst]:.4g} on its {side} near {where}, where the problem's "
+            f"{label} gives the conductivity {prescribed[worst]:.4g} on its {side} near {where}, where the problem's "
             f"diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
         )
-    return wanted
+    return prescribed
 
 
-def _positive_values(data: Data, points: Floats, lattice: Lattice, what: str) -> Floats:
-    values = evaluate_data(data, lattice.to_scene(points), 1, what)[:, 0]
+def _positive_values(data: Data, points: Floats, lattice: Lattice, label: str) -> Floats:
+    values = evaluate_data(data, lattice.to_scene(points), 1, label)[:, 0]
     if np.any(values <= 0):
-        raise InputError(f"{what} must be above zero, got {values.min():g}.")
+        raise InputError(f"{label} must be above zero, got {values.min():g}.")
     return values
 
 
 @dataclass(frozen=True, eq=False)
 class ConormalFlux:
-    """What a tensor makes of conormals.
+    """The conormal flux b . A grad u of a tensor A as a number times a derivative of u.
+
+    With s = b . A b and the direction A b / s, whose part along b is 1, the flux is s times the derivative along that
+    direction: all conditions hold unchanged with s for the diffusivity and that derivative for du/db.
 
     Attributes
     ----------
@@ -176,36 +187,35 @@ class ConormalFlux:
 def conormal_flux(
     tensors: Callable[[Floats], Floats], samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice
 ) -> ConormalFlux:
-    """Return how a tensor conducts at boundary samples, on the side of their cells.
+    """Return the conormal flux of a tensor at boundary samples, on the side of their cells.
 
-    The mean over tangents is read as a number is; what the tensor is in units of it, at the same two places, and
-    continued to the boundary, where it is definite there.
+    The mean over tangents is evaluated as a number is. The tensor over this mean is evaluated at the same two points,
+    and extrapolated to the boundary where the result is definite.
 
     Parameters
     ----------
     tensors : callable
-        Of (b, d) points beside the samples, in the scene's coordinates: returns (b, d, d), or an array (d, d).
+        Of points (b, d) beside the samples, in the scene's coordinates: returns (b, d, d). Or an array (d, d).
     samples, widths, around, lattice
-        As of :func:`cpmkit.forms.galerkin.conditions.boundary_coefficients.one_sided_value`.
+        As of :func:`one_sided_value`.
     """
 
-    def read(points: Floats) -> Floats:
+    def evaluate(points: Floats) -> Floats:
         return evaluate_diffusivity(tensors, points, "the diffusivity")
 
     def mean(points: Floats) -> Floats:
-        return mean_over_tangents(read(points), samples.normals)
+        return mean_over_tangents(evaluate(points), samples.normals)
 
-    value, along = one_sided_readings(mean, samples, widths, around, lattice, "the diffusivity")
+    value, along = extrapolated_value(mean, samples, widths, around, lattice, "the diffusivity")
     step = np.where(along[:, None], *inward_steps(samples, widths))
     places = [lattice.to_scene(samples.points + k * step) for k in (1, 2)]
-    near, far = (read(at) / mean(at)[:, None, None] for at in places)
-    b, continued = samples.conormals, 2 * near - far
-    definite = np.einsum("bi,bij,bj->b", b, continued, b) > 0.5 * np.einsum("bi,bij,bj->b", b, near, b)
-    shape = np.where(definite[:, None, None], continued, near)
-    through = np.einsum("bij,bj->bi", shape, b)
-    across = np.einsum("bci,bi->bc", samples.normals, through)
-    through -= np.einsum("bci,bc->bi", samples.normals, across)
-    share = np.einsum("bi,bi->b", b, through)
-    out = share > 0
-    share = np.where(out, share, 1.0)
-    return ConormalFlux(value * share, through / share[:, None])
+    near, far = (evaluate(at) / mean(at)[:, None, None] for at in places)
+    b, limit = samples.conormals, 2 * near - far
+    definite = np.einsum("bi,bij,bj->b", b, limit, b) > 0.5 * np.einsum("bi,bij,bj->b", b, near, b)
+    shape = np.where(definite[:, None, None], limit, near)
+    direction = np.einsum("bij,bj->bi", shape, b)
+    normal_part = np.einsum("bci,bi->bc", samples.normals, direction)
+    direction -= np.einsum("bci,bc->bi", samples.normals, normal_part)
+    share = np.einsum("bi,bi->b", b, direction)
+    share = np.where(share > 0, share, 1.0)
+    return ConormalFlux(value * share, direction / share[:, None])

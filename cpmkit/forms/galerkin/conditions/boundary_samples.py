@@ -13,46 +13,55 @@ from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: A triangle less high over its edge than this share of the edge is thin.
-THIN_SHARE = 0.1
-#: How far the polynomial of a triangle is followed past its edges, in its own coordinates.
+#: A triangle whose height over an edge is below this share of the edge is a sliver: a curved edge deviates by more than
+#: the height, and the triangle tells no direction.
+SLIVER_SHARE = 0.1
+#: Bounds of the barycentric coordinates up to which the polynomial of a triangle is continued past its edges.
 REACH = (-2.0, 3.0)
+#: Number of Gauss points of an edge: splines have a kink wherever the edge leaves a lattice cell, and two points
+#: distribute a flux through a rim among the splines with errors of .4 % at any spacing.
+POINTS_OF_EDGE = 6
+#: Places of the Gauss points from tail to head, as shares of the edge, and their weights.
+EDGE_POINTS, EDGE_WEIGHTS = (0.5 * values for values in np.polynomial.legendre.leggauss(POINTS_OF_EDGE))
+EDGE_POINTS += 0.5
+#: Points, weights, conormals out of the cell, normals of the manifold.
+FacetPoints = tuple[Floats, Floats, Floats, Floats]
 
 
 def conormals_of_slivers(
     mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats
 ) -> Floats:
-    """Return ``conormals`` (n, g, d), at points of edges with ``tangents`` (n, g, d), put right on thin triangles.
+    """Return ``conormals`` (n, g, d), at points of edges with ``tangents`` (n, g, d), corrected on slivers.
 
-    There they are those of the triangles near the ends of the edge on the same side of the boundary: normal to
-    the edge in their mean tangent plane, away from their mean place.
+    The conormal of a sliver is taken from the triangles near the ends of the edge on the same side of the boundary: it
+    is normal to the edge in their mean tangent plane, and points away from their mean place.
     """
     ends = (facet[:, None] + np.array([1, 2])) % 3
     tail, head, apex = (mesh.vertices[mesh.cells[cell, k]] for k in (*ends.T, facet))
     chord, side = head - tail, apex - tail
     length = norms(chord)
     height = norms(side - (dots(side, chord) / length**2)[:, None] * chord)
-    thin = np.flatnonzero(height < THIN_SHARE * length)
-    if not len(thin):
+    slivers = np.flatnonzero(height < SLIVER_SHARE * length)
+    if not len(slivers):
         return conormals
     inward, normal = _mean_place_and_normal(
-        mesh, corners, corners[cell[thin, None], ends[thin]], 0.5 * (tail + head)[thin]
+        mesh, corners, corners[cell[slivers, None], ends[slivers]], 0.5 * (tail + head)[slivers]
     )
-    along, out = tangents[thin], -inward[:, None]
+    along, out = tangents[slivers], -inward[:, None]
     normal = normal[:, None] - dots(normal[:, None], along)[..., None] * along
     normal /= np.maximum(norms(normal), np.finfo(float).tiny)[..., None]
     for axis in (along, normal):
         out = out - dots(out, axis)[..., None] * axis
-    steady = conormals.copy()
-    steady[thin] = out / norms(out)[..., None]
-    return steady
+    corrected = conormals.copy()
+    corrected[slivers] = out / norms(out)[..., None]
+    return corrected
 
 
 def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
     """Return the mean place (n, d), relative to ``middles``, and normal (n, d) of triangles near new vertices (n, 2).
 
-    Those that meet there and those that these meet: thin triangles may meet thin ones alone. Weighted by areas; in the
-    plane there is no normal, and it is zero.
+    Means over the triangles that meet there and their neighbours, weighted by area: slivers may meet slivers alone. In
+    the plane the normal is zero.
     """
     order = np.argsort(corners, axis=None, kind="stable")
     starts = np.searchsorted(corners.ravel()[order], np.arange(corners.max() + 2))
@@ -67,8 +76,8 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
     corner = mesh.vertices[mesh.cells[cell]]
     a, b = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
     area = np.sqrt(np.maximum(dots(a, a) * dots(b, b) - dots(a, b) ** 2, 0.0))
-    moved = area[:, None] * (corner.mean(axis=1) - middles[row])
-    place: Floats = np.stack([np.bincount(row, x, len(at)) for x in moved.T], axis=1).astype(np.float64)
+    weighted = area[:, None] * (corner.mean(axis=1) - middles[row])
+    place: Floats = np.stack([np.bincount(row, x, len(at)) for x in weighted.T], axis=1).astype(np.float64)
     if mesh.dim == 2:
         return place, np.zeros_like(place)
     slopes = (a, b) if mesh.midpoints is None else _quadratic_tangents(corner, mesh.midpoints[cell], middles[row])
@@ -82,8 +91,8 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
 def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, Floats]:
     """Return two tangents (n, d) of quadratic triangles, corners ``x`` and midpoints ``m`` (n, 3, d), near ``points``.
 
-    Their polynomials go on past their edges: flat tangent planes would be off by as much as the manifold bends on the
-    way.
+    The polynomials of the triangles are continued past their edges: flat tangent planes would be off by the curvature
+    of the manifold on the way.
     """
     a, b, p = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], points - x[:, 0]
     aa, ab, bb = dots(a, a), dots(a, b), dots(b, b)
@@ -96,23 +105,13 @@ def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, F
     return first, (4 * s - 1) * x[:, 2] - last + 4 * ((t - s) * m[:, 1] + r * (m[:, 0] - m[:, 2]))
 
 
-#: How many Gauss points of an edge are read: splines have a kink wherever it leaves a lattice cell, and two of them let
-#: a flux through a rim feed its splines in shares that are off by .4 % at any spacing.
-POINTS_OF_EDGE = 6
-#: Their places from tail to head, and weights.
-EDGE_POINTS, EDGE_WEIGHTS = (0.5 * one for one in np.polynomial.legendre.leggauss(POINTS_OF_EDGE))
-EDGE_POINTS += 0.5
+def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> FacetPoints:
+    """Return g Gauss points on edges of triangles: points (n, g, d), weights, conormals, normals (n, g, d - 2, d).
 
-#: Points, weights, conormals out of the cell, normals of the manifold.
-Facets = tuple[Floats, Floats, Floats, Floats]
-
-
-def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> Facets:
-    """Return g points on edges of triangles: points (n, g, d), weights, conormals, normals (n, g, d - 2, d).
-
-    The edges are those opposite to corner ``facet`` (n,) of ``cell`` (n,), counted against the cell's sense where
-    ``reversed_``, so that cells on both sides of an edge give the same points. ``corners`` (m, 3) are the vertices of
-    the mesh after cutting.
+    Triangles are quadratic: with barycentric coordinates l and the edge midpoints m opposite to corners x, ``y = sum_i
+    l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges are those opposite to corner ``facet`` (n,) of ``cell``
+    (n,), traversed against the cell's sense where ``reversed_``, so that cells on both sides of an edge give the same
+    points. ``corners`` (m, 3) are the vertices of the mesh after cutting.
     """
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
@@ -124,7 +123,7 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
     y = (1 - s) * (1 - 2 * s) * p + 4 * s * (1 - s) * m + s * (2 * s - 1) * q
     along = (4 * s - 3) * p + (4 - 8 * s) * m + (4 * s - 1) * q
     inward = -opposite + 4 * (1 - s) * beside_tail + 4 * s * beside_head  # derivative by the opposite corner's l
-    inward = inward - ((3 - 4 * s) * p + 4 * s * m)  # less that by the tail's, which is given up for it
+    inward = inward - ((3 - 4 * s) * p + 4 * s * m)  # less the derivative by the tail's l: the sum of both is constant
     speed = norms(along)
     tangent = along / speed[..., None]
     conormals = _unit(dots(inward, tangent)[..., None] * tangent - inward)
@@ -133,7 +132,7 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
     return y, EDGE_WEIGHTS * speed, conormals, normals
 
 
-def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> Facets:
+def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> FacetPoints:
     """Return the ends of segments: points (n, 1, d), weights 1, tangents out of the cell, normals (n, 1, d - 1, d)."""
     vertices = mesh.vertices[mesh.cells[cell]]
     end, other = _select_corner(vertices, 1 - facet), _select_corner(vertices, facet)
@@ -143,7 +142,7 @@ def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _rever
 
 
 def _normals_of_tangents(tangent: Floats) -> Floats:
-    """Return orthonormal vectors (n, 1, d - 1, d) across unit tangents (n, 1, d)."""
+    """Return orthonormal vectors (n, 1, d - 1, d) normal to unit tangents (n, 1, d)."""
     if tangent.shape[-1] == 2:
         return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)[:, :, None]
     axis = np.eye(3)[np.abs(tangent).argmin(axis=-1)]
@@ -159,7 +158,7 @@ def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
 
 
 def _select_corner(values: Floats, which: Ints) -> Floats:
-    """Return one (n, 1, d) of the points (n, k, d) of each cell."""
+    """Return the points (n, 1, d) with the numbers ``which`` (n,) among the points (n, k, d) of each cell."""
     return np.take_along_axis(values, which[:, None, None], axis=1)
 
 
@@ -170,9 +169,9 @@ def _unit(vectors: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class BoundarySamples:
-    """Points at which conditions hold: two to a half facet of triangles, one to a half facet of segments.
+    """Points at which conditions are imposed: `POINTS_OF_EDGE` on each edge of triangles, one at each end of segments.
 
-    Samples of all cells beside one facet lie at the same points, and are numbered alike along it.
+    A facet has such samples for each of its cells. They lie at the same points and are numbered alike along the facet.
 
     Attributes
     ----------
@@ -185,9 +184,9 @@ class BoundarySamples:
     normals : (b, c, d) float64
         Orthonormal vectors that span the manifold's normal space.
     cell : (b,) int64
-        The cell that each belongs to.
+        The cell of each sample.
     centres : (b, d) float64
-        The mean of that cell's corners.
+        The mean of the corners of that cell.
     half : (b,) int64
         The half facet; -1 at points of a surface.
     facet : (b,) int64
@@ -196,8 +195,8 @@ class BoundarySamples:
         Number along the facet, from 0.
     owner : (b,) int64
         Number of the boundary; -1 on rims where no boundary lies.
-    extends : (b,) bool
-        Whether the facet goes on past a tip of its boundary.
+    beyond_tip : (b,) bool
+        Whether the facet lies on the continuation of its boundary past a tip.
     """
 
     points: Floats
@@ -216,42 +215,42 @@ class BoundarySamples:
         return len(self.points)
 
     def take(self, index: Ints | Bools) -> BoundarySamples:
-        """Return those at ``index``."""
+        """Return the samples at ``index``."""
         return BoundarySamples(*[getattr(self, field.name)[index] for field in fields(self)])
 
     @property
     def as_samples(self) -> Samples:
-        """The same as samples of the manifold of weight zero: they only read u."""
+        """The same points as samples of the manifold with weight zero: u is evaluated there, and nothing integrated."""
         return Samples(self.points, np.zeros(len(self)), self.normals, self.cell)
 
 
 def boundary_samples(
     mesh: Mesh, half: HalfFacets, corners: Ints, rims: bool, points: Mapping[int, Ints] | None = None
 ) -> BoundarySamples:
-    """Return the samples on the facets of boundaries, and on other rims where ``rims`` says so.
+    """Return the samples on the facets of boundaries, and with ``rims`` on all other rims.
 
     Parameters
     ----------
     mesh : Mesh
         Flat or quadratic cells.
     half : HalfFacets
-        Its facets on boundaries and rims, from each cell.
+        Its facets on boundaries and rims, one for each cell.
     corners : (m, k) int64
         The vertices of the cells after cutting.
     rims : bool
-        Whether anything is to be read on rims where no boundary lies.
+        Whether u is evaluated on rims where no boundary lies.
     points : mapping of int to (k,) int64, optional
         Vertices that are points of a surface with a condition, by the number of the boundary.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
-    where = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments
+    facet_points = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments
     cell, facet, cut = half.cell[chosen], half.facet[chosen], half.cut[chosen]
-    x, weights, conormals, normals = where(mesh, corners, cell, facet, half.along[chosen] < 0)
+    x, weights, conormals, normals = facet_points(mesh, corners, cell, facet, half.along[chosen] < 0)
     each = x.shape[1]
-    rows, on = np.repeat(np.arange(len(chosen)), each), cut >= 0
-    owner, extends = np.full(len(chosen), -1), np.zeros(len(chosen), dtype=bool)
-    owner[on], extends[on] = mesh.owner[cut[on]], mesh.beyond_tip[cut[on]]
-    found = BoundarySamples(
+    rows, cut_rows = np.repeat(np.arange(len(chosen)), each), np.flatnonzero(cut >= 0)
+    owner, beyond_tip = np.full(len(chosen), -1), np.zeros(len(chosen), dtype=bool)
+    owner[cut_rows], beyond_tip[cut_rows] = mesh.owner[cut[cut_rows]], mesh.beyond_tip[cut[cut_rows]]
+    samples = BoundarySamples(
         x.reshape(-1, mesh.dim),
         weights.ravel(),
         conormals.reshape(-1, mesh.dim),
@@ -262,9 +261,9 @@ def boundary_samples(
         cut[rows],
         np.tile(np.arange(each), len(chosen)),
         owner[rows],
-        extends[rows],
+        beyond_tip[rows],
     )
-    return concatenate_samples(found, _at_vertices(mesh, corners, points)) if points else found
+    return concatenate_samples(samples, _at_vertices(mesh, corners, points)) if points else samples
 
 
 def concatenate_samples(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
@@ -274,8 +273,8 @@ def concatenate_samples(first: BoundarySamples, second: BoundarySamples) -> Boun
 
 
 def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
-    """Return the points of a surface, each in one of the triangles that meet there."""
-    owner = np.repeat(list(points), [len(one) for one in points.values()])
+    """Return samples at vertices that are points of a surface, each in one of the triangles that meet there."""
+    owner = np.repeat(list(points), [len(vertices) for vertices in points.values()])
     vertex = np.concatenate(list(points.values()))
     order = np.argsort(mesh.cells, axis=None, kind="stable")
     cell = order[np.searchsorted(mesh.cells.ravel()[order], vertex)] // mesh.cells.shape[1]

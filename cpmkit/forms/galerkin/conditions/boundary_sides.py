@@ -1,33 +1,26 @@
 """Which cells beside a boundary are on its left.
 
-Which half facets are on one side of a boundary, the cells tell: those that meet a common corner between two facets of
-it, where the mesh is cut. What these sides are called, the scene tells (:class:`cpmkit.scene.oriented
-.OrientedBoundary`): once for each connected piece of the boundary, by a vote along it, since a boundary that is drawn
-beside the manifold, or turns sharply, may mistake its left here and there.
+The mesh, which is cut along boundaries, tells which half facets are on one side of a boundary: those that meet a common
+corner between two of its facets. The scene tells which side is called left (:class:`cpmkit.scene.oriented
+.OrientedBoundary`), by one vote along each connected piece of the boundary: single samples may be wrong where the
+boundary is drawn beside the manifold, or turns sharply.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.space.dof_map import components
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints
 
-if TYPE_CHECKING:
-    from cpmkit.forms.galerkin.scene_sampling import SampledScene
-
-
-#: Step of differences where sources give no directions of their own, in spacings.
+#: Step of differences, in spacings, for sources without normals or tangents of their own.
 DIFFERENCE_SPACINGS = 0.5
 
 
@@ -52,9 +45,9 @@ def left_of_boundaries(
     samples : BoundarySamples
         On these half facets.
     boundaries : sequence of OrientedBoundary
-        By the numbers in ``mesh.owner``.
+        Numbered as in ``mesh.owner``.
     lattice : Lattice
-        That coordinates are relative to.
+        Coordinates are relative to its origin.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -69,16 +62,16 @@ def left_of_boundaries(
     one_sided = (sides == 1) & _has_other_cell(half)
     left = np.where(one_sided, votes > 0, left)
     on = np.flatnonzero((samples.half >= 0) & (samples.owner >= 0))  # none where boundaries are points of a surface
-    found = np.zeros(len(samples), dtype=bool)
-    found[on] = left[samples.half[on]]
-    return found
+    is_left = np.zeros(len(samples), dtype=bool)
+    is_left[on] = left[samples.half[on]]
+    return is_left
 
 
 def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
-    """Return what tells on which side the left of each boundary lies, (count, d, d + 1).
+    """Return moments (count, d, d + 1) of the conormals out of the left of each boundary.
 
-    Conormals out of the left, times 1 and times position, summed along the boundary: of the other sign where left and
-    right are swapped, and otherwise about the same however the boundary is cut into facets.
+    The integrals of the conormal times 1 and times position: they change sign where left and right are swapped, and
+    hardly depend on how the boundary is divided into facets.
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))
@@ -90,9 +83,9 @@ def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
 
 
 def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lattice: Lattice) -> Floats:
-    """Return how surely samples (b,) are on the left: how far out of their cells the conormal to the right points.
+    """Return votes (b,) of samples for the left: the part of the rightward conormal that points out of their cells.
 
-    Asked at the middles of facets; continuations of boundaries past their tips have no vote.
+    Directions are computed at the middles of facets; continuations of boundaries past their tips have no vote.
     """
     votes = np.zeros(len(samples))
     facets = int(samples.facet.max(initial=-1)) + 1
@@ -110,9 +103,9 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 
 
 def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
-    """Return which half facets (n,) are on one side of their boundary, and of which connected piece of it they are.
+    """Return labels (n,) of half facets that are equal on one side of a boundary, and on one connected piece of it.
 
-    Facets of one boundary hang together at vertices where exactly two facets of boundaries meet.
+    Facets of one boundary are connected at vertices where exactly two facets of boundaries meet.
     """
     n, k = len(half.cell), mesh.cells.shape[1]
     on = half.cut >= 0
@@ -129,13 +122,14 @@ def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
 
 
 def _merge_labels(labels: Ints, rows: Ints, keys: Ints) -> Ints:
-    """Return ``labels`` (n,), all below n, with those of ``rows`` (k,) with common ``keys`` (k, 2) made one."""
+    """Return ``labels`` (n,), all below n, after the labels ``rows`` (k,) with equal ``keys`` (k, 2) are merged."""
     n, node = len(labels), _renumber(keys[:, 0] * (int(keys[:, 1].max(initial=0)) + 1) + keys[:, 1])
     pairs = np.stack([labels[rows], n + node], axis=1)
     return _renumber(components(n + len(rows), pairs)[1][labels])
 
 
 def _renumber(labels: Ints) -> Ints:
+    """Return labels (n,) as numbers from 0 on."""
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
@@ -146,55 +140,3 @@ def _has_other_cell(half: HalfFacets) -> Bools:
     twice = np.zeros(len(half.cut), dtype=bool)
     twice[on] = count[half.cut[on]] > 1
     return twice
-
-
-#: Samples nearer than so many spacings to the chord of an edge on a boundary are looked at: edges bend by less.
-NEAR_CHORD_SPACINGS = 0.05
-#: So many times as far as a boundary is off the manifold data are surely those of one side.
-GAPS = 2.0
-
-
-def samples_past_boundary(one: SampledScene, sides: CellSides) -> tuple[Ints, Floats]:
-    """Return the samples (k,) that are past the boundary beside their cell, and places (k, d) on the cell's side.
-
-    Their mirror images, in the scene's coordinates. Where a boundary lies off the manifold, data may change anywhere
-    between it and its feet there: samples as near as that are past it, too. Boundaries that have no left, and those of
-    curves, have none.
-    """
-    rows, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, one.lattice.dim))]
-    for number, oriented in enumerate(one.oriented):
-        if one.mesh.manifold_dim == 1 or not oriented.has_left:
-            continue
-        near, side = _samples_near_chords(one, np.flatnonzero(sides.owner == number), sides.left)
-        if not len(near):
-            continue
-        origin = oriented.left.origin
-        x = one.lattice.to_scene(one.samples.points_at(near)) - origin
-        feet, on = oriented.feet(x)
-        leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * one.lattice.spacing)[1]
-        inside, doubt = side * dots(x - on.points, leftward), GAPS * norms(on.points - feet.points)
-        past = (inside < doubt) & (feet.edge < 0)
-        step = side * np.maximum(doubt, -inside)
-        rows.append(near[past])
-        places.append((on.points + step[:, None] * leftward)[past] + origin)
-    found, first = np.unique(np.concatenate(rows), return_index=True)
-    return found, np.concatenate(places)[first]
-
-
-def _samples_near_chords(one: SampledScene, on: Ints, left: Bools) -> tuple[Ints, Ints]:
-    """Return the samples (k,) of cells with one of the half facets ``on`` that lie near its chord, and their side.
-
-    Which is 1 where the half facet is on the ``left`` (n,), and -1 elsewhere.
-    """
-    half, mesh = one.half, one.mesh
-    samples: Any = one.samples  # fixed to their lattice by now
-    cells, facet = half.cell[on], half.facet[on]
-    starts = samples.cell_starts[cells].astype(np.int64)
-    count = samples.cell_starts[cells + 1] - starts
-    rows = np.arange(count.sum()) + np.repeat(starts - np.cumsum(count) + count, count)
-    start, end = (mesh.vertices[mesh.cells[cells, (facet + k) % 3]] for k in (1, 2))
-    along = np.repeat((end - start) / norms(end - start)[:, None], count, axis=0)
-    way = samples.points_at(rows) - np.repeat(start, count, axis=0)
-    near = norms(way - dots(way, along)[:, None] * along) < NEAR_CHORD_SPACINGS * one.lattice.spacing
-    found, first = np.unique(rows[near], return_index=True)
-    return found, np.repeat(np.where(left[on], 1, -1), count)[near][first]

@@ -1,10 +1,10 @@
-"""Which law of a scene holds at which boundary samples."""
+"""The conditions of a scene, each imposed at some of the boundary samples, and fluxes that depend on the solution."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -25,44 +25,44 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: The edge's condition, in sentences.
-EDGE_CONDITION = "the edge's condition"
-#: A curve of a surface that is smaller than so many spacings is too small for its values to be felt.
+#: Values on a curve in a surface whose bounds have a shorter diagonal than so many spacings have no visible effect.
 SMALL_SPACINGS = 1 / 3
-#: Loops of the rim are asked for so many spacings past it: a sample may lie inside by a rounding.
+#: The loop of the rim is looked up at so many spacings past a sample: by rounding a sample may lie inside.
 PAST_RIM_SPACINGS = 0.1
+#: A flux fixes no constant if u changes it by less than this share of u over a spacing: rounding, or differences.
+LEAST_SLOPE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
 class ImposedCondition:
-    """A law, and the samples at which it holds.
+    """A law, and the samples at which it is imposed.
 
     Attributes
     ----------
     law : Law
-        Of a scene; past the tips of a boundary that of a coupling without jump and flux.
-    what : str
-        Where it holds, in sentences.
+        Of the scene. Past the tips of a boundary: the law of a coupling without jump and flux.
+    label : str
+        Names the place in messages.
     rows : (k,) int64
-        The samples; of a law that couples sides, those on the left.
+        The samples; of a law that couples both sides, those on the left.
     across : (k,) int64
-        Of a law that couples sides, the samples at the same points on the right; else none.
-    seam : bool
-        Whether it lies past a tip, where u goes on.
+        Of a law that couples both sides, the samples at the same points on the right; else empty.
+    beyond_tip : bool
+        Whether the samples lie on the continuation of a boundary past its tip, across which u is continuous.
     kind : str
-        What the condition is called.
+        The name of the condition.
     """
 
     law: Law
-    what: str
+    label: str
     rows: Ints
     across: Ints
-    seam: bool = False
+    beyond_tip: bool = False
     kind: str = ""
 
     @property
-    def ties(self) -> bool:
-        """Whether u itself is held there, or coupled to another side, and not its slope alone."""
+    def constrains_value(self) -> bool:
+        """Whether the law concerns u itself, or couples it to the other side, and not its slope alone."""
         return not isinstance(self.law, (Flux, Nonlinear, Spectral))
 
     @property
@@ -71,15 +71,20 @@ class ImposedCondition:
         return np.concatenate([self.rows, self.across])
 
 
+def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[tuple[Any, ImposedCondition]]:
+    """Return the conditions whose laws are of these kinds, each with its law."""
+    return [(condition.law, condition) for condition in conditions if isinstance(condition.law, kinds)]
+
+
 def needs_rims(scene: Scene) -> bool:
-    """Tell whether a scene's edge holds anything but zero flux, which no sample has to say, or names its loops."""
+    """Return whether the edge of the manifold has conditions other than zero flux, or conditions by loops."""
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
         is_zero_neumann(one.law) for one in scene.edge_conditions
     )
 
 
 def reads_rims(scene: Scene) -> bool:
-    """Tell whether anything is read on rims: what holds there, or what a conservative velocity carries out."""
+    """Return whether samples on rims are needed: for conditions, or for the outflow of a conservative velocity."""
     terms = scene.problem.terms()
     return needs_rims(scene) or (terms.conservative and terms.velocity is not None)
 
@@ -87,73 +92,79 @@ def reads_rims(scene: Scene) -> bool:
 def impose_conditions(
     scene: Scene, samples: BoundarySamples, left: Bools, surface: LocalSource, lattice: Lattice
 ) -> tuple[ImposedCondition, ...]:
-    """Return the laws of a scene with the samples at which each holds.
+    """Return the conditions of a scene, each with the samples at which it is imposed.
 
     Parameters
     ----------
     scene : Scene
-        With the boundaries that samples are numbered by.
+        Samples are numbered by its boundaries.
     samples : BoundarySamples
-        With those on rims, where :func:`needs_rims`.
+        With samples on rims, where :func:`needs_rims`.
     left : (b,) bool
         Which samples are on the left of their boundary.
     surface : LocalSource
-        The manifold, seen from the lattice's origin: it tells loops of the rim apart.
+        The manifold relative to the lattice's origin; it numbers the loops of its rim.
     lattice : Lattice
-        That coordinates are relative to.
+        Coordinates are relative to its origin.
 
     Raises
     ------
     SceneError
-        If a law couples sides where there is one alone, or three, if a flux is given at a point of a surface, or the
-        edge has a condition and the manifold no edge.
+        If a law couples sides where there are not two, if a flux is given at a point of a surface, or if the edge has a
+        condition and the manifold no edge.
     InputError
         If beta is zero all along.
     """
-    found = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
-    found += _tip_continuations(samples)
-    for one in found:
-        where = lattice.to_scene(samples.points[one.rows])
-        if isinstance(one.law, Mixed) and not np.any(beta_at(one.law, where, one.what)):
+    conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
+    conditions += _tip_continuations(samples)
+    for law, condition in conditions_with_law(conditions, Mixed):
+        points = lattice.to_scene(samples.points[condition.rows])
+        if not np.any(beta_at(law, points, condition.label)):
             raise InputError(
-                f"beta of {one.kind.capitalize()} of {one.what} is zero at all {len(where)} points; use Neumann."
+                f"beta of {condition.kind.capitalize()} of {condition.label} is zero at all {len(points)} points; use "
+                "Neumann."
             )
-    return tuple(found)
+    return tuple(conditions)
 
 
 def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
+    """Yield the conditions of the boundaries; equal conditions of both sides as one."""
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
-        what = f"boundary {boundary.name!r}"
-        on = (samples.owner == number) & ~samples.beyond_tip
-        conditions = [boundary.condition(side) for side in SIDES]
-        if not np.any(on):
+        label = f"boundary {boundary.name!r}"
+        on_boundary = (samples.owner == number) & ~samples.beyond_tip
+        first, second = (boundary.condition(side) for side in SIDES)
+        if not np.any(on_boundary):
             continue
-        if np.any(samples.half[on] < 0):
-            _check_point(what, conditions)
-        if conditions[0].couples:
-            yield ImposedCondition(
-                conditions[0].law, what, *_paired_samples(what, samples, left, on, lattice), kind=conditions[0].kind
-            )
-        elif same_condition(*conditions):
-            yield ImposedCondition(conditions[0].law, what, np.flatnonzero(on), none, kind=conditions[0].kind)
+        if np.any(samples.half[on_boundary] < 0):
+            _check_point(label, [first, second])
+        if first.couples:
+            pairs = _paired_samples(label, samples, left, on_boundary, lattice)
+            yield ImposedCondition(first.law, label, *pairs, kind=first.kind)
+        elif same_condition(first, second):
+            yield ImposedCondition(first.law, label, np.flatnonzero(on_boundary), none, kind=first.kind)
         else:
-            for condition, side in zip(conditions, (left, ~left), strict=True):
-                yield ImposedCondition(condition.law, what, np.flatnonzero(on & side), none, kind=condition.kind)
+            for condition, side in ((first, left), (second, ~left)):
+                yield ImposedCondition(
+                    condition.law, label, np.flatnonzero(on_boundary & side), none, kind=condition.kind
+                )
 
 
-def _check_point(what: str, conditions: list[Condition]) -> None:
-    kinds = {one.kind for one in conditions if not isinstance(one.law, Value)}
+def _check_point(label: str, conditions: list[Condition]) -> None:
+    """Refuse conditions on a point of a surface that give no value."""
+    kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
     if kinds:
         raise SceneError(
-            f"{what}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
+            f"{label}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
             "through so little vanishes with the spacing; if a point source is meant, let f be a narrow bump with its "
             "strength as the integral, or use a small circle."
         )
 
 
-def _paired_samples(what: str, samples: BoundarySamples, left: Bools, on: Bools, lattice: Lattice) -> tuple[Ints, Ints]:
-    """Return the samples on the left and those on the right of one boundary, at the same points.
+def _paired_samples(
+    label: str, samples: BoundarySamples, left: Bools, on: Bools, lattice: Lattice
+) -> tuple[Ints, Ints]:
+    """Return the samples (k,) on the left and those (k,) on the right of a boundary, at the same points.
 
     Raises
     ------
@@ -170,7 +181,7 @@ def _paired_samples(what: str, samples: BoundarySamples, left: Bools, on: Bools,
         row = np.flatnonzero(on & (key == bad[0]))
         alone = "on the manifold's rim" if len(row) == 1 else f"where {len(row)} sheets meet"
         raise SceneError(
-            f"{what} couples two sides and lies {alone}, near {place(lattice.to_scene(samples.points[row])[0])}; "
+            f"{label} couples two sides and lies {alone}, near {place(lattice.to_scene(samples.points[row])[0])}; "
             "end it there, or give conditions of one side."
         )
     return sides[0], sides[1]
@@ -179,6 +190,7 @@ def _paired_samples(what: str, samples: BoundarySamples, left: Bools, on: Bools,
 def _on_rims(
     scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice
 ) -> Iterator[ImposedCondition]:
+    """Yield the conditions of the edge of the manifold."""
     if not needs_rims(scene):
         return
     rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
@@ -188,10 +200,10 @@ def _on_rims(
         loop_of = none
     else:
         loop_of = _rim_loops_of_table(scene.edge, samples.take(rows), surface, lattice)
-    found = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
-    check_parts_used(scene.edge, [condition for condition, _ in found])
-    for condition, own in found:
-        yield ImposedCondition(condition.law, EDGE_CONDITION, rows[own], none, kind=condition.kind)
+    conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
+    check_parts_used(scene.edge, [condition for condition, _ in conditions])
+    for condition, chosen in conditions:
+        yield ImposedCondition(condition.law, "the edge's condition", rows[chosen], none, kind=condition.kind)
 
 
 def _rim_loops_of_table(
@@ -229,14 +241,14 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
 
 
 def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
-    """Return where boundaries go on past their tips: all cells beside a facet there are tied, each to the next."""
+    """Return the coupling across continuations of boundaries past their tips: cells at a facet, each to the next."""
     rows = np.flatnonzero(samples.beyond_tip)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     first, second = rows[order[same]], rows[order[same + 1]]
     return (
-        [ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, seam=True)]
+        [ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, beyond_tip=True)]
         if len(first)
         else []
     )
@@ -245,11 +257,11 @@ def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
 def point_warnings(
     scene: Scene, samples: BoundarySamples, spacing: float, interior: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Name values on what is too small: points of a surface, where they have no limit, and curves below the spacing.
+    """Return warnings on values at points of a surface, where u has no limit, and on curves shorter than the spacing.
 
     ``interior`` are samples (n, d) of the manifold, in the scene's coordinates, and their weights (n,).
     """
-    names = [one.name for one in scene.boundaries]
+    names = [boundary.name for boundary in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
     points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
     sizes = {name: _boundary_size(samples, number) for number, name in enumerate(names)}
@@ -258,29 +270,25 @@ def point_warnings(
 
 
 def _boundary_size(samples: BoundarySamples, number: int) -> float:
-    """Return the diagonal of the bounds of a boundary that is no point, infinite where it has no samples."""
+    """Return the diagonal of the bounds of a boundary's samples on edges, infinite where it has none."""
     points = samples.points[(samples.owner == number) & ~samples.beyond_tip & (samples.half >= 0)]
     return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf
 
 
-#: A flux fixes no constant if u changes it by less than this share of u over a spacing: rounding, or differences.
-LEAST_SLOPE = 1e-9
-
-
 @dataclass(frozen=True, eq=False)
 class StateFluxSamples:
-    """Samples at which du/db = j(u).
+    """Boundary samples with the condition du/db = j(u).
 
     Attributes
     ----------
     law : Nonlinear
-        With j, its slope and the value at which Newton's method starts.
+        With j, its derivative and the value at which Newton's method starts.
     points : (k, d) float64
-        In the scene's coordinates.
+        The samples, in the scene's coordinates.
     values : csr_array (k, n)
-        Rows that read u there.
+        Evaluates u there.
     spacing : float
-        h, of the lattice.
+        h of the lattice.
     """
 
     law: Nonlinear
@@ -298,13 +306,13 @@ class StateFluxSamples:
         return np.asarray((self.values @ u)[:, 0])
 
     def grows(self, seen: Floats) -> bool:
-        """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
+        """Return whether the flux changes with u, beyond rounding, at the values ``seen`` (k,)."""
         return _depends_on_solution(self.law, seen, self.points, self.spacing)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownValues:
-    """Data whose values (k,) are known at the samples that they belong to, and only there."""
+    """Data whose values (k,) are known at their own samples alone."""
 
     values: Floats
 
@@ -314,7 +322,7 @@ class KnownValues:
 
 
 def linearised_flux(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> Mixed | Flux:
-    """Return ``du/db = j(v) + j'(v) (u - v)``, v being ``seen`` (k,) at ``points``; a flux where j does not change."""
+    """Return the law ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,) at ``points``; a flux where j' is zero."""
     slope = law.slope_at(seen, points)
     datum = KnownValues(law.flux_at(seen, points) - slope * seen)
     return Mixed(1.0, KnownValues(-slope), datum) if _depends_on_solution(law, seen, points, spacing) else Flux(datum)

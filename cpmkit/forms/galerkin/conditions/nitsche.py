@@ -1,15 +1,31 @@
-"""Conditions on one side of a boundary: values, fluxes and what is between, weakly.
+"""Weak terms of conditions, sample by sample: on one side, across a boundary, and for advection.
 
-Of ``alpha du/db + beta u = gamma``, b the conormal out of the side, with q(u) = a du/db, the penalty B and the local
-width w, for each sample of weight s, with e = alpha / a, g = w / (B a), m = e + beta g:
+**One side.** For ``alpha du/db + beta u = gamma``, b the conormal out of the side, with q(u) = a du/db, the penalty B
+and the local width w, at a sample of weight s, with e = alpha / a, g = w / (B a), m = e + beta g:
 
     K += s [ (beta/m) u v  -  (beta g/m) (q(u) v + u q(v))  -  (e g/m) q(u) q(v) ]
     b += s gamma [ v - g q(v) ] / m
 
 It is Nitsche's method for ``u + eps q = gamma / beta``, eps = e / beta, in the form of Juntunen and Stenberg (Math.
-Comp. 78, 2009), multiplied out: at alpha = 0 Nitsche's own, for large eps the plain weak form ``K += s (beta/e) u v``,
-``b += s (gamma/e) v``, stable in between. Where beta = 0 (a flux), and where alpha and beta are of opposite sign, so
-that the condition takes energy, it is the plain weak form.
+Comp. 78, 2009), multiplied out: Nitsche's own at alpha = 0, the plain weak form ``K += s (beta/e) u v``, ``b += s
+(gamma/e) v`` for large eps, stable in between. Where beta = 0 (a flux), and where alpha and beta have opposite signs,
+so that the condition takes energy, it is the plain weak form.
+
+**Both sides.** Transmission with resistance, jump and flux, and the continuations of boundaries past their tips. With
+q_i = a_i du_i/db, b the conormal from side 1 (left) to side 2, [u] = u_1 - u_2, r_i = w_i / a_i, k_1 = r_1/(r_1 + r_2),
+k_2 = 1 - k_1, q(u) = k_1 q_1 + k_2 q_2, <v> = k_2 v_1 + k_1 v_2, g = (r_1 + r_2) / (2 B):
+
+    [u] + eps q = D,    q_1 - q_2 = F
+    K += s [ [u][v]/(eps + g) - g/(eps + g) (q(u)[v] + [u] q(v)) - eps g/(eps + g) q(u) q(v) ]
+    b += s [ F <v> + D ([v] - g q(v)) / (eps + g) ]
+
+The law of a scene is ``u_1 - u_2 = jump + R flow``, the flow being the mean of -q_1 and -q_2, and q = (q_1 + q_2)/2 +
+(k_1 - k_2) F/2; so eps = R and D = jump + R (k_1 - k_2) F/2. Arithmetic means of fluxes, or ``[u][v]`` alone, do not
+converge where a_1 and a_2 differ much.
+
+**Advection.** Where v . b < 0, ``|v . b| (u - g) phi`` is added on that side, with g the value given or the value
+across (less the jump): upwinding, as in discontinuous elements. Where v leaves nothing is added; a layer that the
+spacing does not resolve is then left out rather than followed by oscillations.
 """
 
 from __future__ import annotations
@@ -24,19 +40,22 @@ from cpmkit.types import Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-
-#: The penalty: at 20 matrices are definite in all of 12 positions of a lattice, at 15 in 11; with samples clipped at
-#: knot planes a ring on a sphere, a sixth of the spacing above one, has eigenvalues below zero at 40 and none at 60.
-#: From 40 to 60 errors change by -15 to 1 percent, and iterations do not; from 80 on those beside tips grow.
+#: The penalty B on one side, without unit. At 20 matrices are definite in all of 12 positions of a lattice, at 15 in
+#: 11; with samples clipped at knot planes a ring on a sphere, a sixth of the spacing above one, has eigenvalues below
+#: zero at 40 and none at 60. From 40 to 60 errors change by -15 to 1 percent, and iterations do not; from 80 on those
+#: beside tips grow.
 NITSCHE_PENALTY = 60.0
+#: The penalty B between two sides, without unit, and on continuations of boundaries past their tips: with half of it
+#: zero flux on a slit is a third more exact.
+COUPLING_PENALTY, TIP_PENALTY = 40.0, 20.0
 
 
 def one_sided_products(
     alpha: Floats, beta: Floats, a: Floats, weights: Floats, widths: Floats
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
-    """Return the products that conditions add to the matrix, and by which factors their datum gamma (k,) adds to b.
+    """Return the products that conditions on one side add to the matrix, and the factors of their data in the load.
 
-    Both are factors (k, 1, 2) of u and du/db, as of :mod:`~cpmkit.forms.galerkin.conditions.sample_products`.
+    Both as factors (k, 1, 2) of u and du/db, see :mod:`~cpmkit.forms.galerkin.conditions.sample_products`.
 
     Parameters
     ----------
@@ -45,99 +64,92 @@ def one_sided_products(
     a : (k,) float64
         The diffusivity on this side.
     weights, widths : (k,) float64
-        The samples' weights s, and the local width w.
+        The weights s of the samples, and the local width w.
     """
     e, g = alpha / a, widths / (NITSCHE_PENALTY * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
-    share, none = weights / (e + beta * g), np.zeros(len(a))
-    value, flux = side_factors(none + 1, none), side_factors(none, a)
-    of_value = side_factors(0.5 * share * beta, -share * beta * g * a)
-    return [(value, of_value), (flux, side_factors(none, -0.5 * share * e * g * a))], side_factors(
-        share, -share * g * a
-    )
-
-
-def side_factors(*of: Floats) -> Floats:
-    """Return the factors (k, s, 2) of u and du/db (k,), side by side."""
-    return np.stack(of, axis=1).reshape(len(of[0]), -1, 2)
-
-
-def scale_rows(factors: Floats, rows: csr_array) -> csr_array:
-    """Return ``rows`` (k, n) multiplied by ``factors`` (k,)."""
-    product = rows.tocsr(copy=True)
-    product.data *= np.repeat(factors, np.diff(product.indptr))
-    return product
-
-
-#: The penalty between two sides, and that on continuations of boundaries past their tips: there zero flux on a slit is
-#: read off a third better with half of it.
-COUPLING_PENALTY = 40.0
-SEAM_PENALTY = 0.5 * COUPLING_PENALTY
+    share, zero = weights / (e + beta * g), np.zeros(len(a))
+    value, flux = side_factors(zero + 1, zero), side_factors(zero, a)
+    with_value = side_factors(0.5 * share * beta, -share * beta * g * a)
+    with_flux = side_factors(zero, -0.5 * share * e * g * a)
+    return [(value, with_value), (flux, with_flux)], side_factors(share, -share * g * a)
 
 
 def interface_products(
     a: Sequence[Floats], widths: Sequence[Floats], resistance: Floats, weights: Floats, penalty: Floats
 ) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
-    """Return the products that couplings add to the matrix, and by which factors jump and flux (k,) add to b.
+    """Return the products that couplings add to the matrix, and the factors of jump and flux (k,) in the load.
 
-    All are factors (k, 2, 2) of u and du/db on the left and on the right, b out of each side, as of
-    :mod:`~cpmkit.forms.galerkin.conditions.sample_products`.
+    All as factors (k, 2, 2) of u and du/db on the left and on the right, b out of each side.
 
     Parameters
     ----------
     a, widths : two (k,) float64
         The diffusivity and the local width on the left, and on the right.
     resistance, weights, penalty : (k,) float64
-        R, zero where u goes on; the samples' weights s; B.
+        R, zero where u is continuous; the weights s of the samples; B.
     """
-    r = [width / own for width, own in zip(widths, a, strict=True)]
+    r = [width / diffusivity for width, diffusivity in zip(widths, a, strict=True)]
     k = r[0] / (r[0] + r[1])
     g = (r[0] + r[1]) / (2 * penalty)
-    share, none = weights / (resistance + g), np.zeros(len(g))
-    jump, flux = side_factors(none + 1, none, none - 1, none), side_factors(none, k * a[0], none, (k - 1) * a[1])
+    share, zero = weights / (resistance + g), np.zeros(len(g))
+    jump = side_factors(zero + 1, zero, zero - 1, zero)
+    flux = side_factors(zero, k * a[0], zero, (k - 1) * a[1])
 
-    def times(scale: Floats, one: Floats) -> Floats:
-        return np.asarray(scale[:, None, None] * one)
+    def times(scale: Floats, factors: Floats) -> Floats:
+        return np.asarray(scale[:, None, None] * factors)
 
     by_jump = times(share, jump) - times(share * g, flux)
-    mean = side_factors(weights * (1 - k), none, weights * k, none)
+    mean = side_factors(weights * (1 - k), zero, weights * k, zero)
     by_flux = mean + times(0.5 * resistance * (2 * k - 1), by_jump)
-    of_jump = times(0.5 * share, jump) - times(share * g, flux)
-    return [(jump, of_jump), (flux, times(-0.5 * share * resistance * g, flux))], [by_jump, by_flux]
+    with_jump = times(0.5 * share, jump) - times(share * g, flux)
+    with_flux = times(-0.5 * share * resistance * g, flux)
+    return [(jump, with_jump), (flux, with_flux)], [by_jump, by_flux]
 
 
-def inflow_terms(out: Floats, weights: Floats, values: csr_array) -> tuple[csr_array, csr_array]:
-    """Return what is added to the matrix (n, n), and by which matrix (n, k) the values given (k,) add to b.
+def inflow_terms(outward_speed: Floats, weights: Floats, values: csr_array) -> tuple[csr_array, csr_array]:
+    """Return the inflow terms of the matrix (n, n), and the matrix (n, k) that multiplies the given values in the load.
 
     Parameters
     ----------
-    out : (k,) float64
+    outward_speed : (k,) float64
         v . b.
     weights : (k,) float64
-        The samples' weights.
+        The weights of the samples.
     values : csr_array (k, n)
-        Rows that read u.
+        Evaluates u.
     """
-    tested = scale_rows(weights * np.maximum(-out, 0.0), values).T.tocsr()
+    tested = scale_rows(weights * np.maximum(-outward_speed, 0.0), values).T.tocsr()
     return (tested @ values).tocsr(), tested
 
 
 def advection_jump_terms(
-    out: tuple[Floats, Floats], weights: Floats, first: csr_array, second: csr_array
+    outward_speeds: tuple[Floats, Floats], weights: Floats, left: csr_array, right: csr_array
 ) -> tuple[csr_array, csr_array]:
-    """Return the same of two sides whose u differ by the jump (k,), the first less the second.
+    """Return the same for advection across a boundary with a jump (k,) of u, left less right.
 
     Parameters
     ----------
-    out : two (k,) float64
-        v . b out of each side.
+    outward_speeds : two (k,) float64
+        v . b out of the left, and out of the right side.
     weights : (k,) float64
-        The samples' weights.
-    first, second : csr_array (k, n)
-        Rows that read u on each side.
+        The weights of the samples.
+    left, right : csr_array (k, n)
+        Evaluate u on each side.
     """
-    tested = scale_rows(weights * np.maximum(-out[0], 0.0), first) - scale_rows(
-        weights * np.maximum(-out[1], 0.0), second
-    )
+    tested = scale_rows(weights * np.maximum(-outward_speeds[0], 0.0), left)
+    tested = tested - scale_rows(weights * np.maximum(-outward_speeds[1], 0.0), right)
     tested = tested.T.tocsr()
-    return (tested @ (first - second)).tocsr(), tested
+    return (tested @ (left - right)).tocsr(), tested
+
+
+def side_factors(*factors: Floats) -> Floats:
+    """Return factors (k,) of u and du/db, side by side, as (k, sides, 2)."""
+    return np.stack(factors, axis=1).reshape(len(factors[0]), -1, 2)
+
+
+def scale_rows(factors: Floats, rows: csr_array) -> csr_array:
+    """Return ``rows`` (k, n) times ``factors`` (k,)."""
+    product = rows.tocsr(copy=True)
+    product.data *= np.repeat(factors, np.diff(product.indptr))
+    return product

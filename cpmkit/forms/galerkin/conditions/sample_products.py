@@ -1,7 +1,8 @@
-"""What conditions read at samples, the matrices that products of it sum up to, and the loads.
+"""Sums over samples of products of linear forms in u and du/db, as matrices and loads.
 
-A form of theirs at one sample is a product x y of two of its readings, each a sum over the sides of factors times u and
-times du/db there: factors (s, 2) for s sides.
+A form of a condition at one sample is a product x y of two linear forms. Each is a sum over the sides of a boundary of
+factors times u and times du/db there: factors (s, 2) for s sides. Products of samples that read the same unknowns are
+summed in one dense block before they are added to the sparse matrix.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 @compiled
 def starts_of_groups(columns: Any, rows: Ints, order: Ints) -> Ints:
-    """Return (g + 1,) where ``rows`` (k, s) that read other columns than those before them begin in ``order`` (k,)."""
+    """Return (g + 1,) the places in ``order`` (k,) where ``rows`` (k, s) read other columns than the row before."""
     starts = np.empty(len(order) + 1, dtype=np.int64)
     used = 0
     for at in range(len(order)):
@@ -56,14 +57,14 @@ def add_products(
     indices: Any,
     data: Floats,
 ) -> None:
-    """Add ``x y^T + y x^T`` over all k, x and y being sums over sides of factors times values and slopes.
+    """Add ``x y^T + y x^T`` summed over k; x and y are sums over sides of factors times values and slopes.
 
     Parameters
     ----------
     order, starts
-        The k group by group, all of one group with the same columns.
+        The k sorted by group, and where each group starts; rows of one group have the same columns.
     rows : (k, s)
-        What is read on each side, as rows of the next but two.
+        For each side a row of ``columns``, ``values`` and ``slopes``.
     x, y : (k, s, 2)
         Factors of values and of slopes.
     columns, values, slopes : (b, w)
@@ -71,7 +72,7 @@ def add_products(
     unknowns : (g, s w)
         The columns of each group, ascending.
     indptr, indices, data
-        The matrix (n, n), columns ascending, to which is added.
+        The matrix (n, n) in CSR format, columns ascending.
     """
     sides, width = rows.shape[1], columns.shape[1]
     most = sides * width
@@ -108,7 +109,7 @@ def add_products(
 
 
 class SampleRows(NamedTuple):
-    """Rows that read u and its slope at b samples, entries (b, w) of the same columns, which may repeat, below n."""
+    """Rows that evaluate u and du/db at b samples: entries (b, w) in common columns below n, which may repeat."""
 
     columns: Any
     values: Floats
@@ -117,16 +118,16 @@ class SampleRows(NamedTuple):
 
 
 def sample_rows(values: csr_array, slopes: csr_array) -> SampleRows:
-    """Return matrices (b, n) that read u and its slope as entries of common columns."""
-    (columns, own), (others, along), n = _padded_entries(values), _padded_entries(slopes), values.shape[1]
-    if np.array_equal(columns, others):
-        return SampleRows(columns, own, along, n)
-    both = np.hstack([columns, others])
-    return SampleRows(both, np.hstack([own, np.zeros_like(along)]), np.hstack([np.zeros_like(own), along]), n)
+    """Return the matrices (b, n) that evaluate u and du/db as entries in common columns."""
+    (columns, u), (slope_columns, slope), n = _padded_entries(values), _padded_entries(slopes), values.shape[1]
+    if np.array_equal(columns, slope_columns):
+        return SampleRows(columns, u, slope, n)
+    both = np.hstack([columns, slope_columns])
+    return SampleRows(both, np.hstack([u, np.zeros_like(slope)]), np.hstack([np.zeros_like(u), slope]), n)
 
 
 def _padded_entries(rows: csr_array) -> tuple[Any, Floats]:
-    """Return the columns and the entries (b, w) of a matrix, shorter rows with zeros behind their own."""
+    """Return the columns and the entries (b, w) of a matrix; shorter rows are filled with zeros."""
     count, b = np.diff(rows.indptr), rows.shape[0]
     width = int(count.max(initial=0))
     if not width or count.min() == width:
@@ -173,7 +174,7 @@ def symmetric_sum(read: SampleRows, rows: Ints, products: Sequence[tuple[Floats,
 
 @dataclass(frozen=True, eq=False)
 class LoadRows:
-    """What multiplies data (j k, channels), those of k samples j times in turn, as a matrix (n, j k) would.
+    """A matrix (n, j k) that multiplies j kinds of data of k samples, one kind after the other.
 
     Attributes
     ----------
@@ -182,7 +183,7 @@ class LoadRows:
     rows : (k, s) int64
         The samples on each side.
     factors : (j, k, s, 2) float64
-        What the data are multiplied by where u and du/db are read.
+        Factors of the rows of u and du/db, by which the data are multiplied.
     """
 
     read: SampleRows

@@ -1,6 +1,7 @@
-"""Splines and singular functions together: u = sum_j c_j N_j + sum_k s_k psi_k, the s_k behind the c_j.
+"""Splines and singular functions together: u = sum_j c_j N_j + sum_k s_k psi_k, with the unknowns s_k behind the c_j.
 
-What holds u where no sample sees it (normal derivatives, differences) is of splines: psi is constant along normals.
+The stabilisation, derivatives along normals and differences of coefficients, concerns the splines alone: psi_k is
+constant along normals.
 """
 
 from __future__ import annotations
@@ -12,9 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
-from cpmkit.forms.galerkin.space.spline_space import SplineSpace
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.types import Floats, Ints
@@ -24,138 +26,163 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Enrichment:
-    """Singular functions beside a space of splines; where there are none, all stays as it is given.
+class EnrichedSpace(FunctionSpace):
+    """Splines of one spacing, and singular functions at the ends of boundaries.
 
     Attributes
     ----------
     functions : sequence of SingularFunction
-        The m functions psi_k.
-    space : Space
-        The n splines N_j, over the samples of the manifold and those on boundaries after them.
-    interior : int
-        Number of the former.
+        The m functions psi_k, one or more.
     """
 
     functions: Sequence[SingularFunction]
-    space: SplineSpace
-    interior: int
 
     @property
-    def splines(self) -> int:
-        """Number n of splines."""
-        return self.space.dof_map.size
+    def size(self) -> int:
+        """Number of unknowns, n + m."""
+        return self.spline_count + len(self.functions)
 
-    def __len__(self) -> int:
-        return len(self.functions)
+    # Evaluation
 
-    # Reading
+    def singular_rows(self, points: Floats, cells: Ints) -> csr_array:
+        """Return (k, m) the psi at ``points`` (k, d) in these cells (k,) of the mesh."""
+        return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
-    def values(self, points: Floats, cells: Ints) -> csr_array:
-        """Return (q, m) the psi_k at points (q, d) in these cells of the mesh (q,)."""
-        return self._columns([one.values(points, cells) for one in self.functions], len(points))
+    def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> csr_array:
+        """Return (k, m) the derivatives of the psi along ``directions`` (k, d)."""
+        columns = []
+        for function in self.functions:
+            rows, gradients = function.slopes(points, cells)
+            columns.append((rows, np.einsum("kd,kd->k", gradients, directions[rows])))
+        return self._columns(columns, len(points))
 
-    def slopes(self, points: Floats, cells: Ints, directions: Floats) -> csr_array:
-        """Return (q, m) their derivatives along ``directions`` (q, d)."""
-        found = [one.slopes(points, cells) for one in self.functions]
-        along = [(rows, np.einsum("kd,kd->k", slopes, directions[rows])) for rows, slopes in found]
-        return self._columns(along, len(points))
+    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
+        """Return the matrix (k, n + m) that evaluates u at ``points`` (k, d) in these patches and mesh cells (k,)."""
+        from scipy.sparse import hstack
 
-    def gradients(self, points: Floats, cells: Ints) -> list[csr_array]:
-        """Return the d matrices (q, m) that read them along the axes."""
-        axes = np.eye(self.space.dof_map.dim)
-        return [self.slopes(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
+        return hstack([self.spline_rows(patch, points), self.singular_rows(points, cells)], format="csr")
 
-    @property
-    def inside(self) -> csr_array:
-        """(q, m) the psi_k at the samples of the manifold."""
-        return self._columns([(rows, psi) for rows, psi, _ in self._at_samples], self.interior)
+    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
+        """Return d matrices (k, m), the derivatives of the psi along the axes."""
+        axes = np.eye(self.dof_map.dim)
+        return [self.singular_derivative_rows(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
+
+    def values_at_samples(self, u: Floats, rows: slice | Ints | None = None) -> Floats:
+        """Return the values (p, channels) of u at the samples of the manifold, or at those numbered ``rows``."""
+        singular = self._singular_at_samples
+        singular = singular if rows is None else singular[rows]
+        return np.asarray(super().values_at_samples(u, rows) + singular @ u[self.spline_count :])
+
+    def gradients_at_samples(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of u at the samples of the manifold."""
+        singular = [rows @ u[self.spline_count :] for rows in self._singular_gradients_at_samples]
+        return np.asarray(self.spline_gradients_at_samples(u) + np.stack(singular, axis=-1))
 
     @cached_property
-    def _at_samples(self) -> list[tuple[Ints, Floats, Floats]]:
-        """The samples (k,) in the disc of each function, its values (k,) and tangential gradients (k, d) there."""
-        samples, count = self.space.samples, self.interior
+    def _sample_values(self) -> list[tuple[Ints, Floats, Floats]]:
+        """Of each psi the samples (k,) in its disc, and its values (k,) and tangential gradients (k, d) there."""
+        samples, count = self.splines.samples, self.interior
         points, normals, cells = samples.points[:count], samples.normals[:count], samples.cell[:count]
-        found = []
-        for one in self.functions:
-            rows, psi = one.values(points, cells)
-            slopes = one.slopes(points, cells)[1]
-            along = np.einsum("kcd,kd->kc", normals[rows], slopes)
-            found.append((rows, psi, slopes - np.einsum("kcd,kc->kd", normals[rows], along)))
-        return found
+        values = []
+        for function in self.functions:
+            rows, psi = function.values(points, cells)
+            gradients = function.slopes(points, cells)[1]
+            normal_parts = np.einsum("kcd,kd->kc", normals[rows], gradients)
+            values.append((rows, psi, gradients - np.einsum("kcd,kc->kd", normals[rows], normal_parts)))
+        return values
 
-    def _columns(self, found: Sequence[tuple[Ints, Floats]], count: int) -> csr_array:
+    @property
+    def _singular_at_samples(self) -> csr_array:
+        """(p, m) the psi at the samples of the manifold."""
+        return self._columns([(rows, psi) for rows, psi, _ in self._sample_values], self.interior)
+
+    @property
+    def _singular_gradients_at_samples(self) -> list[csr_array]:
+        """The d matrices (p, m) with the tangential gradients of the psi at the samples of the manifold."""
+        return [
+            self._columns([(rows, gradients[:, axis]) for rows, _, gradients in self._sample_values], self.interior)
+            for axis in range(self.dof_map.dim)
+        ]
+
+    def _columns(self, columns: Sequence[tuple[Ints, Floats]], count: int) -> csr_array:
+        """Return the matrix (count, m) whose columns have these entries (k,) in these rows (k,)."""
         from scipy.sparse import csc_array
 
-        starts = np.cumsum([0, *(len(rows) for rows, _ in found)])
-        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for rows, _ in found)])
-        entries = np.concatenate([np.zeros(0), *(entries for _, entries in found)])
-        return csc_array((entries, rows, starts), shape=(count, len(found))).tocsr()
+        starts = np.cumsum([0, *(len(rows) for rows, _ in columns)])
+        rows = np.concatenate([np.zeros(0, dtype=np.int64), *(rows for rows, _ in columns)])
+        entries = np.concatenate([np.zeros(0), *(entries for _, entries in columns)])
+        return csc_array((entries, rows, starts), shape=(count, len(columns))).tocsr()
 
-    # Equations
+    # Integrals
 
-    def bordered(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
-        """Return the splines' ``matrix`` (n, n) bordered by integrals of a grad u . grad v + c u v with the psi_k.
+    @cached_property
+    def totals(self) -> Floats:
+        """(n + m,) the integral of each function over the manifold."""
+        return np.concatenate([self.areas, self._singular_loads(np.ones((1, 1)))[:, 0]])
 
-        ``a`` and ``c``: (q,) at all samples, (1,) for all of them; None where the term is missing.
+    def load(self, values: Floats) -> Floats:
+        """Return the integrals (n + m, k) of ``values`` (p, k) at the samples of the manifold times each function."""
+        return np.concatenate([super().load(values), self._singular_loads(values)])
+
+    def _singular_loads(self, values: Floats) -> Floats:
+        weighted = self.splines.samples.weights[: self.interior, None] * values
+        return np.asarray(self._singular_at_samples.T @ weighted)
+
+    def gradient_load(self, values: Floats) -> Floats:
+        """Return the integrals (n + m,) of vectors (p, d) at the samples times the gradient of each function."""
+        weighted = self.splines.samples.weights[: self.interior, None] * values
+        singular = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._singular_gradients_at_samples))
+        return np.concatenate([super().gradient_load(values), singular])
+
+    def weighted_mass(self, c: Floats) -> csr_array:
+        """Refuse: singular functions of coupled channels are not implemented."""
+        raise SceneError("tips='singular' takes no channels that are tied to each other; use tips='extended'.")
+
+    def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
+        """Return a ``matrix`` over the splines with the integrals of a grad u . grad v + c u v of further functions.
+
+        ``a`` and ``c``: (q,) at all samples, or (1,); None for no such term.
         """
         from scipy.sparse import block_array
 
-        if not len(self):
-            return matrix
-        cross, own = np.zeros((self.splines, len(self))), np.zeros((len(self), len(self)))
-        dof_map, samples = self.space.dof_map, self.space.samples
-        weighted = [None if one is None else samples.weights * one for one in (a, c)]
-        for k, (rows, psi, slopes) in enumerate(self._at_samples):
+        m = len(self.functions)
+        mixed, singular = np.zeros((self.spline_count, m)), np.zeros((m, m))
+        dof_map, samples = self.dof_map, self.splines.samples
+        of_gradients, of_values = (None if factor is None else samples.weights * factor for factor in (a, c))
+        for k, (rows, psi, gradients) in enumerate(self._sample_values):
             at = dof_map, dof_map.patch[rows], samples.points[rows]
-            if weighted[0] is not None:
-                cross[:, k] += derivative_rows(*at, slopes).T @ weighted[0][rows]
-            if weighted[1] is not None:
-                cross[:, k] += value_rows(*at).T @ (weighted[1][rows] * psi)
-        for weights, read in zip(weighted, (self.slopes_inside, [self.inside]), strict=True):
+            if of_gradients is not None:
+                mixed[:, k] += derivative_rows(*at, gradients).T @ of_gradients[rows]
+            if of_values is not None:
+                mixed[:, k] += value_rows(*at).T @ (of_values[rows] * psi)
+        terms = (of_gradients, self._singular_gradients_at_samples), (of_values, [self._singular_at_samples])
+        for weights, matrices in terms:
             if weights is not None:
-                own += sum((one.T @ (one * weights[: self.interior, None])).toarray() for one in read)
-        return block_array([[matrix, cross], [cross.T, own]], format="csr")
+                singular += sum((rows.T @ (rows * weights[: self.interior, None])).toarray() for rows in matrices)
+        return block_array([[matrix, mixed], [mixed.T, singular]], format="csr")
 
-    @property
-    def slopes_inside(self) -> list[csr_array]:
-        """The d matrices (q, m) that read their tangential gradients at the samples of the manifold."""
-        dim = self.space.dof_map.dim
-        return [
-            self._columns([(rows, slopes[:, axis]) for rows, _, slopes in self._at_samples], self.interior)
-            for axis in range(dim)
-        ]
-
-    def with_loads(self, loads: Floats, values: Floats) -> Floats:
-        """Return the ``loads`` (n, k) of splines, and below them the integrals of ``values`` times the psi_k.
-
-        ``values``: (q, k) at the samples of the manifold, (1, k) for all of them.
-        """
-        if not len(self):
-            return loads
-        weighted = self.space.samples.weights[: self.interior, None] * values
-        return np.concatenate([loads, self.inside.T @ weighted])
-
-    def read_by(self, terms: ConditionTerms) -> ConditionTerms:
-        """Return conditions on splines as conditions on both."""
+    def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
+        """Return conditions on the splines as conditions on all functions."""
         from scipy.sparse import hstack
 
-        if not len(self):
-            return terms
-        at, cells = terms.samples.points, terms.samples.cell
-        values = hstack([terms.values, self.values(at, cells)], format="csr")
-        slopes = hstack([terms.slopes, self.slopes(at, cells, terms.samples.conormals)], format="csr")
-        return replace(terms, values=values, slopes=slopes)
+        points, cells = terms.samples.points, terms.samples.cell
+        slopes = self.singular_derivative_rows(points, cells, terms.samples.conormals)
+        return replace(
+            terms,
+            values=hstack([terms.values, self.singular_rows(points, cells)], format="csr"),
+            slopes=hstack([terms.slopes, slopes], format="csr"),
+        )
 
-    def on_levels(self, levels: Sequence[Level]) -> list[Level]:
-        """Return levels on which the s_k stay as they are, solved for with the strip."""
+    # Coarser levels
+
+    @cached_property
+    def plain_levels(self) -> list[Level]:
+        """The steps to coarser lattices, on which the s_k stay unknowns; they are solved for with the strip."""
         from scipy.sparse import block_diag, eye_array
 
-        if not len(self):
-            return list(levels)
-        own, found = np.arange(len(self)), []
-        for level in levels:
-            prolongation = block_diag([level.prolongation, eye_array(len(self))], format="csr")
-            strip = np.concatenate([level.strip, level.prolongation.shape[0] + own])
-            found.append(Level(prolongation, strip, lines=level.lines))
-        return found
+        m, levels = len(self.functions), []
+        for level in super().plain_levels:
+            prolongation = block_diag([level.prolongation, eye_array(m)], format="csr")
+            strip = np.concatenate([level.strip, level.prolongation.shape[0] + np.arange(m)])
+            levels.append(Level(prolongation, strip, lines=level.lines))
+        return levels

@@ -1,9 +1,10 @@
-"""The functions that u behaves like at a tip: powers of the distance times a wave of the angle, cut off smoothly.
+"""Singular functions at tips, the ends of boundaries: powers of the distance times a wave of the angle.
 
     psi = (1 - r^2 / R^2)^3 r^|k| sin(k t + p),   R the radius of the disc around the tip.
 
 With zero flux on both sides k = 1/2 and p = 0, with values on both k = 1/2 and p = pi/2; with a value on one side alone
-|k| = 1/4 and 3/4, and psi vanishes on that side: those powers below 1 of which the slope is not bounded.
+|k| = 1/4 and 3/4, and psi vanishes on that side. These are the leading terms of u at a tip whose gradient is not
+bounded.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law
 from cpmkit.forms.galerkin.enrichment.tip_discs import TipDisc, TipDiscFinder
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
 from cpmkit.grid.lattice import Lattice
@@ -23,15 +24,19 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.scene.laws import Interface, Value
 from cpmkit.types import Floats, Ints
 
-#: Frequency k and phase p of the functions of a tip, by whether a value is held on its boundary's left and right.
+#: Frequency k and phase p of the functions of a tip, by whether a value is given on the left and on the right.
 WAVES: dict[tuple[bool, bool], tuple[tuple[float, float], ...]] = {
     (False, False): ((0.5, 0.0),),
     (True, True): ((0.5, 0.5 * np.pi),),
     (True, False): ((-0.25, 0.25 * np.pi), (-0.75, 0.75 * np.pi)),
     (False, True): ((0.25, 0.25 * np.pi), (0.75, 0.75 * np.pi)),
 }
-#: Nearer to a tip than this share of its disc the slope is that at this distance.
+#: Nearer to a tip than this share of its disc's radius the gradient at that distance is used.
 LEAST_DISTANCE_SHARE = 1e-9
+#: A disc with a radius of fewer spacings contains too few splines to distinguish its function from them.
+LEAST_RADIUS_SPACINGS = 1.0
+#: The condition on a side at a tip: on the flux, on the value, or u and its flux continue across.
+FLUX, VALUE, THROUGH = range(3)
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +46,7 @@ class SingularFunction:
     Attributes
     ----------
     disc : Surroundings
-        Where it is not zero.
+        Its support.
     frequency, phase : float
         k and p.
     """
@@ -51,7 +56,7 @@ class SingularFunction:
     phase: float
 
     def values(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
-        """Return which of the points (q, d), in these cells (q,), psi is not zero at, and its values (k,) there."""
+        """Return the numbers (k,) of the points (q, d), in these cells (q,), with psi not zero, and its values (k,)."""
         rows, r, t = self._polar(points, cells)
         bump = (1 - (r / self.disc.radius) ** 2) ** 3
         return rows, bump * r ** abs(self.frequency) * np.sin(self.frequency * t + self.phase)
@@ -78,23 +83,17 @@ class SingularFunction:
         return rows[near], r[near], t[near]
 
 
-def tip_functions(disc: TipDisc, held: tuple[bool, bool]) -> Sequence[SingularFunction]:
-    """Return the functions of a tip, by whether a value is held on its boundary's left and right in the disc."""
-    return [SingularFunction(disc, frequency, phase) for frequency, phase in WAVES[held]]
-
-
-#: A disc of fewer spacings holds too few splines to tell its function from them.
-LEAST_RADIUS_SPACINGS = 1.0
-#: What a side has at a tip: its flux is given or follows from u, u is held, or u and its flux go on across.
-FLUX, VALUE, THROUGH = range(3)
+def tip_functions(disc: TipDisc, has_value: tuple[bool, bool]) -> Sequence[SingularFunction]:
+    """Return the functions of a tip; ``has_value``: whether a value is given on the left, and on the right."""
+    return [SingularFunction(disc, frequency, phase) for frequency, phase in WAVES[has_value]]
 
 
 def singular_functions(
-    mesh: Mesh, boundary: BoundarySamples, laws: Sequence[ImposedCondition], lattice: Lattice
+    mesh: Mesh, boundary: BoundarySamples, conditions: Sequence[ImposedCondition], lattice: Lattice
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
-    """Return the functions of all tips of a cut mesh, and a sentence on those around which no disc fits."""
-    finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, laws)
-    found: list[SingularFunction] = []
+    """Return the singular functions of all tips of a cut mesh, and a warning on tips around which no disc fits."""
+    finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, conditions)
+    functions: list[SingularFunction] = []
     narrow = []
     for number, tip in _tips(mesh):
         disc = finder.around(tip, number)
@@ -103,35 +102,37 @@ def singular_functions(
             continue
         left, right = (_kind_on(side, disc, number, boundary, kinds) for side in (1, -1))
         if THROUGH not in (left, right):
-            found += tip_functions(disc, (left == VALUE, right == VALUE))
-    return tuple(found), tuple(_narrow_disc_warnings(narrow, lattice))
+            functions += tip_functions(disc, (left == VALUE, right == VALUE))
+    return tuple(functions), tuple(_narrow_disc_warnings(narrow, lattice))
 
 
 def _tips(mesh: Mesh) -> Iterator[tuple[int, int]]:
+    """Yield the number of each boundary with a vertex at which it ends inside the surface."""
     for number in np.unique(mesh.owner).tolist():
         for tip in ends_inside(mesh, number).tolist():
             yield number, tip
 
 
-def _kinds(boundary: BoundarySamples, laws: Sequence[ImposedCondition]) -> Ints:
-    """Return what stands at each boundary sample (b,), zero flux where nothing is held."""
+def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) -> Ints:
+    """Return the kind of condition (b,) at each boundary sample: FLUX, VALUE or THROUGH."""
     kinds = np.full(len(boundary), FLUX)
-    for one in laws:
-        if isinstance(one.law, Value):
-            kinds[one.all_rows] = VALUE
-        elif isinstance(one.law, Interface) and one.law.resistance == 0:
-            kinds[one.all_rows] = THROUGH
+    for _, condition in conditions_with_law(conditions, Value):
+        kinds[condition.all_rows] = VALUE
+    for law, condition in conditions_with_law(conditions, Interface):
+        if law.resistance == 0:
+            kinds[condition.all_rows] = THROUGH
     return kinds
 
 
 def _kind_on(side: int, disc: TipDisc, number: int, boundary: BoundarySamples, kinds: Ints) -> int:
-    """Return what stands on a side of a boundary inside a disc."""
+    """Return the most frequent kind of condition on a side of a boundary inside a disc."""
     inside, sides = disc.side_of(boundary.cell)
     rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.beyond_tip)
     return int(np.bincount(kinds[rows], minlength=1).argmax())
 
 
 def _narrow_disc_warnings(narrow: Sequence[TipDisc], lattice: Lattice) -> Iterator[str]:
+    """Yield a warning if there are tips with discs too small for a singular function."""
     if narrow:
         disc, count = narrow[0], len(narrow)
         where = place(lattice.to_scene(disc.origin[None])[0])

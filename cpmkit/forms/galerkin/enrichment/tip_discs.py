@@ -1,4 +1,4 @@
-"""The disc around a tip that its singular function lives on: cells, polar coordinates, and the two sides behind it."""
+"""The disc around a tip, the support of its singular functions: cells, polar coordinates, and sides."""
 
 from __future__ import annotations
 
@@ -12,21 +12,20 @@ from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: The disc ends where the surface has turned by more than the angle of this cosine, 37 degrees,
-LEAST_COSINE = 0.8
-#: told by triangles higher than this share of their longest edge, and so many spacings from the tip,
-SLIVER_SHARE, AT_TIP_SPACINGS = 0.05, 0.1
-#: or the boundary has left the parabola that it reaches the tip on by more than this share of the distance.
-LEFT_ITS_COURSE_SHARE = 0.2
-#: The parabola is fitted to the boundary so many spacings from the tip.
-COURSE_SPACINGS = 2.0
-#: A disc reaches so near to whatever ends it.
+#: The disc ends where the cosine of the angle between the normals here and at the tip is below this: at 37 degrees.
+#: Normals are those of triangles with a height above the first share of their longest edge, and so many spacings from
+#: the tip.
+LEAST_COSINE, FLAT_TRIANGLE_SHARE, AT_TIP_SPACINGS = 0.8, 0.05, 0.1
+#: The disc ends where the boundary deviates from its parabola by more than this share of the distance from the tip. The
+#: parabola is fitted to the boundary within so many spacings of the tip.
+PARABOLA_SHARE, PARABOLA_SPACINGS = 0.2, 2.0
+#: The radius of a disc as a share of the distance at which it ends.
 RADIUS_SHARE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
 class TipDisc:
-    """A disc around a tip; X points on past the tip, and ``Y = bend X^2 / 2`` is the boundary, where X < 0.
+    """A disc around a tip; X points beyond the tip, and the boundary is ``Y = curvature X^2 / 2`` where X < 0.
 
     Attributes
     ----------
@@ -34,7 +33,7 @@ class TipDisc:
         The tip.
     heading, leftward : (d,) float64
         Orthonormal, tangent to the surface: the axes of X and Y.
-    bend : float
+    curvature : float
         The boundary's curvature at the tip.
     radius : float
         Of the disc; zero where none fits.
@@ -53,7 +52,7 @@ class TipDisc:
     sides: Ints
 
     def plane(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return X, and Y less that of the parabola, of points (..., d)."""
+        """Return X, and Y less the Y of the parabola, of points (..., d)."""
         apart = points - self.origin
         x = apart @ self.heading
         return x, apart @ self.leftward - 0.5 * self.geometry * x**2
@@ -63,7 +62,7 @@ class TipDisc:
         return np.hypot(*self.plane(points))
 
     def polar(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
-        """Return r and t (k,), t from -pi on the boundary's right over 0 ahead of the tip to pi on its left."""
+        """Return r and t (k,); t runs from -pi on the boundary's right over 0 beyond the tip to pi on its left."""
         x, y = self.plane(points)
         t = np.arctan2(y, x)
         t = np.where((sides > 0) & (t < -0.5 * np.pi), t + 2 * np.pi, t)
@@ -77,7 +76,7 @@ class TipDisc:
 
 @dataclass(frozen=True, eq=False)
 class TipDiscFinder:
-    """A mesh that boundaries cut, around whose tips discs are to be found.
+    """Search for discs around the tips of boundaries in a mesh.
 
     Attributes
     ----------
@@ -96,7 +95,7 @@ class TipDiscFinder:
 
     @cached_property
     def _owner(self) -> Ints:
-        """(e,) the boundary that lies on each edge, -1 where none does, and past tips."""
+        """(e,) the boundary on each edge; -1 on edges without one and beyond tips."""
         owner, on_cut = np.full(len(self._edges.ends), -1), self.mesh.cut_edges
         own = ~self.mesh.beyond_tip & (on_cut >= 0)
         owner[on_cut[own]] = self.mesh.owner[own]
@@ -105,14 +104,14 @@ class TipDiscFinder:
     def around(self, tip: int, boundary: int) -> TipDisc:
         """Return the disc around the vertex ``tip``, at which a boundary ends."""
         frame = self._frame(tip, boundary)
-        cells = self._connected(np.flatnonzero(~self._turned(frame)), tip)
-        ends = self._nearest_end(frame, cells, boundary), self._off_course(frame, boundary, tip)
+        cells = self._connected(np.flatnonzero(~self._is_tilted(frame)), tip)
+        ends = self._nearest_end(frame, cells, boundary), self._boundary_end(frame, boundary, tip)
         radius = RADIUS_SHARE * min(ends)
         inside = np.sort(cells[frame.distance(self.mesh.vertices[self.mesh.cells[cells]]).min(axis=1) < radius])
         return replace(frame, radius=radius, cells=inside, sides=self._sides(frame, inside))
 
     def _normal(self, tip: int) -> Floats:
-        """Return the surface's normal at a tip, of either sign: that of the plane that fits what is near."""
+        """Return the normal of the surface at a tip, of either sign: that of the plane that fits the cells nearby."""
         mesh = self.mesh
         near = (norms(mesh.vertices[mesh.cells] - mesh.vertices[tip]) < AT_TIP_SPACINGS * self.spacing).all(axis=1)
         near |= (mesh.cells == tip).any(axis=1)
@@ -121,7 +120,7 @@ class TipDiscFinder:
         return np.asarray(np.linalg.eigh(areas.T @ areas)[1][:, -1])
 
     def _frame(self, tip: int, boundary: int) -> TipDisc:
-        """Return the axes at a tip, with no disc yet: those of the cubic that fits the boundary's end."""
+        """Return a disc of radius zero with the axes of the cubic that fits the end of the boundary."""
         mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
         origin, own = mesh.vertices[tip], mesh.owner == boundary
         behind = self._near(mesh.cut[own & ~mesh.beyond_tip], origin)
@@ -130,34 +129,34 @@ class TipDiscFinder:
         for _ in range(2):
             x, y = behind @ heading, behind @ np.cross(normal, heading)
             powers = np.stack([x, x**2, x**3], axis=1)[:, : max(len(behind), 1)] / self.spacing ** np.arange(1, 4)
-            slope, bend = np.append(np.linalg.lstsq(powers, y, rcond=None)[0], [0.0, 0.0])[:2]
+            slope, curvature = np.append(np.linalg.lstsq(powers, y, rcond=None)[0], [0.0, 0.0])[:2]
             heading = unit((heading + slope / self.spacing * np.cross(normal, heading))[None])[0]
-        return TipDisc(origin, heading, np.cross(normal, heading), 2 * bend / self.spacing**2, 0.0, none, none)
+        return TipDisc(origin, heading, np.cross(normal, heading), 2 * curvature / self.spacing**2, 0.0, none, none)
 
-    def _turned(self, frame: TipDisc) -> Bools:
-        """Return which cells (m,) lie off the plane of a tip, as far as their shape tells."""
+    def _is_tilted(self, frame: TipDisc) -> Bools:
+        """Return which cells (m,) are tilted against the tangent plane of a tip; slivers never are."""
         corners = self.mesh.vertices[self.mesh.cells]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         longest = norms(corners - corners[:, [1, 2, 0]]).max(axis=1)
-        clear = norms(doubled) > SLIVER_SHARE * longest**2
+        clear = norms(doubled) > FLAT_TRIANGLE_SHARE * longest**2
         clear &= norms(corners - frame.origin).max(axis=1) > AT_TIP_SPACINGS * self.spacing
         cosine = unit(doubled) @ np.cross(frame.heading, frame.leftward)
         return np.asarray(clear & (np.abs(cosine) < LEAST_COSINE))
 
     def _near(self, edges: Ints, origin: Floats) -> Floats:
-        """Return where the vertices of edges (c, 2) lie that are near a tip, from it."""
+        """Return the vertices (k, d) of edges (c, 2) near a tip, relative to it."""
         apart = self.mesh.vertices[np.unique(edges)] - origin
         distance = norms(apart)
-        return np.asarray(apart[(distance > 0) & (distance < COURSE_SPACINGS * self.spacing)])
+        return np.asarray(apart[(distance > 0) & (distance < PARABOLA_SPACINGS * self.spacing)])
 
     def _connected(self, cells: Ints, tip: int) -> Ints:
-        """Return those of ``cells`` that hang together with a tip, over edges that no boundary lies on."""
+        """Return those of ``cells`` that are connected to a tip across edges without a boundary."""
         label = self._pieces(cells)
         at_tip = np.unique(label[(self.mesh.cells[cells] == tip).any(axis=1)])
         return np.asarray(cells[np.isin(label, at_tip)])
 
     def _pieces(self, cells: Ints) -> Ints:
-        """Return the numbers (k,) of the pieces in which ``cells`` hang together over edges without a boundary."""
+        """Return the connected component (k,) of each of the ``cells``, across edges without a boundary."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -176,18 +175,18 @@ class TipDiscFinder:
         ends = edges[(owner != boundary) & ((count == 1) | (owner >= 0))]
         return float(frame.distance(self.mesh.vertices[self._edges.ends[ends].ravel()]).min(initial=np.inf))
 
-    def _off_course(self, frame: TipDisc, boundary: int, tip: int) -> float:
-        """Return how far from a tip its boundary ends, turns round, or leaves its parabola."""
+    def _boundary_end(self, frame: TipDisc, boundary: int, tip: int) -> float:
+        """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola."""
         own = self.mesh.cut[(self.mesh.owner == boundary) & ~self.mesh.beyond_tip]
         vertices, count = np.unique(own, return_counts=True)
         x, y = frame.plane(self.mesh.vertices[vertices])
         distance = np.hypot(x, y)
-        off = (count != 2) | (x > 0) | (np.abs(y) > LEFT_ITS_COURSE_SHARE * distance)
+        off = (count != 2) | (x > 0) | (np.abs(y) > PARABOLA_SHARE * distance)
         off &= (vertices != tip) & ((count != 2) | (distance > AT_TIP_SPACINGS * self.spacing))
         return float(distance[off].min(initial=np.inf))
 
     def _sides(self, frame: TipDisc, cells: Ints) -> Ints:
-        """Return the sides (k,) of cells: behind the tip, of each piece that on which most of it lies."""
+        """Return the sides (k,) of cells: behind the tip, for each component the side on which most of it lies."""
         x, y = frame.plane(self.mesh.vertices[self.mesh.cells[cells]].mean(axis=1))
         behind, sides = np.flatnonzero(x < 0), np.zeros(len(cells), dtype=np.int64)
         piece = self._pieces(cells[behind])

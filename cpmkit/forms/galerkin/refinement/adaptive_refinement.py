@@ -1,19 +1,20 @@
-"""Solve, mark, part: from one spacing everywhere to splines that are finer where the solution asks for it."""
+"""Adaptive refinement: solve, mark patches by the residual, subdivide their cells, until refinement pays no more."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from typing import Any
 
+from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement import residual_marking
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
-from cpmkit.forms.galerkin.refinement.refined import RefinedGalerkin
-from cpmkit.forms.galerkin.refinement.refined_space import build_refined_space
+from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, RefinedSpace, build_refined_space
 from cpmkit.forms.galerkin.refinement.regions import Regions
-from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert, sample_inserted
+from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
 from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
@@ -22,38 +23,38 @@ from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Progress, no_progress
 
-#: Solutions to mark by need not be better: the residual's own error is larger.
+#: Relative residual of solutions that are only marked by: the error of the residual itself is larger.
 MARKING_TOLERANCE = 1e-6
-#: Up to this many unknowns these are solved for by factors.
+#: Up to so many unknowns their systems are factorised.
 MOST_FACTORISED = 1_500
-#: Passes of solve, mark, part: two a level are usual.
+#: Most passes of solve, mark and subdivide: two a level are usual.
 MOST_PASSES = 12
-#: Refining ends where patches that may be parted hold less than this share of what is marked.
+#: Refinement ends where patches that may still be subdivided hold less than this share of the marked squares,
 OPEN_SHARE = 0.5
-#: Or where marked patches are more than this share of all: what is left is spread, and a smaller spacing serves better.
+#: where more than this share of all patches is marked, so that a smaller spacing serves better,
 MOST_MARKED_SHARE = 0.1
-#: Nor is it done so far that level 0 holds less than this share of its unknowns.
+#: or where level 0 would keep less than this share of its unknowns.
 LEAST_FIRST_SHARE = 0.1
-#: Splines of one size serve where sizes that differ would save less than this factor of unknowns.
+#: Nothing is refined where refinement is expected to save less than this factor of unknowns.
 LEAST_GAIN = 3.0
 
 
 def discretize_in_regions(
-    scene: Scene, options: Options[GalerkinOptions], found: InsertedScene, regions: Regions, passes: int = 0
-) -> RefinedGalerkin:
-    """Return a scene whose boundaries are inserted on the splines of ``regions``."""
-    sampled = sample_inserted(scene, options, found, regions)
+    scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions, passes: int = 0
+) -> Galerkin:
+    """Return a scene, whose boundaries are inserted, on the splines of ``regions``."""
+    sampled = sample_inserted(scene, options, inserted, regions)
     samples = sampled.samples
     assert isinstance(samples, Samples)
     first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell)
     levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)
-    refined = build_refined_space(samples, sampled.corners, levels, regions)
-    sampled = replace(sampled, samples=refined.space.samples)
-    return RefinedGalerkin(scene, options, sampled, refined.space, refined, regions, passes)
+    stabilisation = STABILISATIONS[options.own.stabilisation]
+    space = build_refined_space(samples, sampled.interior, sampled.corners, levels, regions, stabilisation, passes)
+    return galerkin(scene, options, replace(sampled, samples=space.splines.samples), space)
 
 
-def solve_for_marking(form: RefinedGalerkin) -> Floats:
-    """Return the solution (n, channels) of a steady scene on a form's splines, well enough to mark by."""
+def solve_for_marking(form: Galerkin) -> Floats:
+    """Return the solution (n, channels) of a steady scene, as exact as marking needs it."""
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     operator: Any = stiffness if free is None else Bordered(stiffness, free)
@@ -64,38 +65,50 @@ def solve_for_marking(form: RefinedGalerkin) -> Floats:
     return form.remove_constants(operator, b, values).values
 
 
-def refine_adaptively(
-    scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress
-) -> RefinedGalerkin:
-    """Return a scene on splines that are finer where its solution asks for it.
+def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
+    """Return a scene on splines that are finer where its solution needs them.
 
-    Solved, marked and parted again until what is marked lies mostly on patches of the finest level, or is spread over
-    the manifold, or level 0 would hold less than a tenth of its unknowns.
+    The scene is solved, marked and subdivided until the marked patches lie mostly on the finest level, or are spread
+    over the manifold, or level 0 would keep less than a tenth of its unknowns.
     """
     progress("samples", 0.0)
-    found, most = insert(scene, options), options.own.refine_levels
+    inserted, most = insert_scene(scene, options), options.own.refine_levels
     regions = Regions(options.spacing, scene.surface.dim)
     progress("refinement", 0.0)
-    form = discretize_in_regions(scene, options, found, regions)
-    whole, gain = form.size, 0.0
+    form = discretize_in_regions(scene, options, inserted, regions)
+    first_size, gain = form.size, 0.0
     for passes in range(1, MOST_PASSES + 1):
         squares = residual_marking.residual_squares(form, solve_for_marking(form))
+        space, dof_map = refined_parts(form)
         if passes == 1:
             gain = residual_marking.expected_gain(form, squares)
             if gain < LEAST_GAIN:
-                return replace(form, passes=passes, gain=gain)
-        chosen = residual_marking.mark_patches(squares)
-        dof_map = form.refined.dof_map
-        open_patches = chosen & (dof_map.levels < most)
-        spread = chosen.sum() > MOST_MARKED_SHARE * len(chosen)
-        if spread or squares[open_patches].sum() < OPEN_SHARE * squares[chosen].sum():
+                return _with_report(form, gain, passes)
+        marked = residual_marking.mark_patches(squares)
+        open_patches = marked & (dof_map.levels < most)
+        spread = marked.sum() > MOST_MARKED_SHARE * len(marked)
+        if spread or squares[open_patches].sum() < OPEN_SHARE * squares[marked].sum():
             break
-        regions = form.regions.with_parted(dof_map.levels[open_patches], dof_map.cells[open_patches], most)
-        finer = discretize_in_regions(scene, options, found, regions, passes)
-        if finer.level_sizes[0] < LEAST_FIRST_SHARE * whole:
+        regions = space.regions.with_subdivided(dof_map.levels[open_patches], dof_map.cells[open_patches], most)
+        finer = discretize_in_regions(scene, options, inserted, regions, passes)
+        if refined_parts(finer)[0].level_sizes[0] < LEAST_FIRST_SHARE * first_size:
             break
         form = finer
         release_memory()
         progress("refinement", passes / MOST_PASSES)
     progress("refinement", 1.0)
-    return replace(form, gain=gain)
+    return _with_report(form, gain)
+
+
+def refined_parts(form: Galerkin) -> tuple[RefinedSpace, RefinedDofMap]:
+    """Return the space of a form on refined splines, and its dof map."""
+    assert isinstance(form.space, RefinedSpace)
+    assert isinstance(form.space.dof_map, RefinedDofMap)
+    return form.space, form.space.dof_map
+
+
+def _with_report(form: Galerkin, gain: float, passes: int | None = None) -> Galerkin:
+    """Return the form with what its space reports of the refinement."""
+    space, _ = refined_parts(form)
+    space = replace(space, gain=gain, passes=space.passes if passes is None else passes)
+    return galerkin(form.scene, form.options, form.sampled, space)

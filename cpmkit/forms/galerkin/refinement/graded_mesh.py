@@ -1,4 +1,4 @@
-"""A mesh whose triangles are as small as the lattice cells that they lie in, and its samples."""
+"""Meshes graded by the size of splines, or towards the tips of boundaries, and their samples."""
 
 from __future__ import annotations
 
@@ -15,20 +15,25 @@ from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
 from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.types import Bools, Floats, Ints
 
-#: Edges are looked at from these places between their ends.
+#: The level of splines is looked up at these shares of an edge.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+#: Edges near a tip are no longer than this share of their distance from it, but may be as long as so many spacings: one
+#: such edge holds 1/1000 of the energy within a spacing.
+LONGEST_EDGE_SHARE, LEAST_EDGE_SPACINGS = 0.5, 1e-3
 
 
 def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
-    """Return flat triangles with their edges halved that are longer than ``spacings`` times the spacing around them.
+    """Return flat triangles whose edges are no longer than ``spacings`` times the spacing of the splines around them.
 
-    With them the longest edge of each triangle is halved, and so on from triangle to triangle: needles end so.
+    Longer edges are halved, and with them the longest edge of each triangle that has one, so that no needles arise.
     """
-    near = regions.codes_near()
+    near_codes = regions.codes_near()
     while True:
         edges = mesh.edges
         lengths = mesh.edge_lengths
-        long = _with_longest(_is_long(mesh.vertices, edges.ends, lengths, regions, near, spacings), edges, lengths)
+        long = _with_longest(
+            _is_long(mesh.vertices, edges.ends, lengths, regions, near_codes, spacings), edges, lengths
+        )
         if not long.any():
             return mesh
         middle = np.full(len(edges.ends), -1)
@@ -36,12 +41,14 @@ def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
         mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[long]].mean(axis=1))
 
 
-def _is_long(vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near: Ints, spacings: float) -> Bools:
-    """Return which edges (e,) are long; ``near`` are the codes of the cells of level 0 where any may be."""
+def _is_long(
+    vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near_codes: Ints, spacings: float
+) -> Bools:
+    """Return which edges (e,) are too long; ``near_codes`` are cells of level 0 outside which splines have level 0."""
     longest = spacings * regions.spacing
     long = lengths > longest * 0.5**regions.finest
     middles = vertices[ends[long]].mean(axis=1)
-    rows = np.flatnonzero(long)[is_among(codes_of_cells(regions.cells(middles, 0)), near)]
+    rows = np.flatnonzero(long)[is_among(codes_of_cells(regions.cells(middles, 0)), near_codes)]
     first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
     level = np.zeros(len(rows), dtype=np.int64)
     for share in SHARES:
@@ -52,7 +59,7 @@ def _is_long(vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, ne
 
 
 def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
-    """Return the ``long`` edges (e,) with the longest of each triangle that has one of those returned."""
+    """Return the ``long`` edges (e,) and the longest edge of each triangle with a returned edge."""
     longest = edges.of_cells[np.arange(len(edges.of_cells)), lengths[edges.of_cells].argmax(axis=1)]
     rows = np.flatnonzero(~long[longest])
     while True:
@@ -63,46 +70,47 @@ def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
         long[new] = True
 
 
-def graded_samples(mesh: Mesh, regions: Regions, sampling: str, bend: CellGeometry, further: Samples | None) -> Samples:
-    """Return the samples of triangles, those of one after those of another, and ``further`` ones behind them.
+def graded_samples(
+    mesh: Mesh, regions: Regions, sampling: str, geometry: CellGeometry, further: Samples | None
+) -> Samples:
+    """Return the samples of triangles, triangle by triangle, and behind them the samples ``further``.
 
-    Triangles that are clipped are so at the knot planes of the finest level that their corners or middle lie in.
+    Triangles are clipped at the knot planes of the finest level that their corners or their middle lie in.
     """
     middle = mesh.vertices[mesh.cells].mean(axis=1)
-    corners = [mesh.vertices[one] for one in mesh.cells.T]
-    level = np.max([regions.levels(one) for one in (middle, *corners)], axis=0)
-    parts = [
-        _of_level(mesh, np.flatnonzero(level == one), regions, one, sampling, bend) for one in range(regions.finest + 1)
+    corners = [mesh.vertices[vertices] for vertices in mesh.cells.T]
+    levels = np.max([regions.levels(points) for points in (middle, *corners)], axis=0)
+    by_level = [
+        _samples_of_level(mesh, np.flatnonzero(levels == level), regions, level, sampling, geometry)
+        for level in range(regions.finest + 1)
     ]
-    whole = [np.concatenate([getattr(one, name) for one in parts]) for name in ("points", "weights", "normals", "cell")]
-    order = np.argsort(whole[3], kind="stable")
-    behind = [] if further is None else [further.points, further.weights, further.normals, further.cell]
-    own = [one[order] for one in whole]
-    return Samples(*(own if not behind else [np.concatenate(pair) for pair in zip(own, behind, strict=True)]))
+    order = np.argsort(np.concatenate([samples.cell for samples in by_level]), kind="stable")
+    arrays = []
+    for name in ("points", "weights", "normals", "cell"):
+        array = np.concatenate([getattr(samples, name) for samples in by_level])[order]
+        arrays.append(array if further is None else np.concatenate([array, getattr(further, name)]))
+    return Samples(*arrays)
 
 
-def _of_level(mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, bend: CellGeometry) -> Samples:
+def _samples_of_level(
+    mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, geometry: CellGeometry
+) -> Samples:
+    """Return the samples of the triangles ``chosen`` (k,), clipped at the knot planes of a level."""
     shift = shift_of(regions.spacing, level)
     midpoints = None if mesh.midpoints is None else mesh.midpoints[chosen] + shift
-    moved = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
+    shifted = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
     spacing = regions.spacing / 2**level
-    found = quadrature(moved, spacing, clipped=triangles_to_clip(moved, sampling, bend, spacing))
-    return Samples(found.points - shift, found.weights, found.normals, chosen[found.cell])
+    samples = quadrature(shifted, spacing, clipped=triangles_to_clip(shifted, sampling, geometry, spacing))
+    return Samples(samples.points - shift, samples.weights, samples.normals, chosen[samples.cell])
 
 
 def shift_of(spacing: float, level: Any) -> Any:
-    """Return how far before that of level 0 the lattice of a level has its node (0, ..., 0), along every axis."""
+    """Return the distance along each axis from node 0 of a level's lattice to node 0 of level 0."""
     return 0.5 * spacing * (1 - 0.5**level)
 
 
-#: Edges are no longer than this share of their distance from a tip,
-LONGEST_EDGE_SHARE = 0.5
-#: but may be as long as this many spacings: what lies in one such edge is 1/1000 of the energy within a spacing.
-LEAST_EDGE_SPACINGS = 1e-3
-
-
 def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
-    """Return flat triangles with their edges halved that are longer than half their distance from a boundary's end.
+    """Return flat triangles whose edges are no longer than half their distance from the end of a boundary.
 
     Parameters
     ----------
@@ -114,14 +122,14 @@ def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
     tips = np.concatenate([np.zeros(0, dtype=np.int64), *(ends_inside(mesh, k) for k in np.unique(mesh.owner))])
     if not len(tips):
         return mesh
-    centres, done = mesh.vertices[tips], []
+    centres, finished = mesh.vertices[tips], []
     while True:
         edges = mesh.edges
         long = _is_long_near_tips(mesh.vertices, edges.ends, mesh.edge_lengths, centres, spacing)
         open_cells = long[edges.of_cells].any(axis=1)
-        done.append(mesh.cells[~open_cells])
+        finished.append(mesh.cells[~open_cells])
         if not open_cells.any():
-            return replace(mesh, cells=np.concatenate(done))
+            return replace(mesh, cells=np.concatenate(finished))
         mesh = replace(mesh, cells=mesh.cells[open_cells])
         edges = mesh.edges
         long = _is_long_near_tips(mesh.vertices, edges.ends, mesh.edge_lengths, centres, spacing)

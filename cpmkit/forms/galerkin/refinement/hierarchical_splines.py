@@ -1,8 +1,17 @@
-"""Every level's own splines over the region where they are needed, and which of them are active.
+"""Truncated hierarchical splines: the splines of each level, the active ones among them, and their representation.
 
-Level l is parted over the samples of its region and of a halo: those patches of level l - 1 that read an unknown with a
-patch of the region. So all patches that read an unknown of the region are there, and its copies are what they would be
-were the whole manifold parted.
+The splines of level l are built over the samples of the region of level l and of a halo: the patches of level l - 1
+that share an unknown with a patch of that region. So all patches that read an unknown of the region are there, and
+nodes have the same unknowns as if the whole manifold were subdivided.
+
+An active spline of a coarse level is on a finer level a sum of finer splines, by the two-scale relation; truncation
+removes from the sum those that are candidates of the finer level. With c the coefficients of the active splines,
+
+    R_0 = I on the active splines,    R_l = D_l P_l R_(l-1) + I on the active splines of level l,
+
+D_l being zero for the candidates of level l and one for the other splines. On a patch of level l, u is the sum of the
+splines of that level with the coefficients R_l c. The splines sum to one, and a polynomial has the coefficients that it
+has on each level.
 """
 
 from __future__ import annotations
@@ -28,22 +37,22 @@ class LevelSplines:
 
     Attributes
     ----------
-    dof_map : Parting
-        Over the region and its halo; ``parting.patch`` (s,) is that of the samples there.
+    dof_map : DofMap
+        Over the region of the level and its halo; ``dof_map.patch`` (s,) is of the samples there.
     rows : (s,) int64
-        These samples, ascending.
+        The numbers of these samples, ascending.
     inside : (p,) bool
-        The patches that lie in the region of this level.
-    parted : (p,) bool
-        Those of them that lie in the region of the next one.
+        The patches in the region of this level.
+    subdivided : (p,) bool
+        Those of them in the region of the next level.
     prolongation : csr_array (n, m), optional
-        From the splines of the level before; None of level 0.
+        From the splines of the level before; None for level 0.
     """
 
     dof_map: DofMap
     rows: Ints
     inside: Bools
-    parted: Bools
+    subdivided: Bools
     prolongation: csr_array | None
 
     @property
@@ -54,17 +63,18 @@ class LevelSplines:
     @property
     def candidates(self) -> Bools:
         """(n,) the splines all of whose patches lie in the region."""
-        return ~self._read_by(~self.inside)
+        return ~self.is_read_by(~self.inside)
 
     @property
     def active(self) -> Bools:
-        """(n,) those of them that have a patch outside the region of the next level."""
-        return self.candidates & self._read_by(~self.parted)
+        """(n,) the candidates with a patch outside the region of the next level."""
+        return self.candidates & self.is_read_by(~self.subdivided)
 
-    def _read_by(self, patches: Bools) -> Bools:
-        found = np.zeros(self.size, dtype=bool)
-        found[self.dof_map.unknowns[patches]] = True
-        return found
+    def is_read_by(self, patches: Bools) -> Bools:
+        """Return (n,) which splines are read by one of the ``patches`` (p,)."""
+        is_read = np.zeros(self.size, dtype=bool)
+        is_read[self.dof_map.unknowns[patches]] = True
+        return is_read
 
     def patch_of(self, samples: Ints) -> Ints:
         """Return (k,) the patches of ``samples`` (k,) among :attr:`rows`."""
@@ -76,20 +86,20 @@ def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, region
 
     Parameters
     ----------
-    first : Parting
+    first : DofMap
         Of level 0, over all samples.
     points : (q, d) float64
         The samples, relative to the lattice's origin.
     corners : (m, k) int
         The vertices of the cells of the mesh after cutting.
     cell : (q,) int32
-        The cell of the mesh that each sample lies in.
+        The mesh cell of each sample.
     regions : Regions
-        Where levels are.
+        The subdivided cells.
     """
     everywhere = np.ones(len(first.cells), dtype=bool)
-    parted = _is_subdivided(first.cells, everywhere, regions, 0)
-    levels = [LevelSplines(first, np.arange(len(points)), everywhere, parted, None)]
+    subdivided = _is_subdivided(first.cells, everywhere, regions, 0)
+    levels = [LevelSplines(first, np.arange(len(points)), everywhere, subdivided, None)]
     for number in range(1, regions.finest + 1):
         levels.append(_finer_level(levels[-1], number, points, corners, cell, regions))
     return levels
@@ -98,18 +108,18 @@ def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, region
 def _finer_level(
     coarse: LevelSplines, number: int, points: Floats, corners: Any, cell: Any, regions: Regions
 ) -> LevelSplines:
+    """Return the splines of level ``number``, which follows ``coarse``."""
     from scipy.sparse import csr_array
 
-    read = coarse._read_by(coarse.parted)
-    near = read[coarse.dof_map.unknowns].any(axis=1)
-    chosen = near[coarse.dof_map.patch]
+    in_region_or_halo = coarse.is_read_by(coarse.subdivided)[coarse.dof_map.unknowns].any(axis=1)
+    chosen = in_region_or_halo[coarse.dof_map.patch]
     rows, coarse_patch = coarse.rows[chosen], coarse.dof_map.patch[chosen]
     cells_of_rows = regions.cells(points[rows], number)
     patch, first, touching = build_patches(codes_of_cells(cells_of_rows), corners, cell[rows])
     cells, parent = cells_of_rows[first], coarse_patch[first]
-    spacing, single = coarse.dof_map.spacing / 2, np.zeros(len(first), dtype=bool)
-    dof_map = dof_map_from_patches(spacing, cells, touching, patch, single)
-    inside = coarse.parted[parent]
+    spacing, isolated = coarse.dof_map.spacing / 2, np.zeros(len(first), dtype=bool)
+    dof_map = dof_map_from_patches(spacing, cells, touching, patch, isolated)
+    inside = coarse.subdivided[parent]
     fine = cells, dof_map.unknowns, dof_map.size
     coarser = coarse.dof_map.cells, coarse.dof_map.unknowns, two_scale_shares(dof_map.degree)
     starts, columns, weights = two_scale(*fine, parent.astype(np.int64), *coarser)
@@ -119,9 +129,10 @@ def _finer_level(
 
 
 def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
-    """Return the patch (s,) of samples, a sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
+    """Return the patch (s,) of samples, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
 
-    ``code`` (s,): the lattice cell of each; ``cell`` (s,): that of the mesh, whose corners are ``corners`` (m, k).
+    ``code`` (s,) numbers the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are the
+    vertices of the mesh cells.
     """
     from cpmkit.forms.galerkin.space.dof_map_kernels import join_samples, touching_pairs
 
@@ -136,48 +147,44 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
 
 
 def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> Bools:
+    """Return (p,) which of the patches with these ``cells`` (p, d), in the region where ``inside``, are subdivided."""
     if level >= regions.finest:
         return np.zeros(len(cells), dtype=bool)
-    return inside & is_among(codes_of_cells(cells), regions.parted[level])
-
-
-def active_numbers(levels: Sequence[LevelSplines]) -> list[Ints]:
-    """Return the numbers of the active splines of each level, among those of all levels, one level after another."""
-    counts = np.cumsum([0, *(int(level.active.sum()) for level in levels)])
-    return [np.arange(counts[one], counts[one + 1]) for one in range(len(levels))]
+    return inside & is_among(codes_of_cells(cells), regions.subdivided[level])
 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]:
     """Return R_l (n_l, n), l from 0 to ``cap``, of the space in which level ``cap`` is the finest."""
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
-    starts = np.cumsum([0, *(int(one.sum()) for one in actives)])
-    found: list[csr_array] = []
+    starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
+    matrices: list[csr_array] = []
     for number, (level, active) in enumerate(zip(levels, actives, strict=False)):
-        own = _selection(active, int(starts[number]), int(starts[-1]))
+        matrix = _selection(active, int(starts[number]), int(starts[-1]))
         if level.prolongation is not None:
-            own = own + select_rows(~level.candidates, level.prolongation @ found[-1])
-        found.append(own.tocsr())
-    return found
+            matrix = matrix + select_rows(~level.candidates, level.prolongation @ matrices[-1])
+        matrices.append(matrix.tocsr())
+    return matrices
 
 
 def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array) -> csr_array:
-    """Return the matrix from the space in which level ``cap - 1`` is the finest to that with level ``cap``.
+    """Return the prolongation from the space with the finest level ``cap - 1`` to that with the finest level ``cap``.
 
-    ``coarser``: the last of the :func:`representations` of the former. Coefficients of truncated splines stay what they
-    are on finer levels; the splines of level ``cap`` have what the two-scale relation says.
+    ``coarser`` is the last of the :func:`representations` of the former space. Truncated splines keep their
+    coefficients on finer levels; the coefficients of the splines of level ``cap`` follow from the two-scale relation.
     """
     from scipy.sparse import csr_array, vstack
 
     before = [level.candidates if number == cap - 1 else level.active for number, level in enumerate(levels[:cap])]
-    kept = np.concatenate([level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)])
-    stay = np.flatnonzero(kept)
-    same = csr_array((np.ones(len(stay)), (np.arange(len(stay)), stay)), shape=(len(stay), len(kept)))
+    stays = np.concatenate([level.active[candidates] for level, candidates in zip(levels[:cap], before, strict=True)])
+    rows = np.flatnonzero(stays)
+    same = csr_array((np.ones(len(rows)), (np.arange(len(rows)), rows)), shape=(len(rows), len(stays)))
     level = levels[cap]
     assert level.prolongation is not None
     return vstack([same, (level.prolongation @ coarser)[level.candidates]], format="csr")
 
 
 def _selection(active: Bools, start: int, size: int) -> csr_array:
+    """Return the matrix (n_l, size) with a one for each active spline; these are numbered from ``start`` on."""
     from scipy.sparse import csr_array
 
     rows: Ints = np.flatnonzero(active)
@@ -185,7 +192,7 @@ def _selection(active: Bools, start: int, size: int) -> csr_array:
 
 
 def select_rows(keep: Bools, matrix: csr_array) -> csr_array:
-    """Return a matrix with the rows emptied that are not to be kept (n,)."""
+    """Return a matrix whose rows are empty but those to ``keep`` (n,)."""
     from scipy.sparse import csr_array
 
     matrix = matrix.tocsr()

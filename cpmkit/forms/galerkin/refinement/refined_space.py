@@ -1,25 +1,42 @@
-"""The splines of all levels over one set of samples, as one space on one lattice: each level magnified.
+"""Truncated hierarchical splines as a function space: finer splines where the solution needs them.
 
-A patch of level l, magnified by 2^l about the lattice's node, lies on a lattice of spacing h as those of level 0 do. So
-every level is a piece of manifold of its own, and all of them together are a space of splines like any other: its
-unknowns are those of each level that its patches read, one level after another, and what ties them is
-``R`` (N, n), the active splines in terms of these.
+A patch of level l, magnified by 2^l about a fixed point of the lattice, lies on a lattice of spacing h as the patches
+of level 0 do. All levels together, each magnified, form one space of splines like any other; its N unknowns are the
+splines of each level that the patches of that level read, one level after another. The representation R (N, n) gives
+their coefficients from those of the n active splines.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
-from cpmkit.forms.galerkin.refinement.hierarchical_splines import LevelSplines, build_patches
+from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
+    LevelSplines,
+    build_patches,
+    prolongation_to,
+    representations,
+)
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
 from cpmkit.forms.galerkin.space.dof_map import DofMap
-from cpmkit.forms.galerkin.space.spline_space import SplineSpace, build_spline_space
+from cpmkit.forms.galerkin.space.energy import (
+    NO_STABILISATION,
+    Stabilisation,
+    add_floor,
+    add_ghosts,
+    energy_data,
+    mean_coefficient,
+)
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space
+from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -28,14 +45,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RefinedDofMap(DofMap):
-    """A parting whose patches are of several levels; its cells and nodes are those of the magnified levels.
+    """A dof map whose patches belong to several levels; its cells and nodes are those of the magnified levels.
 
     Attributes
     ----------
     levels : (p,) int64
         The level of each patch.
     node_levels : (n,) int64
-        That of each unknown.
+        The level of each unknown.
     """
 
     levels: Ints
@@ -43,85 +60,224 @@ class RefinedDofMap(DofMap):
 
     @property
     def places(self) -> Floats:
-        """(n, d) where the node of each unknown lies, relative to the lattice's origin."""
+        """(n, d) nodes of the unknowns, relative to the lattice's origin."""
         level = self.node_levels[:, None]
         return np.asarray(0.5**level * self.spacing * self.nodes - shift_of(self.spacing, level))
 
-    def magnified(self, patch: Ints, points: Floats) -> Floats:
-        """Return where the magnification puts ``points`` (k, d) that lie in the patches ``patch`` (k,)."""
+    def magnify(self, patch: Ints, points: Floats) -> Floats:
+        """Return ``points`` (..., d) on the magnified lattice, each in the patch ``patch`` (...)."""
         level = self.levels[patch][..., None]
         return np.asarray(2.0**level * (points + shift_of(self.spacing, level)))
 
-    def reduced(self, patch: Ints, points: Floats) -> Floats:
-        """Return the points that :meth:`magnified` brings to ``points`` (..., d)."""
+    def reduce(self, patch: Ints, points: Floats) -> Floats:
+        """Return the points that :meth:`magnify` maps to ``points`` (..., d)."""
         level = self.levels[patch][..., None]
         return np.asarray(0.5**level * points - shift_of(self.spacing, level))
 
-    def scales(self, patch: Any) -> Floats:
-        """Return (k,) by how much patches are magnified."""
+    def magnification(self, patch: Any) -> Floats:
+        """Return the factor (k,) by which patches are magnified."""
         return np.asarray(2.0 ** self.levels[patch])
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedSamples(QuantisedSamples):
-    """Samples that are held where the magnification puts them, and are read where they are."""
+    """Samples whose places are stored on the magnified lattice, and whose points are returned on the manifold."""
 
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return (..., d) the points of the samples ``rows`` (...)."""
         assert isinstance(self.dof_map, RefinedDofMap)
-        return self.dof_map.reduced(self.dof_map.patch[rows], super().points_at(rows))
+        return self.dof_map.reduce(self.dof_map.patch[rows], super().points_at(rows))
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedSpace:
-    """The splines of a set of regions.
+class RefinedSpace(FunctionSpace):
+    """Truncated hierarchical splines; :attr:`splines` are the magnified levels.
 
     Attributes
     ----------
-    space : Space
-        The magnified levels.
-    dof_map : RefinedParting
-        Its own.
     levels : sequence of LevelSplines
         Each level by itself.
     used : sequence of (k_l,) int64
-        Those of a level's splines that the space has, in its order.
+        The splines of each level that :attr:`splines` contains, in its order.
+    regions : Regions
+        The subdivided cells.
+    passes : int
+        How often the scene was solved to find the regions.
+    gain : float
+        The factor by which refinement was expected, after the first solve, to save unknowns.
     """
 
-    space: SplineSpace
-    dof_map: RefinedDofMap
     levels: Sequence[LevelSplines]
     used: Sequence[Ints]
+    regions: Regions
+    passes: int = 0
+    gain: float = 0.0
 
-    def stacked(self, representations: Sequence[csr_array]) -> csr_array:
-        """Return R (N, n) of the :func:`~cpmkit.forms.galerkin.refinement.hierarchical_splines.representations` R_l."""
+    @property
+    def base_dof_map(self) -> DofMap:
+        """The dof map of level 0 over all samples."""
+        return self.levels[0].dof_map
+
+    @property
+    def finest_spacing(self) -> float:
+        """The spacing of the finest level."""
+        return float(self.spacing / 2**self.regions.finest)
+
+    @property
+    def has_one_level(self) -> bool:
+        """False, even where no cell is subdivided."""
+        return False
+
+    @property
+    def spline_count(self) -> int:
+        """Number of active splines."""
+        return int(self.representation.shape[1])
+
+    @property
+    def level_sizes(self) -> tuple[int, ...]:
+        """Number of active splines of each level."""
+        return tuple(int(level.active.sum()) for level in self.levels)
+
+    @cached_property
+    def representation(self) -> csr_array:
+        """R (N, n), the coefficients in :attr:`splines` of the active splines."""
         from scipy.sparse import vstack
 
-        return vstack([own[used] for own, used in zip(representations, self.used, strict=True)], format="csr")
+        by_level = representations(self.levels, self.regions.finest)
+        return vstack([matrix[used] for matrix, used in zip(by_level, self.used, strict=True)], format="csr")
+
+    def to_coefficients(self, u: Floats) -> Floats:
+        """Return the coefficients (N, k) of :attr:`splines` of the unknowns ``u`` (n, k): R u."""
+        return np.ascontiguousarray(self.representation @ u)
+
+    def restrict_loads(self, loads: Floats) -> Floats:
+        """Return R' times loads (N, k)."""
+        return np.asarray(self.representation.T @ loads)
+
+    def restrict_matrix(self, matrix: csr_array) -> csr_array:
+        """Return R' A R, symmetric to the last bit; A is symmetric."""
+        product = (self.representation.T @ (matrix @ self.representation)).tocsr()
+        return ((product + product.T) * 0.5).tocsr()
+
+    def restrict_rows(self, rows: csr_array) -> csr_array:
+        """Return ``rows`` (k, N) times R."""
+        return (rows @ self.representation).tocsr()
+
+    def gradient_load(self, values: Floats) -> Floats:
+        """Refuse: weak divergences are defined by the spacing of the solution that they are taken of."""
+        raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
+
+    def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
+        """Return the integrals of a grad u . grad v + c u v over the splines, with stabilisation and floor."""
+        assert scale is None
+        return self.restrict_matrix(self._energy(a, c, self.stabilisation, 0, with_floor=True))
+
+    def _unit_stabilisation(self) -> csr_array:
+        unit = (self._energy(np.ones(1), None, factors, -2) for factors in (self.stabilisation, NO_STABILISATION))
+        return self.restrict_matrix(next(unit) - next(unit))
+
+    def _energy(
+        self, a: Floats, c: Floats | None, stabilisation: Stabilisation, power: int, with_floor: bool = False
+    ) -> csr_array:
+        """Return the energy (N, N) over the magnified levels with its stabilisation, times magnification^power.
+
+        On the magnified lattice lengths are larger and slopes smaller, while the weights of samples are unchanged: the
+        coefficients make up for both. On surfaces squares of differences and the floor have no unit of length.
+        """
+        magnification = self.dof_map.magnification(self.dof_map.patch)
+        factor = magnification ** float(power)
+        squares = (factor * magnification**2).reshape(-1, *(1,) * (a.ndim - 1))
+        ghosts = factor * magnification ** (2 - self.splines.manifold_dim) * mean_coefficient(self.splines, a)
+        data = energy_data(self.splines, a * squares, c, stabilisation)
+        diagonal = self.splines.matrix(data).diagonal()
+        add_ghosts(self.splines, ghosts, stabilisation, data)
+        if with_floor:
+            add_floor(self.splines, ghosts, diagonal, data)
+        return self.splines.matrix(data)
+
+    @cached_property
+    def refined_levels(self) -> list[Level]:
+        """The steps between the spaces in which each level is the finest, down to level 0."""
+        levels, patch = self.levels, self.dof_map.patch[self.interior :]
+        rows = np.arange(self.interior, len(self.splines.samples))
+        level_of_row = self.dof_map.levels[patch]  # type: ignore[attr-defined]
+        steps = []
+        for finest in range(self.regions.finest, 0, -1):
+            own, coarser = representations(levels, finest), representations(levels, finest - 1)
+            read = [
+                own[level][np.unique(levels[level].dof_map.unknowns[levels[level].patch_of(rows[here])])].indices
+                for level in range(finest + 1)
+                if len(here := np.flatnonzero(np.minimum(level_of_row, finest) == level))
+            ]
+            strip = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *read])).astype(np.int64)
+            steps.append(Level(prolongation_to(levels, finest, coarser[-1]), strip))
+        return steps
+
+    def describe(self) -> dict[str, Any]:
+        """Return the sizes of the levels, and whether and why splines were refined."""
+        sizes = list(self.level_sizes)
+        text = f"sizes that differ let expect {self.gain:.2g} times fewer unknowns for one error"
+        if self.regions.finest:
+            numbers = ", ".join(f"{size:,}" for size in sizes)
+            text = f"on: {text}; {numbers} unknowns on levels 0 to {self.regions.finest}"
+        else:
+            text = f"off: {text}"
+        return {"refined_levels": sizes, "refinement_passes": self.passes, "refinement": text}
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the nodes of level 0 and the subdivided cells."""
+        return {**super().arrays(), "parted_cells": self.regions.table()}  # the key in saved files
+
+    def differs_from(self, saved: Mapping[str, Any]) -> str:
+        """Return how a saved space differs, in the nodes of level 0 or the subdivided cells; empty if equal."""
+        difference = super().differs_from(saved)
+        if difference:
+            return difference
+        same = np.array_equal(self.regions.table(), saved.get("parted_cells", ()))
+        return "" if same else "it was refined elsewhere"
 
 
 def build_refined_space(
-    samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
+    samples: Samples,
+    interior: int,
+    corners: Any,
+    levels: Sequence[LevelSplines],
+    regions: Regions,
+    stabilisation: Stabilisation,
+    passes: int = 0,
 ) -> RefinedSpace:
-    """Return the space of these levels over ``samples``, those of boundaries among them."""
+    """Return the space of these levels.
+
+    Parameters
+    ----------
+    samples, interior
+        All samples, and how many of them lie on the manifold and on no boundary.
+    corners : (m, k) int
+        The vertices of the mesh cells after cutting.
+    levels, regions, stabilisation, passes
+        As of :class:`RefinedSpace`.
+    """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
-    placed = Samples(dof_map.magnified(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
-    fixed = QuantisedSamples.of(placed, dof_map)
-    own = RefinedSamples(*[getattr(fixed, name) for name in QuantisedSamples.__dataclass_fields__])
-    return RefinedSpace(build_spline_space(dof_map, own), dof_map, levels, used)
+    magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
+    fixed = QuantisedSamples.of(magnified, dof_map)
+    refined = RefinedSamples(*[getattr(fixed, name) for name in QuantisedSamples.__dataclass_fields__])
+    return RefinedSpace(
+        build_spline_space(dof_map, refined), interior, stabilisation, levels, used, regions, passes=passes
+    )
 
 
 def _build_refined_dof_map(
     samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
 ) -> tuple[RefinedDofMap, list[Ints]]:
+    """Return the dof map of the magnified levels, and which splines of each level it contains."""
     level_of_sample = regions.levels(samples.points)
-    code, taken = np.empty(len(samples), dtype=np.int64), 0
+    code, cell_count = np.empty(len(samples), dtype=np.int64), 0
     for number in range(len(levels)):
         rows = np.flatnonzero(level_of_sample == number)
         lattice_cells = codes_of_cells(regions.cells(samples.points[rows], number))
-        names, place = np.unique(lattice_cells, return_inverse=True)
-        code[rows] = taken + place
-        taken += len(names)
+        distinct, place = np.unique(lattice_cells, return_inverse=True)
+        code[rows] = cell_count + place
+        cell_count += len(distinct)
     patch, first, touching = build_patches(code, corners, samples.cell)
     level_of_patch = level_of_sample[first]
     d = samples.points.shape[1]
@@ -129,18 +285,17 @@ def _build_refined_dof_map(
     unknowns = np.empty((len(first), 3**d), dtype=np.int32)
     nodes, used, size = [], [], 0
     for number, level in enumerate(levels):
-        own = np.flatnonzero(level_of_patch == number)
-        there = level.patch_of(first[own])
-        cells[own] = level.dof_map.cells[there]
-        read, place = np.unique(level.dof_map.unknowns[there], return_inverse=True)
-        unknowns[own] = size + place.reshape(len(own), 3**d)
+        on_level = np.flatnonzero(level_of_patch == number)
+        patches = level.patch_of(first[on_level])
+        cells[on_level] = level.dof_map.cells[patches]
+        read, place = np.unique(level.dof_map.unknowns[patches], return_inverse=True)
+        unknowns[on_level] = size + place.reshape(len(on_level), 3**d)
         nodes.append(level.dof_map.nodes[read])
         used.append(read)
         size += len(read)
-    every = np.concatenate(nodes)
-    spacing = levels[0].dof_map.spacing
-    of_node = np.repeat(np.arange(len(levels)), [len(one) for one in used])
-    return (
-        RefinedDofMap(spacing, cells, unknowns, every, touching, patch, levels=level_of_patch, node_levels=of_node),
-        used,
+    level_of_node = np.repeat(np.arange(len(levels)), [len(read) for read in used])
+    spacing, all_nodes = levels[0].dof_map.spacing, np.concatenate(nodes)
+    dof_map = RefinedDofMap(
+        spacing, cells, unknowns, all_nodes, touching, patch, levels=level_of_patch, node_levels=level_of_node
     )
+    return dof_map, used

@@ -1,7 +1,7 @@
-"""Where the splines are finer: lattice cells that are parted in two along every axis, level by level.
+"""Where splines are finer: lattice cells that are subdivided into two along every axis, level by level.
 
-Level l has the spacing h_l = h / 2^l, and its cells are those of level l - 1 parted along every axis. What lies in a
-cell follows from positions alone, so that the mesh of the manifold may be made anew for each set of regions.
+Level l has the spacing h_l = h / 2^l; its cells are those of level l - 1, each subdivided along every axis. Positions
+alone tell which cell a point lies in, so that the mesh of the manifold may be made anew for each set of regions.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy as np
 
 from cpmkit.types import Bools, Floats, Ints
 
-#: A cell's place along an axis has so many bits of its code, and counts from half their range.
+#: Bits of a cell's code for its place along an axis, and the place that counts as zero: half their range.
 BITS = 21
 HALF = 1 << (BITS - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """The cells that are parted, by level.
+    """The subdivided cells, by level.
 
     Attributes
     ----------
@@ -27,68 +27,72 @@ class Regions:
         h, of level 0.
     dim : int
         Dimension of the space.
-    parted : tuple of (k_l,) int64
-        Codes of the cells of level l that are parted into cells of level l + 1, ascending; each lies in a parted cell
-        of the level before.
+    subdivided : tuple of (k_l,) int64
+        Codes of the cells of level l that are subdivided into cells of level l + 1, ascending; each lies in a
+        subdivided cell of the level before.
     """
 
     spacing: float
     dim: int
-    parted: tuple[Ints, ...] = ()
+    subdivided: tuple[Ints, ...] = ()
 
     @property
     def finest(self) -> int:
-        """The deepest level that there is; 0 where nothing is parted."""
-        return len(self.parted)
+        """The finest level; 0 where no cell is subdivided."""
+        return len(self.subdivided)
 
     def cells(self, points: Floats, level: int) -> Ints:
-        """Return (q, d) the cells of a level that ``points`` (q, d) lie in, relative to the lattice's origin."""
+        """Return (q, d) the cells of a level with ``points`` (q, d), which are relative to the lattice's origin."""
         return np.floor(2.0**level * (points / self.spacing + 0.5)).astype(np.int64)
 
     def levels(self, points: Floats) -> Ints:
         """Return (q,) the level of the splines at ``points`` (q, d)."""
-        found = np.zeros(len(points), dtype=np.int64)
+        level_of_point = np.zeros(len(points), dtype=np.int64)
         rows = np.arange(len(points))
-        for level, parted in enumerate(self.parted):
-            rows = rows[is_among(codes_of_cells(self.cells(points[rows], level)), parted)]
-            found[rows] = level + 1
-        return found
+        for level, codes in enumerate(self.subdivided):
+            rows = rows[is_among(codes_of_cells(self.cells(points[rows], level)), codes)]
+            level_of_point[rows] = level + 1
+        return level_of_point
 
     def levels_around(self, points: Floats) -> Ints:
-        """Return (q,) the finest level within a quarter of a cell of the level before, along the axes' diagonals."""
-        found = np.zeros(len(points), dtype=np.int64)
-        corners = np.indices((2,) * self.dim).reshape(self.dim, -1).T - 0.5
-        for level, parted in enumerate(self.parted):
-            rows = np.flatnonzero(found == level)
-            reach = 0.5 * self.spacing / 2**level
-            near = [codes_of_cells(self.cells(points[rows] + reach * corner, level)) for corner in corners]
-            found[rows[np.any([is_among(one, parted) for one in near], axis=0)]] = level + 1
-        return found
+        """Return (q,) the finest level at a quarter of a cell of the level before from ``points`` (q, d).
 
-    def with_parted(self, levels: Ints, cells: Ints, most: int) -> Regions:
-        """Return regions in which these ``cells`` (k, d) of ``levels`` (k,) below ``most`` are parted as well.
-
-        With those around each, and so many of the levels before that neighbouring cells differ by one level at most.
+        Looked for along the diagonals of the axes.
         """
-        wanted = [np.zeros(0, dtype=np.int64) if one >= self.finest else self.parted[one] for one in range(most)]
+        level_of_point = np.zeros(len(points), dtype=np.int64)
+        corners = np.indices((2,) * self.dim).reshape(self.dim, -1).T - 0.5
+        for level, codes in enumerate(self.subdivided):
+            rows = np.flatnonzero(level_of_point == level)
+            reach = 0.5 * self.spacing / 2**level
+            around = [codes_of_cells(self.cells(points[rows] + reach * corner, level)) for corner in corners]
+            level_of_point[rows[np.any([is_among(near, codes) for near in around], axis=0)]] = level + 1
+        return level_of_point
+
+    def with_subdivided(self, levels: Ints, cells: Ints, most: int) -> Regions:
+        """Return regions in which the ``cells`` (k, d) of ``levels`` (k,) below ``most`` are subdivided as well.
+
+        So are their neighbours, and cells of the levels before until neighbouring cells differ by one level at most.
+        """
+        codes = [
+            self.subdivided[level] if level < self.finest else np.zeros(0, dtype=np.int64) for level in range(most)
+        ]
         for level in range(most):
-            own = with_neighbours(cells[levels == level])
-            wanted[level] = np.union1d(wanted[level], codes_of_cells(own))
+            codes[level] = np.union1d(codes[level], codes_of_cells(with_neighbours(cells[levels == level])))
         for level in range(most - 1, 0, -1):
-            beside = with_neighbours(cells_of_codes(wanted[level], self.dim))
-            wanted[level - 1] = np.union1d(wanted[level - 1], codes_of_cells(beside >> 1))
-        return Regions(self.spacing, self.dim, tuple(one for one in wanted if len(one)))
+            around = with_neighbours(cells_of_codes(codes[level], self.dim))
+            codes[level - 1] = np.union1d(codes[level - 1], codes_of_cells(around >> 1))
+        return Regions(self.spacing, self.dim, tuple(level for level in codes if len(level)))
 
     def codes_near(self) -> Ints:
-        """Return the codes, ascending, of the cells of level 0 that are parted or meet such a cell."""
-        first = self.parted[0] if self.finest else np.zeros(0, dtype=np.int64)
+        """Return the codes, ascending, of the cells of level 0 that are subdivided or meet such a cell."""
+        first = self.subdivided[0] if self.finest else np.zeros(0, dtype=np.int64)
         return codes_of_cells(with_neighbours(cells_of_codes(first, self.dim)))
 
     def table(self) -> Ints:
-        """Return (k, 1 + d) the parted cells as plain numbers: the level, and the cell."""
+        """Return (k, 1 + d) the subdivided cells as plain numbers: the level, then the cell."""
         rows = [
-            np.column_stack([np.full(len(one), level), cells_of_codes(one, self.dim)])
-            for level, one in enumerate(self.parted)
+            np.column_stack([np.full(len(codes), level), cells_of_codes(codes, self.dim)])
+            for level, codes in enumerate(self.subdivided)
         ]
         return np.concatenate([np.zeros((0, 1 + self.dim), dtype=np.int64), *rows])
 
@@ -102,13 +106,13 @@ def codes_of_cells(cells: Ints) -> Ints:
 
 
 def cells_of_codes(codes: Ints, dim: int) -> Ints:
-    """Return (k, d) the cells that have these ``codes`` (k,)."""
+    """Return (k, d) the cells with these ``codes`` (k,)."""
     shifts = BITS * np.arange(dim - 1, -1, -1)
     return np.asarray((codes[:, None] >> shifts & (2 * HALF - 1)) - HALF)
 
 
 def is_among(codes: Ints, ascending: Ints) -> Bools:
-    """Tell which of the ``codes`` (k,) are among others."""
+    """Return (k,) which of the ``codes`` (k,) are among others, which ascend."""
     if not len(ascending):
         return np.zeros(len(codes), dtype=bool)
     place = np.minimum(np.searchsorted(ascending, codes), len(ascending) - 1)
@@ -116,8 +120,8 @@ def is_among(codes: Ints, ascending: Ints) -> Bools:
 
 
 def with_neighbours(cells: Ints) -> Ints:
-    """Return (m, d) the distinct ``cells`` (k, d) with all that meet them, at corners too."""
+    """Return (m, d) the distinct ``cells`` (k, d) with all cells that meet them, at corners too."""
     dim = cells.shape[1]
     steps = np.indices((3,) * dim).reshape(dim, -1).T - 1
-    every = codes_of_cells((cells[:, None] + steps).reshape(-1, dim))
-    return cells_of_codes(np.unique(every), dim)
+    codes = codes_of_cells((cells[:, None] + steps).reshape(-1, dim))
+    return cells_of_codes(np.unique(codes), dim)

@@ -1,8 +1,10 @@
-"""Samples parted into patches, and nodes into unknowns: one rule for sheets, sides, rims and tips.
+"""The dof map: which samples belong to which patch, and which unknowns each patch reads.
 
-Samples touch if their cells share a vertex of the mesh that was cut along the boundaries. A patch is a component of the
-samples of one lattice cell; an unknown is a node together with a component of the patches that read it, two patches
-being joined there if samples of theirs touch. No normal is asked, no orientation, no distance.
+Two samples touch if their mesh cells share a vertex of the mesh that was cut along the boundaries. A patch is a
+connected component of the samples in one lattice cell. An unknown is a lattice node together with a connected component
+of the patches that read the node, where two patches are connected if samples of theirs touch. So each side of a
+boundary, each sheet of a thin part and each end of a slit gets unknowns of its own, without normals, orientation or
+distances.
 """
 
 from __future__ import annotations
@@ -15,19 +17,23 @@ import numpy as np
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.types import Bools, Floats, Ints
 
+#: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
+#: curve that is shorter. Splines cannot be told apart on it.
+ISOLATED_SPACINGS = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class DofMap:
-    """The space of splines: a patch is what of the manifold hangs together inside one lattice cell.
+    """Patches of the manifold, and the unknowns that each reads.
 
-    Lattice cells are bounded by knot planes: cell r holds the points that r is the nearest lattice point of. Splines of
-    even degree p are centred at lattice points, of odd degree half a spacing below them along every axis: in any case a
-    cell reads the p + 1 nodes an axis from r - p // 2 on.
+    Lattice cells are bounded by knot planes: cell r holds the points whose nearest lattice point is r. Splines of even
+    degree p are centred at lattice points, those of odd degree half a spacing below along every axis. A cell reads the
+    p + 1 nodes from r - p // 2 on along every axis.
 
     Attributes
     ----------
     spacing : float
-        h, of the lattice, in the scene's unit.
+        h of the lattice, in the unit of the scene.
     cells : (p, d) int64
         The lattice cell of each patch.
     unknowns : (p, (degree + 1)^d) int32
@@ -67,39 +73,45 @@ class DofMap:
 
     @property
     def strides(self) -> tuple[int, ...]:
-        """How far apart neighbours along each axis stand among the unknowns of a patch."""
+        """Distances, among the unknowns of a patch, between neighbours along each axis."""
         return tuple(self.width**axis for axis in reversed(range(self.dim)))
 
     @property
     def places(self) -> Floats:
-        """(n, d) where the spline of each unknown is centred, relative to the lattice's origin."""
+        """(n, d) centres of the splines, relative to the origin of the lattice."""
         return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))
 
+    def magnify(self, _patch: Ints, points: Floats) -> Floats:
+        """Return ``points`` (k, d) on the lattice that the cells belong to, each in the patch ``patch`` (k,).
 
-#: A piece of a surface whose bounds have no longer side than this, in spacings, has one unknown, and a shorter curve.
-ISOLATED_SPACINGS = 2.0
+        The points themselves, but for dof maps of several levels.
+        """
+        return points
+
+    def magnification(self, _patch: Ints) -> Floats:
+        """Return the factor (k,) or (1,) by which :meth:`magnify` enlarges lengths in each patch."""
+        return np.ones(1)
 
 
 def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> DofMap:
-    """Return the parting of samples at ``points`` (q, d), relative to the lattice's origin.
+    """Return the dof map of samples.
 
     Parameters
     ----------
     points : (q, d) float64
-        The samples, in the unit of ``spacing``.
+        The samples, relative to the origin of the lattice, in the unit of ``spacing``.
     contacts : (m, k) int32 or int64
-        The vertices of cells of the mesh that was cut along the boundaries, numbered from 0.
+        The vertices of the cells of the mesh that was cut along the boundaries.
     spacing : float
-        h, of the lattice.
+        h of the lattice.
     cell : (q,) int32, optional
-        The cell of each sample; unless given, there is one for each, in their order.
+        The mesh cell of each sample; by default sample i lies in cell i.
     degree : int
         Of the splines: 1, 2 or 3.
 
     Notes
     -----
-    A piece of a surface shorter than `SPECK_SPACINGS` along every axis carries constants alone: all that its patches
-    read is one unknown. So does a piece of a curve that is no longer than this, however it is turned.
+    A connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
     from cpmkit.forms.galerkin.space.dof_map_kernels import bounds, codes_of, join_samples, touching_pairs
 
@@ -111,46 +123,66 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    del code  # what is needed no more: at a million unknowns each such array has a hundred megabytes
+    del (
+        code
+    )  # at a million unknowns each of these arrays has a hundred megabytes: they are released as early as possible
     numbers = np.empty(len(points), dtype=np.int32)
     numbers[roots] = np.arange(len(roots))
     patch = numbers[root]
     del numbers, root
     touching = touching_pairs(patch, len(roots), first, after, holder)
-    pieces, label = components(len(roots), touching)
+    count, piece = components(len(roots), touching)
     del first, after, holder
-    extent = bounds(points, patch, label, pieces)
+    extent = bounds(points, patch, piece, count)
     size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
-    specks = size < ISOLATED_SPACINGS * spacing
-    return dof_map_from_patches(spacing, cells, touching, patch, specks[label], degree)
+    isolated = size < ISOLATED_SPACINGS * spacing
+    return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree)
 
 
 def dof_map_from_patches(
-    spacing: float, cells: Ints, touching: Any, patch: Any, single: Bools, degree: int = 2
+    spacing: float, cells: Ints, touching: Any, patch: Any, isolated: Bools, degree: int = 2
 ) -> DofMap:
-    """Return the parting into these patches: ``cells`` (p, d), pairs ``touching`` (t, 2), ``patch`` (q,) of samples.
+    """Return the dof map of patches that are known.
 
-    ``single`` (p,): patches of pieces that have one unknown each.
+    Parameters
+    ----------
+    spacing, cells, touching, patch, degree
+        As of :class:`DofMap`.
+    isolated : (p,) bool
+        Patches of pieces that have one unknown each.
     """
     from cpmkit.forms.galerkin.space.dof_map_kernels import number
 
     touching = np.ascontiguousarray(touching, dtype=np.int32)
-    unknowns, nodes = number(np.ascontiguousarray(cells), touching, single, degree + 1)
+    unknowns, nodes = number(np.ascontiguousarray(cells), touching, isolated, degree + 1)
     return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree)
 
 
-def components(patches: int, touching: Any) -> tuple[int, Ints]:
-    """Return how many pieces the patches make that touch, and the piece of each patch."""
+def components(count: int, pairs: Any) -> tuple[int, Ints]:
+    """Return the number of connected components of a graph, and the component (count,) of each node.
+
+    ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1.
+    """
     from cpmkit.runtime.disjoint_sets import label_sets, unite_pairs
 
-    parent = np.arange(patches)
-    unite_pairs(parent, np.ascontiguousarray(touching, dtype=np.int32))
+    parent = np.arange(count)
+    unite_pairs(parent, np.ascontiguousarray(pairs, dtype=np.int32))
     return label_sets(parent)
 
 
 def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
-    """Return how many pieces of the manifold share no unknown, and the piece of each unknown (n,)."""
-    count, label = components(len(dof_map.cells), dof_map.touching)
-    of_unknown = np.empty(dof_map.size, dtype=np.int64)
-    of_unknown[dof_map.unknowns] = label[:, None]
-    return count, of_unknown
+    """Return the number of pieces of the manifold that share no unknown, and the piece (n,) of each unknown."""
+    count, piece = components(len(dof_map.cells), dof_map.touching)
+    piece_of_unknown = np.empty(dof_map.size, dtype=np.int64)
+    piece_of_unknown[dof_map.unknowns] = piece[:, None]
+    return count, piece_of_unknown
+
+
+def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
+    """Return (d k, degree + 1) the unknowns on the lines along the axes, inside a patch, through k places of patches.
+
+    ``entries`` (k,) are indices into ``dof_map.unknowns.ravel()``.
+    """
+    flat, width = dof_map.unknowns.ravel(), dof_map.width
+    lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
+    return np.asarray(flat[np.concatenate(lines)])

@@ -1,4 +1,4 @@
-"""Compiled: samples joined into patches, and the nodes that patches read into unknowns."""
+"""Kernels of the dof map: samples are joined into patches, and nodes of touching patches into unknowns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Compiled: energies summed over samples, patch by patch, straight into the rows of a sparse matrix.
+"""Kernels that sum energies over samples, patch by patch, directly into the rows of a sparse matrix.
 
 The plane is treated as a space one node deep. Inside a patch all is measured in spacings. A sample adds products of
 linear forms in the coefficients: of the slopes along the axes with what its tensor makes of them, of the second
@@ -17,18 +17,18 @@ from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
 from cpmkit.runtime.compilation import compiled, inlined
 from cpmkit.types import Floats, Ints
 
-#: Linear forms that are gathered before their products are added; at most so many belong to one sample.
+#: Number of linear forms that are gathered before their products are added, and the largest number for one sample.
 GATHERED, FORMS_OF_A_SAMPLE = 64, 12
-#: So many forms are taken in one sweep over a block.
+#: Number of forms in one sweep over a block.
 SWEEP = 8
-#: What tells a kernel the degree of the splines: by the length of a tuple, which the compiler knows.
+#: Tuples whose length is the number of splines along an axis: the compiler knows it.
 SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
-#: Where the coefficients of values, slopes, second and third derivatives begin in `POLYNOMIALS`.
+#: The first row of the coefficients of values, slopes, second and third derivatives in `POLYNOMIALS`.
 VALUE, SLOPE, SECOND, THIRD = 0, 4, 7, 9
 
 
 def _polynomials() -> Floats:
-    """Return (3, 2, 3, 10, 64), by degree, for the plane and for space, by axis: what the spline of each place is in t.
+    """Return (3, 2, 3, 10, 64), by degree, for plane and space, by axis: the spline of each place as a polynomial in t.
 
     Four coefficients of its value, that of 1 first, three of its slope, two of its second derivative, one of the third.
     """
@@ -45,7 +45,7 @@ def _polynomials() -> Floats:
     return table
 
 
-#: A constant of the kernels: what they store elsewhere cannot change it, so that loops over it become vectors.
+#: A constant of the kernels: the compiler knows that no store changes it, and vectorises loops over it.
 POLYNOMIALS = _polynomials()
 
 
@@ -121,7 +121,7 @@ def slope_forms(
     yz: float,
     zz: float,
 ) -> None:
-    """Write three pairs of rows: the slopes along the axes, and what the tensor of these six numbers makes of them."""
+    """Write three pairs of rows: the slopes along the axes, and their products with the tensor of these six numbers."""
     room = room_for(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)

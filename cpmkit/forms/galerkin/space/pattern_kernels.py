@@ -1,4 +1,4 @@
-"""Compiled: which unknowns meet in the matrices: those of one patch, and those of one run along an axis."""
+"""Kernels of the sparsity pattern: unknowns are coupled within a patch, and within a run along an axis."""
 
 from __future__ import annotations
 

@@ -69,9 +69,9 @@ def add_load(
 ) -> None:
     """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
 
-    ``places`` (q, d): as of `FixedSamples`. What follows each other in one ``patch`` (q,) is summed there first.
-    ``splines`` and ``third`` are tuples as long as there are splines along the first axes and along the third, one in
-    the plane: numbers that the compiler knows.
+    ``places`` (q, d): as of `FixedSamples`. Consecutive samples of one ``patch`` (q,) are summed locally before they
+    are scattered. ``splines`` and ``third`` are tuples as long as there are splines along the first axes and along the
+    third, one in the plane: numbers that the compiler knows.
     """
     width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
     along, depth = len(splines), len(third)

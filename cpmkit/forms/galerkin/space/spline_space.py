@@ -1,4 +1,4 @@
-"""The space of splines over samples: what all its matrices share, whatever their coefficients."""
+"""Splines over samples, and the sparsity pattern that all their matrices share, whatever the coefficients."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
-from cpmkit.forms.galerkin.space.dof_map import DofMap, connected_pieces
+from cpmkit.forms.galerkin.space.dof_map import DofMap, connected_pieces, lines_through
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -22,19 +22,21 @@ class SplineSpace:
 
     Attributes
     ----------
-    dof_map : Parting
-        The unknowns.
+    dof_map : DofMap
+        The unknowns, which are coefficients of splines.
     samples : FixedSamples
-        In the order in which they were parted.
+        The samples that ``dof_map`` numbers: those on the manifold, then those on boundaries.
     heaviest : (n,) int32
-        Where each unknown stands in the heaviest patch that reads it, as an index into ``parting.unknowns.ravel()``.
+        The place of each unknown in the patch of largest weight that reads it: an index into
+        ``dof_map.unknowns.ravel()``.
     runs : (r, degree + 2) int32
-        Runs of neighbouring unknowns along an axis, one more than a patch reads, all ways where copies branch.
+        Sequences of neighbouring unknowns along an axis, one longer than a patch reads. Where an unknown has several
+        neighbours there is one run for each.
     short_runs : (s, degree + 1) int32
-        Runs inside the heaviest patch of the unknowns that are in none of these, and of those of curves in space that
-        keep to one layer of cells.
+        Sequences inside the heaviest patch: of unknowns that are in no run, and of curves in space along axes on which
+        the curve stays in one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
-        The pattern of every matrix, columns ascending.
+        The pattern of every matrix in CSR format, columns ascending.
     """
 
     dof_map: DofMap
@@ -51,7 +53,7 @@ class SplineSpace:
         return self.dof_map.dim - self.samples.codim
 
     def matrix(self, data: Floats) -> csr_array:
-        """Return the (n, n) matrix with these entries, which shares the pattern with all others."""
+        """Return the (n, n) matrix with the entries ``data`` (z,); all such matrices share the pattern."""
         from scipy.sparse import csr_array
 
         n = self.dof_map.size
@@ -59,10 +61,11 @@ class SplineSpace:
         matrix.has_canonical_format = True
         return matrix
 
-    def by_patch(self) -> tuple[Any, Ints]:
-        """Return the samples patch by patch, ``order`` (q,), and ``start`` (p + 1,), where each patch begins in it.
+    def samples_by_patch(self) -> tuple[Any, Ints]:
+        """Return the samples sorted by patch, ``order`` (q,), and where each patch begins in it, ``start`` (p + 1,).
 
-        Made anew each time, which takes a thirtieth of an assembly: kept they were a tenth of the samples' memory.
+        Computed anew at each call, which takes a thirtieth of an assembly: stored they would add a tenth to the memory
+        of the samples.
         """
         from cpmkit.runtime.inverse_index import inverse_index
 
@@ -77,12 +80,12 @@ class SplineSpace:
         sums = np.bincount(self.dof_map.patch, values, minlength=patches)
         counts = np.bincount(self.dof_map.patch, minlength=patches).astype(float)
         width = unknowns.shape[1]
-        totals = [np.bincount(unknowns.ravel(), each.repeat(width)) for each in (sums, counts)]
+        totals = [np.bincount(unknowns.ravel(), by_patch.repeat(width)) for by_patch in (sums, counts)]
         return np.asarray(totals[0] / totals[1])
 
 
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
-    """Return the space of the unknowns of ``dof_map`` over its ``samples``, which it numbers."""
+    """Return the splines with the unknowns of ``dof_map`` over the ``samples`` that it numbers."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, pattern, runs_of
     from cpmkit.runtime.inverse_index import inverse_index
 
@@ -91,50 +94,41 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     patches, width = dof_map.unknowns.shape
     starts, places = inverse_index(dof_map.unknowns.ravel(), n)
     weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
-    heaviest = _heaviest(weight[places // width], starts, places)
+    heaviest = _heaviest_places(weight[places // width], starts, places)
     neighbours = [following(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
-    by_axis = [runs_of(*one, dof_map.width + 1) for one in neighbours]
+    runs_by_axis = [runs_of(*table, dof_map.width + 1) for table in neighbours]
     del neighbours
-    runs = np.concatenate(by_axis)
-    alone = np.ones(n, dtype=bool)
-    alone[runs] = False
-    short_runs = lines_through(dof_map, heaviest[alone])
+    runs = np.concatenate(runs_by_axis)
+    in_no_run = np.ones(n, dtype=bool)
+    in_no_run[runs] = False
+    short_runs = lines_through(dof_map, heaviest[in_no_run])
     if samples.codim > 1:
-        short_runs = np.concatenate([short_runs, _across_straight_pieces(dof_map, by_axis, heaviest)])
+        short_runs = np.concatenate([short_runs, _lines_across_straight_pieces(dof_map, runs_by_axis, heaviest)])
     short_runs = np.unique(short_runs, axis=0)
-    short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # specks have one unknown all along
+    short_runs = short_runs[short_runs[:, 0] != short_runs[:, 1]]  # isolated pieces have one unknown all along
     indptr = np.zeros(n + 1, dtype=np.int32 if len(places) * width < 2**31 else np.int64)
     run_table = inverse_index(runs.ravel(), n)
     indices = pattern(dof_map.unknowns, starts, places, runs, *run_table, indptr)
     return SplineSpace(dof_map, samples, heaviest, runs, short_runs, indptr, indices)
 
 
-def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return (d k, degree + 1) the unknowns on the lines along the axes, inside a patch, through k of its places.
+def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
+    """Return lines (k, degree + 1) inside patches along axes on which a whole piece of a curve in space has no run.
 
-    ``entries`` (k,): indices into ``parting.unknowns.ravel()``.
-    """
-    flat, width = dof_map.unknowns.ravel(), dof_map.width
-    lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]
-    return np.asarray(flat[np.concatenate(lines)])
-
-
-def _across_straight_pieces(dof_map: DofMap, by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
-    """Return runs inside patches along the axes in which a whole piece of a curve in space has no longer one.
-
-    Such a piece keeps to one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives that the
-    energy holds, y and z being these axes.
+    Such a piece stays in one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives in the
+    energy, y and z being coordinates along such axes; the differences along these lines control that function.
     """
     count, piece = connected_pieces(dof_map)
-    found = []
-    for axis, runs in enumerate(by_axis):
-        flat = np.bincount(piece[runs[:, 0]], minlength=count) == 0
-        found.append(lines_through(dof_map, heaviest[flat[piece]]).reshape(dof_map.dim, -1, dof_map.width)[axis])
-    return np.concatenate(found)
+    lines = []
+    for axis, runs in enumerate(runs_by_axis):
+        has_no_run = np.bincount(piece[runs[:, 0]], minlength=count) == 0
+        by_axis = lines_through(dof_map, heaviest[has_no_run[piece]]).reshape(dof_map.dim, -1, dof_map.width)
+        lines.append(by_axis[axis])
+    return np.concatenate(lines)
 
 
-def _heaviest(weights: Floats, starts: Ints, places: Ints) -> Ints:
-    """Return for each unknown the one of its ``places`` whose weight is largest, the first of equal ones."""
+def _heaviest_places(weights: Floats, starts: Ints, places: Ints) -> Ints:
+    """Return (n,) for each unknown the one of its ``places`` with the largest weight, the first of equal ones."""
     largest = np.maximum.reduceat(weights, starts[:-1])
     hits = np.flatnonzero(weights == largest.repeat(np.diff(starts)))
     row = np.searchsorted(starts, hits, side="right") - 1

@@ -1,7 +1,7 @@
-"""Tensor products of B-splines of degree 1, 2 or 3, read through the polynomial of a patch.
+"""Tensor products of B-splines of degree 1, 2 or 3, evaluated through the polynomial of a patch.
 
-With z = x / h and the patch's cell r, t = z - r + 1/2 runs over [0, 1] inside the cell; outside of it the same
-polynomial goes on.
+With z = x / h and the lattice cell r of the patch, t = z - r + 1/2 runs over [0, 1] inside the cell. Outside of the
+cell the same polynomial is continued.
 """
 
 from __future__ import annotations
@@ -11,11 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
+    from cpmkit.forms.galerkin.space.dof_map import DofMap
 
 #: The degrees that splines may have.
 DEGREES = (1, 2, 3)
@@ -25,68 +26,66 @@ DEGREES = (1, 2, 3)
 def spline_pieces(degree: int) -> Floats:
     """Return (degree + 1, degree + 1) the splines that a cell reads, as coefficients of 1, t, t^2 and so on.
 
-    By the recursion of Cox and de Boor: the k-th of degree p is the sum of (t + p - k)/p times the one before it of
-    degree p - 1, and of (k + 1 - t)/p times the k-th.
+    By the recursion of Cox and de Boor: spline k of degree p is the sum of (t + p - k)/p times spline k - 1 of degree
+    p - 1, and of (k + 1 - t)/p times spline k of degree p - 1.
     """
     if degree == 0:
         return np.ones((1, 1))
-    lower, found = spline_pieces(degree - 1), np.zeros((degree + 1, degree + 1))
+    lower, pieces = spline_pieces(degree - 1), np.zeros((degree + 1, degree + 1))
     for k in range(degree + 1):
-        for of, start, slope in ((k - 1, degree - k, 1), (k, k + 1, -1)):
-            if 0 <= of < degree:
-                found[k, :-1] += start * lower[of] / degree
-                found[k, 1:] += slope * lower[of] / degree
-    return found
+        for source, start, slope in ((k - 1, degree - k, 1), (k, k + 1, -1)):
+            if 0 <= source < degree:
+                pieces[k, :-1] += start * lower[source] / degree
+                pieces[k, 1:] += slope * lower[source] / degree
+    return pieces
 
 
 def spline_values(t: Floats, degree: int) -> Floats:
-    """Return (..., degree + 1) the splines that a cell reads at t."""
-    return _read(t, spline_pieces(degree).T)
+    """Return (..., degree + 1) the splines that a cell reads, at t (...)."""
+    return _evaluate(t, spline_pieces(degree).T)
 
 
 def spline_slopes(t: Floats, degree: int) -> Floats:
     """Return (..., degree + 1) their derivatives with respect to t."""
-    return _read(t, np.asarray(np.polynomial.polynomial.polyder(spline_pieces(degree).T), dtype=np.float64))
+    return _evaluate(t, np.asarray(np.polynomial.polynomial.polyder(spline_pieces(degree).T), dtype=np.float64))
 
 
-def _read(t: Floats, coefficients: Floats) -> Floats:
-    """Return (..., w) polynomials at t (...), ``coefficients`` (k, w) those of 1 first."""
+def _evaluate(t: Floats, coefficients: Floats) -> Floats:
+    """Return (..., w) polynomials at t (...), by Horner's rule; ``coefficients`` (k, w) with those of 1 first."""
     values = np.multiply.outer(t, coefficients[-1]) if len(coefficients) > 1 else np.zeros((*t.shape, 1))
-    for own in coefficients[-2:0:-1]:
-        values = (values + own) * t[..., None]
+    for row in coefficients[-2:0:-1]:
+        values = (values + row) * t[..., None]
     return np.asarray(values + coefficients[0], dtype=np.float64)
 
 
 def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
-    """Return (k, n) the rows that read u at ``points`` (k, d) through the ``patch`` (k,) of each.
+    """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each through the splines of its ``patch`` (k,).
 
-    Points are relative to the lattice's origin, as everywhere inside the form.
+    Points are relative to the origin of the lattice.
     """
-    return _rows(dof_map, patch, _product(spline_values(_local(dof_map, patch, points), dof_map.degree)))
+    values = spline_values(_local(dof_map, patch, points), dof_map.degree)
+    entries = values[:, 0]
+    for axis in range(1, dof_map.dim):
+        entries = _outer(entries, values[:, axis])
+    return _rows(dof_map, patch, entries)
 
 
 def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> csr_array:
-    """Return (k, n) the rows that read the derivatives of u along ``directions`` (k, d), in their unit per length."""
+    """Return the matrix (k, n) that evaluates the derivatives of u along ``directions`` (k, d) at ``points`` (k, d)."""
     t = _local(dof_map, patch, points)
+    along = directions * dof_map.magnification(patch)[:, None] / dof_map.spacing
     values = spline_values(t, dof_map.degree)
-    slopes = spline_slopes(t, dof_map.degree) * (directions / dof_map.spacing)[:, :, None]
-    of_values, entries = values[:, 0], slopes[:, 0]
+    slopes = spline_slopes(t, dof_map.degree) * along[:, :, None]
+    products, entries = values[:, 0], slopes[:, 0]
     for axis in range(1, dof_map.dim):
-        entries = _outer(entries, values[:, axis]) + _outer(of_values, slopes[:, axis])
-        of_values = _outer(of_values, values[:, axis])
+        entries = _outer(entries, values[:, axis]) + _outer(products, slopes[:, axis])
+        products = _outer(products, values[:, axis])
     return _rows(dof_map, patch, entries)
 
 
 def _local(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
-    return np.asarray(points / dof_map.spacing - dof_map.cells[patch] + 0.5)
-
-
-def _product(factors: Floats) -> Floats:
-    """Return (k, w^d) the products over axes of ``factors`` (k, d, w), the last axis running fastest."""
-    entries = factors[:, 0]
-    for axis in range(1, factors.shape[1]):
-        entries = _outer(entries, factors[:, axis])
-    return entries
+    """Return t (k, d) of points in the cells of their patches."""
+    return np.asarray(dof_map.magnify(patch, points) / dof_map.spacing - dof_map.cells[patch] + 0.5)
 
 
 def _outer(first: Floats, second: Floats) -> Floats:
@@ -95,6 +94,7 @@ def _outer(first: Floats, second: Floats) -> Floats:
 
 
 def _rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
+    """Return the matrix (k, n) with ``entries`` (k, w) at the unknowns that the patches read."""
     from scipy.sparse import csr_array
 
     k, width = entries.shape

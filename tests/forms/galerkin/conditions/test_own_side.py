@@ -50,7 +50,7 @@ def test_slivers_beside_edges_have_the_material_of_their_side(spacing, origin):
     scene = ck.Scene(surface, SCENE.problem, SCENE.boundaries)
     solution = ck.solve(scene, spacing, origin=origin, form="galerkin", solver="multigrid")
     form = solution.discretized
-    on_boundary = form._diffusivity(scene.problem.terms().diffusivity)[form.sampled.interior :]
+    on_boundary = form.coefficients.diffusivity(scene.problem.terms().diffusivity)[form.sampled.interior :]
     left = form.sampled.left
     assert np.unique(on_boundary[left]).tolist() == [1.0]
     assert np.unique(on_boundary[~left]).tolist() == [1000.0]
@@ -68,5 +68,5 @@ def test_nothing_is_read_elsewhere_where_all_samples_are_on_their_side():
     seen = []
     form.data_at_points(lambda x: seen.append(x.copy()) or x[:, 0], "f")
     apart = np.abs(seen[0] - form.points).max(axis=1)
-    assert np.count_nonzero(apart) == len(form._astray[0])
+    assert np.count_nonzero(apart) == len(form.coefficients._samples_past_boundary[0])
     assert apart.max() < 0.05 * 0.3

@@ -243,20 +243,6 @@ def test_materials_are_told_apart_beside_a_boundary_that_is_off():
     assert np.allclose(one.conditions.a, np.where(one.left, 100.0, 1.0))
 
 
-def test_the_strip_is_what_holds_or_couples_u():
-    def strip(**boundary):
-        one = plain(ck.Scene(SURFACE, ck.ScreenedPoisson(0.0, 1.0), [ck.Boundary("cut", ring(CUT), **boundary)]))
-        return one, one.conditions.strip
-
-    assert len(strip(both=ck.Neumann(1.0))[1]) == 0
-    one, both = strip(both=ck.Dirichlet(1.0))
-    read = np.flatnonzero(abs(one.conditions.values).sum(axis=0))
-    assert set(read) <= set(both.tolist())
-    left = strip(left=ck.Dirichlet(1.0), right=ck.Neumann())[1]
-    assert 0 < len(left) < len(both)
-    assert len(strip(across=ck.Transmission())[1]) == len(both)
-
-
 def test_data_have_channels_and_times():
     ramp = ck.Dirichlet([1.0, lambda x, t: t + 0 * x[:, 0]])
     cut = ck.Boundary("cut", ring(CUT), left=ramp, right=ck.Neumann([0.0, lambda x, t: 2 * t]))

@@ -1,0 +1,243 @@
+"""Matrices and loads of an equation with the conditions of its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from cpmkit.errors import SceneError
+from cpmkit.forms.form_records import StateDependentCoefficient
+from cpmkit.forms.free_constants import free_pieces
+from cpmkit.forms.galerkin.advection import Advection, convection_matrix, outward_speed
+from cpmkit.forms.galerkin.coefficients import SampleCoefficients
+from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, concatenate, condition_terms
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
+from cpmkit.forms.galerkin.conditions.nitsche import scale_rows
+from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
+from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.space.energy import mean_coefficient
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
+from cpmkit.runtime.caches import state_without_cached
+from cpmkit.scene.data import Data
+from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import Flux, Mixed
+from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats, Side
+
+
+@dataclass(frozen=True, eq=False)
+class EquationAssembly:
+    """Assembly of the equation of a scene, and of other equations with the same conditions.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the equation.
+    conditions : tuple of ImposedCondition
+        The laws, and the samples at which each is imposed.
+    coefficients : SampleCoefficients
+        Evaluates the coefficients at the samples; holds the samples and the functions.
+    """
+
+    scene: Scene
+    conditions: tuple[ImposedCondition, ...]
+    coefficients: SampleCoefficients
+
+    __getstate__ = state_without_cached
+
+    @property
+    def sampled(self) -> SampledScene:
+        """The manifold and its boundaries."""
+        return self.coefficients.sampled
+
+    @property
+    def space(self) -> FunctionSpace:
+        """The functions."""
+        return self.coefficients.space
+
+    # Matrices
+
+    def stiffness(self, terms: Terms) -> GalerkinOperator:
+        """Return A: the energy with its stabilisation, c u v, advection, and the terms of the conditions.
+
+        Raises
+        ------
+        InputError
+            If the diffusivity is not positive, or not definite on tangents.
+        """
+        space, coefficients = self.space, self.coefficients
+        a = coefficients.diffusivity(terms.diffusivity)
+        c = coefficients.at_all_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
+        scale = coefficients.penalty_scale(terms.diffusivity)
+        matrix = space.stiffness(a, None if terms.lumped else c, scale)
+        if terms.lumped and c is not None:
+            matrix = with_diagonal(matrix, space.spline_loads(c[:, None])[:, 0])
+        advection = self._advection_of(terms)
+        if advection is not None:
+            matrix = advection.add_to(matrix, space.stabilisation)
+        matrix = space.extend_matrix(matrix, a, c)
+        conditions = self.condition_terms(terms, a, scale)
+        if conditions.conditions:
+            matrix = (matrix + conditions.matrix).tocsr()
+        if terms.conservative:
+            matrix = (matrix + conditions.outflow_matrix).tocsr()
+        return build_operator(matrix, conditions, mean_coefficient(space.splines, a), c, advection)
+
+    @cached_property
+    def mass_in_time(self) -> CsrOperator:
+        """M + h^2 S, S the stabilisation, with the upwinding of du/dt."""
+        upstream = None if self.advection is None else self.advection.rate_matrix()
+        matrix = self.space.projection.matrix
+        return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
+
+    def state_advection(self, field: StateDependentCoefficient) -> CsrOperator:
+        """Return the integrals of u (w . grad v) over the samples, w (p, d) the value of ``field``.
+
+        Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
+        with u as it does inside.
+        """
+        matrix = convection_matrix(self.space.splines, self.coefficients.evaluate_at_state(field))
+        given = [condition.rows for _, condition in conditions_with_law(self.conditions, Flux, Mixed)]
+        rows = concatenate(given, np.int64)
+        if len(rows):
+            boundary = self.sampled.boundary
+            w = self.coefficients.beside_boundaries(field)(self.sampled.lattice.to_scene(boundary.points))
+            through = boundary.weights * np.einsum("bd,bd->b", w, boundary.conormals)
+            values = self.coefficients.boundary_rows[0][rows]
+            matrix = (matrix - values.T @ scale_rows(through[rows], values)).tocsr()
+        return CsrOperator(self.space.extend_matrix(matrix, None, None))
+
+    @cached_property
+    def advection(self) -> Advection | None:
+        """The advection of the scene's own equation; None without a velocity."""
+        terms = self.scene.problem.terms()
+        return None if terms.velocity is None else self.coefficients.advection(terms)
+
+    def _advection_of(self, terms: Terms) -> Advection | None:
+        """Return the advection of ``terms``, from the cache if they are the scene's; None without a velocity."""
+        scene_terms = self.scene.problem.terms()
+        names = "velocity", "diffusivity", "c", "conservative"
+        if all(getattr(terms, name) is getattr(scene_terms, name) for name in names):
+            return self.advection
+        return None if terms.velocity is None else self.coefficients.advection(terms)
+
+    # Conditions
+
+    def condition_terms(self, terms: Terms, a: Floats | None = None, scale: Floats | None = None) -> ConditionTerms:
+        """Return the terms of the conditions.
+
+        Parameters
+        ----------
+        terms : Terms
+            Of the equation.
+        a : (q,), (q, d, d) or (1,) float64, optional
+            Its diffusivity at all samples; by default 1.
+        scale : (q,) float64, optional
+            The coefficient that penalties are proportional to; by default ``a``.
+        """
+        sampled, space, diffusivity, along = self.sampled, self.space, terms.diffusivity, None
+        logarithms = np.zeros(len(space.areas))
+        patch = space.dof_map.patch[sampled.interior :]
+        if a is not None:
+            means = mean_coefficient(space.splines, a)
+            varies = means.min() < means.max()
+            logarithms = space.spline_loads(np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * space.areas
+            if a.ndim == 3:
+                along = partial(space.spline_derivative_rows, patch, sampled.boundary.points)
+        depends_on_u = isinstance(diffusivity, StateDependentCoefficient)
+        data = self.coefficients.beside_boundaries(diffusivity) if depends_on_u else diffusivity
+        samples = sampled.boundary, sampled.left, self.coefficients.boundary_rows, space.areas
+        spacings = space.spacing / space.dof_map.magnification(patch)
+        made = condition_terms(self.conditions, *samples, data, logarithms, sampled.lattice, along, spacings)
+        if terms.velocity is not None:
+            made = replace(made, outward_speed=outward_speed(terms.velocity, sampled.boundary, sampled.lattice))
+        if scale is not None:  # penalties are a over the width: the width is enlarged by a over the scale
+            state = StateDependentCoefficient(diffusivity.holding, diffusivity.u)
+            scaled = self.condition_terms(Terms(diffusivity=state), scale)
+            made = replace(made, widths=made.widths * made.a / scaled.a)
+        return space.extend_conditions(made)
+
+    def terms_with_scene_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
+        """Return the conditions of an operator with the data of this scene: it may have been made for other data."""
+        cache = self._terms_by_operator
+        if stiffness not in cache:
+            assert stiffness.conditions is not None
+            same = stiffness.conditions.conditions is self.conditions
+            terms = stiffness.conditions
+            cache[stiffness] = terms if same else replace(terms, conditions=self.conditions)
+        return cache[stiffness]
+
+    @cached_property
+    def _terms_by_operator(self) -> WeakKeyDictionary[GalerkinOperator, ConditionTerms]:
+        return WeakKeyDictionary()
+
+    def terms_of_solution(self, u: Floats) -> ConditionTerms:
+        """Return the conditions with the diffusivity of the scene's equation, whose solution is u."""
+        terms = self.scene.problem.terms()
+        if isinstance(terms.diffusivity, StateDiffusivity):
+            state = StateDependentCoefficient(terms.diffusivity.at, u)
+            return self.condition_terms(replace(terms, diffusivity=state), self.coefficients.diffusivity(state))
+        return self.terms_of_scene
+
+    @cached_property
+    def terms_of_scene(self) -> ConditionTerms:
+        """The conditions with the diffusivity of the scene's equation, which does not depend on u."""
+        terms = self.scene.problem.terms()
+        return self.condition_terms(terms, self.coefficients.diffusivity(terms.diffusivity))
+
+    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
+        """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
+
+        By the residual of the weak form; None for rims without samples. Where the diffusivity A is a tensor, du/db
+        stands for the derivative along A b / (b . A b), b the conormal.
+        """
+        sampled, samples = self.sampled, self.sampled.boundary
+        names = [one.name for one in self.scene.boundaries]
+        if boundary in names:
+            self.coefficients.reader.sides({str(boundary): side})  # type: ignore[dict-item]
+            number = names.index(str(boundary))
+            chosen = (samples.owner == number) & ~samples.beyond_tip & (sampled.left == (side == "left"))
+        else:
+            chosen = (samples.owner < 0) & (samples.half >= 0)
+            if isinstance(boundary, int):
+                rows = np.flatnonzero(chosen)
+                chosen[rows] = rim_loops(samples.take(rows), sampled.surface, self.space.spacing) == boundary
+            if not chosen.any():  # nothing flows out of a rim without a condition
+                return np.zeros(u.shape[1]) if self.scene.has_tensor else None
+        return self.terms_of_solution(u).flux(u, chosen, time)
+
+    # Loads
+
+    def load(self, f: Data, time: float | None, channels: int) -> Floats:
+        """Return the integrals (n, channels) of f times each function, with upwinding where there is a velocity."""
+        values = self.coefficients.at_points(f, "the right-hand side f", time, channels)
+        loads = self.space.load(values)
+        if self.advection is not None:
+            self.advection.add_load(values, loads)
+        return loads
+
+    # Constants
+
+    def free_constants(self, stiffness: GalerkinOperator) -> Border | None:
+        """Return the pieces on which a constant is free, with means over them; None where there is none.
+
+        Raises
+        ------
+        SceneError
+            If a conservative velocity leaves a solution free that is no constant.
+        """
+        space = self.space
+        if stiffness.advection is not None and stiffness.advection.conservative:
+            transposed = CsrOperator(stiffness.to_csr().T.tocsr())
+            if free_pieces(transposed, lambda: space.mass, space.spline_count) is not None:
+                raise SceneError(
+                    "Nothing fixes the size of the solution on a piece of the manifold: a conservative velocity "
+                    "carries nothing out of it, and c is zero there; give c above zero, or a value somewhere."
+                )
+            return None
+        return None if stiffness.fixed else free_pieces(stiffness, lambda: space.mass, space.spline_count)

@@ -1,0 +1,177 @@
+"""How well the lattice resolves a scene: folds, isolated pieces, layers, and why errors may fall slowly."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from cpmkit.forms.galerkin.coefficients import SampleCoefficients
+from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
+from cpmkit.forms.galerkin.normal_alignment import NormalSpread, normal_alignment, normal_spread
+from cpmkit.forms.galerkin.scene_sampling import SampledScene
+from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings, resolution_warnings
+from cpmkit.forms.galerkin.space.dof_map import connected_pieces
+from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.manifold.abilities import warnings_of
+from cpmkit.runtime.caches import state_without_cached
+from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
+from cpmkit.scene.scene import Scene
+
+#: Folds persist where more than the first share of the area is on splines under which normals point in many directions,
+#: and more than the second share of that area at twice the spacing: where parts are thinner than both spacings, both
+#: solutions have the same errors there (Nefertiti .5 to 1.9, and estimates without this are a quarter of the error;
+#: Spot, koala and fish .1 to .4 from the second solution on, and estimates without this are right).
+PERSISTING_AREA, PERSISTING_SHARE = 0.005, 0.4
+#: A layer narrower than this, in spacings, is not resolved: estimates were down to .3 of the error at a half, .66 at 1.
+LAYER_SPACINGS = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class LatticeResolution:
+    """How the lattice resolves the manifold, whatever the equation.
+
+    Attributes
+    ----------
+    sampled : SampledScene
+        The manifold and its boundaries.
+    space : FunctionSpace
+        The splines.
+    """
+
+    sampled: SampledScene
+    space: FunctionSpace
+
+    __getstate__ = state_without_cached
+
+    @cached_property
+    def normal_spread(self) -> NormalSpread:
+        """How much of the manifold is thin, folded or creased on this lattice."""
+        splines = self.space.splines
+        return normal_spread(splines, normal_alignment(splines, self.sampled.mesh, self.sampled.winding))
+
+    @cached_property
+    def unresolved_share(self) -> float:
+        """The share of the patches whose piece of the manifold has one unknown."""
+        count, piece = connected_pieces(self.space.base_dof_map)
+        size = np.bincount(piece, minlength=count)
+        return float(np.mean(size[piece[self.space.base_dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
+
+    @cached_property
+    def warnings(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Warnings on the source and its mesh, and on how the lattice resolves them."""
+        sampled, dof_map = self.sampled, self.space.base_dof_map
+        lattice = sampled.lattice
+        source = warnings_of(sampled.surface.source, lattice.spacing)
+        rounding = lattice.rounding_warnings(sampled.surface.bounds, not sampled.surface.shift.any())
+        boundary_patches = dof_map.patch[sampled.interior :]
+        pieces = connected_pieces(dof_map)
+        resolved = resolution_warnings(dof_map, pieces, lattice, boundary_patches, sampled.geometry)
+        folds = fold_warnings(self.normal_spread, lattice)
+        return (*source, *rounding, *sampled.warnings), (*resolved, *folds)
+
+
+@dataclass(frozen=True, eq=False)
+class Resolution:
+    """How the lattice resolves the manifold and the layers of an equation.
+
+    Attributes
+    ----------
+    scene : Scene
+        With the equation.
+    conditions : tuple of ImposedCondition
+        Its conditions.
+    coefficients : SampleCoefficients
+        Evaluates coefficients at the samples.
+    of_manifold : LatticeResolution
+        The part that does not depend on the equation.
+    """
+
+    scene: Scene
+    conditions: tuple[ImposedCondition, ...]
+    coefficients: SampleCoefficients
+    of_manifold: LatticeResolution
+
+    __getstate__ = state_without_cached
+
+    @property
+    def sampled(self) -> SampledScene:
+        """The manifold and its boundaries."""
+        return self.coefficients.sampled
+
+    @property
+    def spacing(self) -> float:
+        """H of the lattice."""
+        return self.coefficients.space.spacing
+
+    @property
+    def normal_spread(self) -> NormalSpread:
+        """How much of the manifold is thin, folded or creased on this lattice."""
+        return self.of_manifold.normal_spread
+
+    @cached_property
+    def layer_spacings(self) -> float:
+        """The width of layers in spacings; infinite where there can be none.
+
+        In steady problems -div(a grad u) + c u = f layers are sqrt(a / c) wide, beside conditions other than zero flux.
+        A tensor with a small eigenvalue has them anywhere, sqrt(a / c) wide with its smallest eigenvalue on tangents,
+        and no wider than the manifold times the root of the smallest eigenvalue over the largest.
+        """
+        terms = self.scene.problem.terms()
+        if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):
+            return np.inf
+        c = float(self.coefficients.at_points(terms.c, "the factor c").max())
+        if self.scene.has_tensor:
+            return self._tensor_layer(c) / self.spacing
+        if c <= 0 or all(condition.beyond_tip for condition in self.conditions):
+            return np.inf
+        a = float(self.coefficients.at_points(terms.diffusivity, "the diffusivity").min())
+        return float(np.sqrt(a / c) / self.spacing)
+
+    def _tensor_layer(self, c: float) -> float:
+        points = self.coefficients.reader.points
+        tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")
+        normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
+        least, largest = principal_values(tensors, normals)
+        radius = 0.5 * float(np.ptp(np.asarray(self.scene.surface.bounds), axis=0).max())
+        least = np.maximum(least, 0.0)  # a tensor with a negative eigenvalue is refused by the assembly
+        width = radius * np.sqrt((least / largest).min())
+        return float(width if c <= 0 else min(width, np.sqrt(least.min() / c)))
+
+    def tensor_layer_warnings(self) -> tuple[str, ...]:
+        """Return a warning where the smallest eigenvalue of a tensor makes layers that the spacing does not resolve."""
+        if self.scene.problem.family != "steady" or not self.scene.has_tensor or self.layer_spacings >= LAYER_SPACINGS:
+            return ()
+        return (
+            "The diffusivity conducts so badly along one direction that the solution may have layers "
+            f"{self.layer_spacings:.2g} spacings wide, which are not resolved; a spacing of "
+            f"{self.spacing * self.layer_spacings / LAYER_SPACINGS:.2g} or less resolves them.",
+        )
+
+    def end_or_layer_reason(self) -> str:
+        """Return that boundaries end inside the surface, or that a layer is not resolved; else an empty string."""
+        if bool(self.sampled.mesh.beyond_tip.any()) and not self.sampled.singular:
+            return "boundaries end inside the surface; the error may fall slowly"
+        if self.layer_spacings < LAYER_SPACINGS:
+            where = "along the direction that conducts worst" if self.scene.has_tensor else "beside conditions"
+            return f"a layer {where} is {self.layer_spacings:.2g} spacings wide; the error may fall slowly"
+        return ""
+
+    def slow_convergence_reason(self, coarser: Resolution | None = None) -> str:
+        """Return why the error may fall slowly, also by comparison with a coarser lattice; empty without a reason."""
+        reason, share = self.end_or_layer_reason(), self.normal_spread.share
+        if reason:
+            return reason
+        if share > FOLDED_SHARE:
+            return f"thin, folded or creased: {share:.0%} of the area; the error may fall slowly"
+        if coarser is not None and self.folds_persist(coarser):
+            same = f"about as much at spacing {coarser.spacing:.3g}"
+            return f"thin, folded or creased: {share:.1%} of the area, {same}; the error may fall slowly"
+        return ""
+
+    def folds_persist(self, coarser: Resolution) -> bool:
+        """Return whether hardly more of the area is folded on a coarser lattice."""
+        share = self.normal_spread.share
+        halvings = np.log2(coarser.spacing / self.spacing)
+        return bool(share > PERSISTING_AREA and share > PERSISTING_SHARE**halvings * coarser.normal_spread.share)

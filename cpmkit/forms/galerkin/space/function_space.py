@@ -1,0 +1,248 @@
+"""The functions that unknowns stand for: splines of one spacing. Refined and enriched spaces derive from this one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from cpmkit.forms.galerkin.levels import coarser_levels
+from cpmkit.forms.galerkin.space import energy
+from cpmkit.forms.galerkin.space.dof_map import DofMap
+from cpmkit.forms.galerkin.space.energy import NO_STABILISATION, Stabilisation
+from cpmkit.forms.galerkin.space.projection import Projection
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace
+from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.linear.operators import CsrOperator
+from cpmkit.runtime.caches import state_without_cached
+from cpmkit.types import Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
+    from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
+
+
+@dataclass(frozen=True, eq=False)
+class FunctionSpace:
+    """Functions u = sum_j c_j N_j on the manifold, with N_j the splines of the lattice.
+
+    The unknowns are the n coefficients c_j. A derived space may have its splines as combinations of those in
+    :attr:`splines` (refined spaces), or further unknowns behind the c_j (enriched spaces).
+
+    Attributes
+    ----------
+    splines : SplineSpace
+        The splines that are evaluated and integrated, with their q samples.
+    interior : int
+        Number p of the samples on the manifold; those on boundaries follow.
+    stabilisation : Stabilisation
+        Factors of the stabilisation.
+    """
+
+    splines: SplineSpace
+    interior: int
+    stabilisation: Stabilisation
+
+    __getstate__ = state_without_cached
+
+    # Unknowns
+
+    @property
+    def dof_map(self) -> DofMap:
+        """The patches of the samples, and the splines that each reads."""
+        return self.splines.dof_map
+
+    @property
+    def base_dof_map(self) -> DofMap:
+        """The dof map of the lattice, without refinement; it tells how many pieces the manifold has."""
+        return self.dof_map
+
+    @property
+    def spacing(self) -> float:
+        """H of the lattice."""
+        return self.dof_map.spacing
+
+    @property
+    def finest_spacing(self) -> float:
+        """The smallest spacing of splines."""
+        return self.spacing
+
+    @property
+    def has_one_level(self) -> bool:
+        """Whether all splines have the spacing of the lattice."""
+        return True
+
+    @property
+    def spline_count(self) -> int:
+        """Number of unknowns that are coefficients of splines: the first ones."""
+        return self.dof_map.size
+
+    @property
+    def size(self) -> int:
+        """Number of unknowns, n."""
+        return self.spline_count
+
+    @property
+    def constant(self) -> Floats:
+        """(n, 1) the unknowns of the function 1: splines sum to one."""
+        return (np.arange(self.size) < self.spline_count).astype(np.float64)[:, None]
+
+    def to_coefficients(self, u: Floats) -> Floats:
+        """Return the coefficients (N, k) of :attr:`splines` of the unknowns ``u`` (n, k): R u."""
+        return u[: self.spline_count]
+
+    def restrict_loads(self, loads: Floats) -> Floats:
+        """Return R' times loads (N, k) of :attr:`splines`, (spline_count, k)."""
+        return loads
+
+    def restrict_matrix(self, matrix: csr_array) -> csr_array:
+        """Return R' A R, (spline_count, spline_count), of a matrix A over :attr:`splines`."""
+        return matrix
+
+    def restrict_rows(self, rows: csr_array) -> csr_array:
+        """Return ``rows`` (k, N), which evaluate :attr:`splines`, times R, (k, spline_count)."""
+        return rows
+
+    # Evaluation
+
+    def spline_rows(self, patch: Ints, points: Floats) -> csr_array:
+        """Return the matrix (k, spline_count) that evaluates the splines at ``points`` (k, d) in patches (k,)."""
+        return self.restrict_rows(value_rows(self.dof_map, patch, points))
+
+    def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
+        """Return the matrix (k, spline_count) that evaluates derivatives along ``directions`` (k, d)."""
+        return self.restrict_rows(derivative_rows(self.dof_map, patch, points, directions))
+
+    def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
+        """Return the matrix (k, n) that evaluates u at ``points`` (k, d) in these patches and mesh cells (k,)."""
+        del cells  # of spaces with further functions
+        return self.spline_rows(patch, points)
+
+    def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
+        """Return d matrices (k, n - spline_count), the gradients of the functions beside the splines; none here."""
+        del points, cells
+        return ()
+
+    def values_at_samples(self, u: Floats, rows: slice | Ints | None = None) -> Floats:
+        """Return the values (p, channels) of u at the samples of the manifold, or at those numbered ``rows``."""
+        return energy.values_at_samples(
+            self.splines, self.to_coefficients(u), slice(self.interior) if rows is None else rows
+        )
+
+    def spline_gradients_at_samples(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of the splines in u at the samples of the manifold."""
+        return energy.gradients_at_samples(self.splines, self.interior, self.to_coefficients(u))
+
+    def gradients_at_samples(self, u: Floats) -> Floats:
+        """Return the tangential gradients (p, channels, d) of u at the samples of the manifold."""
+        return self.spline_gradients_at_samples(u)
+
+    def gradients_beside_boundaries(self, u: Floats, points: Floats, normals: Floats) -> Floats:
+        """Return the tangential gradients (b, channels, d) of the splines in u at the samples on boundaries."""
+        patch = self.dof_map.patch[self.interior :]
+        return energy.gradients_at(self.splines, patch, points, normals, self.to_coefficients(u))
+
+    # Integrals
+
+    @cached_property
+    def areas(self) -> Floats:
+        """(spline_count,) the integral of each spline over the manifold."""
+        return self.spline_loads(np.ones((1, 1)))[:, 0]
+
+    @cached_property
+    def totals(self) -> Floats:
+        """(n,) the integral of each function over the manifold."""
+        return self.areas
+
+    def spline_loads(self, values: Floats) -> Floats:
+        """Return the integrals (spline_count, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""
+        return self.restrict_loads(energy.load(self.splines, values))
+
+    def load(self, values: Floats) -> Floats:
+        """Return the integrals (n, k) of ``values`` (p, k) at the samples of the manifold times each function."""
+        count = len(self.splines.samples) - self.interior
+        return self.spline_loads(np.concatenate([values, np.zeros((count, values.shape[1]))]) if count else values)
+
+    def gradient_load(self, values: Floats) -> Floats:
+        """Return the integrals (n,) of vectors (p, d) at the samples times the gradient of each function."""
+        return energy.gradient_load(self.splines, values)
+
+    @cached_property
+    def mass(self) -> CsrOperator:
+        """M, the integrals of products of functions; singular, for some splines are zero at all samples."""
+        matrix = self.restrict_matrix(energy.mass(self.splines, 1.0))
+        return CsrOperator(self.extend_matrix(matrix, None, np.ones(1)), symmetric=True)
+
+    def weighted_mass(self, c: Floats) -> csr_array:
+        """Return the integrals (n, n) of c u v, c (q,) at all samples."""
+        return self.restrict_matrix(energy.mass(self.splines, c))
+
+    def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
+        """Return the integrals of a grad u . grad v + c u v over the splines, with stabilisation and floor.
+
+        ``a``, ``c`` and ``scale`` as of :func:`cpmkit.forms.galerkin.space.energy.stiffness_with_floor`.
+        """
+        return energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale)
+
+    def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
+        """Return a ``matrix`` over the splines with the integrals of a grad u . grad v + c u v of further functions.
+
+        ``a`` and ``c``: (q,) at all samples, or (1,); None for no such term.
+        """
+        del a, c
+        return matrix
+
+    def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
+        """Return conditions on the splines as conditions on all functions."""
+        return terms
+
+    # Projection
+
+    @cached_property
+    def projection(self) -> Projection:
+        """The solver with M + h^2 S, S the stabilisation for the coefficient 1."""
+        return Projection((self.mass.matrix + self.spacing**2 * self._unit_stabilisation()).tocsr())
+
+    def _unit_stabilisation(self) -> csr_array:
+        unit = (energy.stiffness(self.splines, 1.0, factors) for factors in (self.stabilisation, NO_STABILISATION))
+        return self.extend_matrix(next(unit) - next(unit), None, None)
+
+    def project(self, values: Floats) -> Floats:
+        """Return the unknowns (n, k) of the functions nearest in mean square to ``values`` (p, k) at the samples."""
+        return self.projection.solve(self.load(values))
+
+    def project_gradients(self, u: Floats) -> Floats:
+        """Return the unknowns (n, channels d) of the functions nearest to the gradient of the splines in u."""
+        gradients = self.spline_gradients_at_samples(u)
+        return self.project(gradients.reshape(len(gradients), -1))
+
+    # Coarser levels
+
+    @cached_property
+    def plain_levels(self) -> list[Level]:
+        """The steps to coarser lattices, of twice the spacing and so on."""
+        return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
+
+    @cached_property
+    def refined_levels(self) -> list[Level]:
+        """The steps between spaces of several levels, which precede :attr:`plain_levels`."""
+        return []
+
+    # Description
+
+    def describe(self) -> dict[str, Any]:
+        """Return what reports say of the space, as plain values."""
+        return {}
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the arrays by which the space of a saved solution is recognised."""
+        return {"nodes": self.base_dof_map.nodes}
+
+    def differs_from(self, saved: Mapping[str, Any]) -> str:
+        """Return how the space of a saved solution, known by its :meth:`arrays`, differs; empty where it does not."""
+        return "" if np.array_equal(self.base_dof_map.nodes, saved["nodes"]) else "its nodes are others"
