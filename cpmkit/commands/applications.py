@@ -128,7 +128,7 @@ def run_application(target: CommandArguments, solve: Callable[[dict[str, Any]], 
             check_request(request, loaded.scene.surface, folder)
             spacing, options = how_fine(loaded, target.spacing, **target.accuracy)
             result = solve(
-                {**options, **loaded.given, "surface": loaded.scene, "spacing": spacing, "progress": progress}
+                {**options, **loaded.arguments, "surface": loaded.scene, "spacing": spacing, "progress": progress}
             )
         except Exception:
             _warn(issued, err=True)

@@ -1,1 +1,1 @@
-"""Formulas in x, y, z, t as bounded trees: values, derivatives, no code executed."""
+"""Formulas in x, y, z, t as checked syntax trees: values and derivatives, without executing code."""

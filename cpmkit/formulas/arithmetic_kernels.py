@@ -1,4 +1,4 @@
-"""The compiled arithmetic of formulas: many steps on a few points take no longer than one operation of NumPy."""
+"""Compiled: arithmetic of formulas, of which many steps on few points take no longer than one operation of NumPy."""
 
 from __future__ import annotations
 
@@ -10,18 +10,19 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def run_arithmetic(table: Floats, codes: Ints) -> None:
-    """Take steps on the rows of a table, which are rounded as NumPy's are.
+    """Compute steps on the rows of a table, with the rounding of NumPy.
 
     Parameters
     ----------
     table : (s, n) float64
-        A row for each value; overwritten.
+        The values, one in each row; results are written to it.
     codes : (k, 4) int64
-        A step a row: which of ``ARITHMETIC``, its first and second operand, and its result, which is none of them.
+        A step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and the row of its
+        result, which is another one.
     """
     n = table.shape[1]
-    for code, first, second, target in codes:
-        a, b, out = table[first], table[second], table[target]
+    for code, first, second, result in codes:
+        a, b, out = table[first], table[second], table[result]
         if code == 0:
             for i in range(n):
                 out[i] = a[i] + b[i]

@@ -1,6 +1,6 @@
-"""Formulas with their first two derivatives, found step by step: twenty steps for one of the formula, however long.
+"""Formulas with their first two derivatives, by automatic differentiation: about 20 steps for each of the formula.
 
-What jumps or has a kink (floor, sign, comparisons, minimum, ...) is differentiated between its jumps and kinks.
+Functions with jumps or kinks (floor, sign, comparisons, minimum, ...) are differentiated between these.
 """
 
 from __future__ import annotations
@@ -15,35 +15,35 @@ from cpmkit.errors import SceneError
 from cpmkit.formulas.steps import MAX_STAGED_POINTS, Program, StagedProgram, Steps, make_program, stage_program
 from cpmkit.types import Floats
 
-#: Formulas that need more steps with their derivatives are refused: each step is taken at every point.
+#: Formulas with more steps, derivatives included, are refused: each step is computed at every point.
 MAX_FORMULA_STEPS = 4_000
 
 
 @dataclass(frozen=True, eq=False)
 class FormulaJets:
-    """Formulas in the same variables, and their derivatives.
+    """Formulas in the same variables, with their first and second derivatives.
 
     Attributes
     ----------
     names : tuple of str
-        The m variables.
+        Names of the m variables.
     programs : tuple of Program
-        Their rows are the k formulas; then also the first derivatives, k for each variable; then also the second, k
-        for each pair of variables (first with first, first with second, ...).
+        The rows of the first are the k formulas; the second adds the first derivatives, k for each variable; the third
+        adds the second derivatives, k for each pair of variables (first with first, first with second, ...).
     """
 
     names: tuple[str, ...]
     programs: tuple[Program, Program, Program]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return the rows (r, n) up to derivatives of ``order``, at the variables' values ``columns`` (m, n)."""
+        """Return the rows (r, n) of the program with derivatives up to ``order``, for variables ``columns`` (m, n)."""
         count = columns.shape[1]
-        programs = self._staged if count <= MAX_STAGED_POINTS else self.programs
+        programs = self._staged_programs if count <= MAX_STAGED_POINTS else self.programs
         return programs[order](dict(zip(self.names, columns, strict=True)), count)
 
     @cached_property
-    def _staged(self) -> tuple[StagedProgram, ...]:
-        return tuple(stage_program(one) for one in self.programs)
+    def _staged_programs(self) -> tuple[StagedProgram, ...]:
+        return tuple(stage_program(program) for program in self.programs)
 
 
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
@@ -58,13 +58,13 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
     zero = steps.number(0.0)
     derivatives = Derivatives(steps)
 
-    def along(places: Sequence[int], name: str) -> list[int]:
-        found = [derivatives.along(place, name) for place in places]
-        return [zero if place is None else place for place in found]
+    def derivatives_of(places: Sequence[int], name: str) -> list[int]:
+        results = [derivatives.of(place, name) for place in places]
+        return [zero if result is None else result for result in results]
 
     values = [steps.add_tree(tree) for tree in trees]
-    slopes = [along(values, name) for name in names]
-    curvatures = [along(slopes[i], name) for i in range(len(names)) for name in names[i:]]
+    slopes = [derivatives_of(values, name) for name in names]
+    curvatures = [derivatives_of(slopes[i], name) for i in range(len(names)) for name in names[i:]]
     first = [*values, *chain(*slopes)]
     programs = tuple(make_program(steps, outputs) for outputs in (values, first, [*first, *chain(*curvatures)]))
     needed = len(programs[2].instructions)
@@ -77,15 +77,15 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
 
 
 class Derivatives:
-    """Derivatives of steps, added to the list; None stands for zero."""
+    """Derivatives of steps, which are added to the list of ``steps``; None stands for zero."""
 
     def __init__(self, steps: Steps) -> None:
         self.steps = steps
         self._known: dict[tuple[int, str], int | None] = {}
 
-    def along(self, place: int, name: str) -> int | None:
+    def of(self, place: int, name: str) -> int | None:
         """Return the place of the derivative of the value at ``place`` by the variable ``name``."""
-        for earlier in self.steps.cone([place]):
+        for earlier in self.steps.dependencies([place]):
             if (earlier, name) not in self._known:
                 self._known[earlier, name] = self._derivative(earlier, name)
         return self._known[place, name]
@@ -96,20 +96,20 @@ class Derivatives:
             return self.steps.number(1.0) if operands == [name] and kind == "name" else None
         inner = [self._known[operand, name] for operand in operands]
         if kind in ("minimum", "maximum", "where"):
-            return self._selection(kind, operands, inner)
+            return self._selected(kind, operands, inner)
         if kind not in PARTIALS:
             return None
         total = None
-        for partial, found in zip(PARTIALS[kind], inner, strict=True):
-            if found is not None:
-                total = self._plus(total, self._times(partial(self.steps, place, *operands), found))
+        for partial, derivative in zip(PARTIALS[kind], inner, strict=True):
+            if derivative is not None:
+                total = self._plus(total, self._times(partial(self.steps, place, *operands), derivative))
         return total
 
-    def _selection(self, kind: str, operands: list[int], inner: list[int | None]) -> int | None:
-        """Return the derivative of what a step selects; that of the other may be undefined, and plays no part."""
-        if not any(found is not None for found in inner[-2:]):
+    def _selected(self, kind: str, operands: list[int], inner: list[int | None]) -> int | None:
+        """Return the derivative of the operand that a step selects; that of the other may be undefined."""
+        if inner[-2:] == [None, None]:
             return None
-        first, second = (self.steps.number(0.0) if found is None else found for found in inner[-2:])
+        first, second = (self.steps.number(0.0) if each is None else each for each in inner[-2:])
         if kind == "where":
             return self.steps.apply("where", operands[0], first, second)
         smaller = self.steps.apply("less", *operands)
@@ -127,7 +127,7 @@ class Derivatives:
         return b if a is None else self.steps.apply("add", a, b)
 
 
-#: The derivative of a kernel by one of its operands, from the steps, the place of its value and those of its operands.
+#: Derivative of a kernel by an operand, a function of the steps, the place of its value and the places of its operands.
 Partial = Callable[..., int]
 
 
@@ -157,7 +157,7 @@ def _arcsin(s: Steps, f: int, a: int) -> int:
     return _reciprocal(s, s.apply("sqrt", _one_and_square(s, "subtract", a)))
 
 
-#: By kernel, one derivative an operand. A kernel that is not here is constant between its jumps.
+#: Derivatives of each kernel by its operands. Other kernels are constant between their jumps.
 PARTIALS: dict[str, tuple[Partial, ...]] = {
     "add": (_one, _one),
     "subtract": (_one, _minus_one),

@@ -1,4 +1,4 @@
-"""Formulas of position and time, computed by NumPy and never evaluated as Python."""
+"""Formulas as functions: of position and time, of a solution and its slope, and of several channels."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True)
 class Formula:
-    """A formula in x, y, z and what else a class of them offers.
+    """Base class of formulas in x, y, z and further variables.
 
     Parameters
     ----------
     text : str
-        For example ``"0.5 + 0.5 * sin(x / 20)"``. ``^`` is not a power; write ``**``. A comparison is 1 or 0. What has
-        no value, such as ``1/0``, is infinite or NaN.
+        For example ``"0.5 + 0.5 * sin(x / 20)"``. A power is ``**``, not ``^``. A comparison is 1 or 0. Undefined
+        values, such as ``1/0``, are infinite or NaN.
     dim : int
-        2 or 3: which coordinates it may use. Points that have fewer of them are refused where it does use more.
+        2 or 3, the number of coordinates that it may use.
 
     Raises
     ------
     SceneError
-        If the text does not parse, is too long, or uses what is not offered.
+        If the text does not parse, is too long, or uses a name or operation that is not available.
     """
 
     text: str
     dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
-        _ = self._program  # a formula that is refused is refused here
+        _ = self._program  # parsed here, so that errors are raised here
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """What the formula may use, in the order in which a refusal lists them."""
+        """The names that the formula may use, in the order of error messages."""
         return COORDINATES[: self.dim]
 
     @cached_property
@@ -62,19 +62,19 @@ def position_variables(points: Floats, used: Collection[str], text: object) -> d
     Raises
     ------
     SceneError
-        If a coordinate is ``used`` that they do not have.
+        If a coordinate is ``used`` that the points do not have.
     """
-    given = COORDINATES[: points.shape[1]]
-    beyond = [name for name in COORDINATES if name in used and name not in given]
-    if beyond:
+    names = COORDINATES[: points.shape[1]]
+    missing = [name for name in COORDINATES if name in used and name not in names]
+    if missing:
         raise SceneError(
-            f"the formula {shown(text)} uses {beyond[0]}, and points here have {' and '.join(given)} alone."
+            f"the formula {shown(text)} uses {missing[0]}, and points here have {' and '.join(names)} alone."
         )
-    return {name: points[:, k] for k, name in enumerate(given)}
+    return {name: points[:, k] for k, name in enumerate(names)}
 
 
 class Expression(Formula):
-    """A function of position, and of time where the formula has a t in it.
+    """A function of position, and of time if the formula contains t.
 
     Examples
     --------
@@ -88,12 +88,12 @@ class Expression(Formula):
         return (*super()._names, "t")
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
-        """Return the values (n,) at points (n, d) and, where the formula has a t in it, the time ``t``.
+        """Return the values (n,) at points (n, d) and, if the formula contains t, the time ``t``.
 
         Raises
         ------
         SceneError
-            If the formula has a t in it and no time is given.
+            If the formula contains t and ``t`` is None.
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
@@ -101,12 +101,12 @@ class Expression(Formula):
 
     @property
     def takes_time(self) -> bool:
-        """True where the formula has a t in it."""
+        """True if the formula contains t."""
         return "t" in self._program.variables
 
 
 class StateExpression(Formula):
-    """A function of a solution u, of the size s of its slope and of position: a diffusivity that depends on u.
+    """A function of a solution u, of the norm s of its gradient and of position: a diffusivity that depends on u.
 
     Examples
     --------
@@ -124,27 +124,27 @@ class StateExpression(Formula):
         return self._values(points, u=u, s=s)
 
 
-#: Channels of a reaction that is written as formulas.
-MOST_REACTING_CHANNELS = 100
+#: Most channels of a reaction of formulas: more are a mistake.
+MAX_REACTING_CHANNELS = 100
 
 
 @dataclass(frozen=True)
 class ReactionExpression:
-    """A reaction: one formula a channel, in the channels u1, u2, ..., in position, and in the time t.
+    """A reaction: one formula for each channel, in the channels u1, u2, ..., the position and the time t.
 
-    Where there is one channel, u is its name too.
+    A single channel is also called u.
 
     Parameters
     ----------
     texts : tuple of str
         The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``.
     dim : int
-        2 or 3: which coordinates they may use.
+        2 or 3, the number of coordinates that they may use.
 
     Raises
     ------
     SceneError
-        If there is no formula, if one does not parse, is too long, or uses what is not offered.
+        If there is no formula, or one does not parse, is too long, or uses a name or operation that is not available.
 
     Examples
     --------
@@ -156,35 +156,35 @@ class ReactionExpression:
     dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
-        if not 1 <= len(self.texts) <= MOST_REACTING_CHANNELS:
+        if not 1 <= len(self.texts) <= MAX_REACTING_CHANNELS:
             raise SceneError(
-                f"a reaction must be 1 to {MOST_REACTING_CHANNELS} formulas, one a channel, got {len(self.texts)}."
+                f"a reaction must be 1 to {MAX_REACTING_CHANNELS} formulas, one a channel, got {len(self.texts)}."
             )
         for text in self.texts:
             if not isinstance(text, str):
                 raise SceneError(f"a reaction must be one formula a channel, such as '-u1*u2**2', got {shown(text)}.")
-        _ = self._program  # formulas that are refused are refused here
+        _ = self._program  # parsed here, so that errors are raised here
 
     @property
     def channels(self) -> int:
-        """How many channels react."""
+        """Number of channels."""
         return len(self.texts)
 
     @property
     def takes_time(self) -> bool:
-        """True where a formula has a t in it."""
+        """True if a formula contains t."""
         return "t" in self._program.variables
 
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
         """Return the rates (n, channels) for u (n, channels), points (n, d) and the time."""
-        own = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
+        channels = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
         position = position_variables(points, self._program.variables, self.texts)
-        rates = self._program({"u": u[:, 0], "t": t, **own, **position}, len(points))
+        rates = self._program({"u": u[:, 0], "t": t, **channels, **position}, len(points))
         return np.stack(list(rates), axis=1)
 
     @cached_property
     def _program(self) -> Program:
-        own = tuple(f"u{k}" for k in range(1, self.channels + 1))
-        names = (*(("u", *own) if len(own) == 1 else own), *COORDINATES[: self.dim], "t")
+        channels = tuple(f"u{k}" for k in range(1, self.channels + 1))
+        names = (*(("u", *channels) if len(channels) == 1 else channels), *COORDINATES[: self.dim], "t")
         steps = Steps()
         return make_program(steps, [steps.add_tree(formula_tree(text, names)) for text in self.texts])

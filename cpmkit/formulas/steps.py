@@ -1,6 +1,6 @@
-"""Formulas as lists of steps: each an operation of NumPy on earlier steps, no two alike.
+"""Programs of formulas: lists of different steps, each an operation of NumPy on the values of earlier steps.
 
-Every number is float64, so that 1/0 is infinite and (-1)**0.5 is NaN, as in arrays, and nothing raises.
+All numbers are float64, so that 1/0 is infinite and (-1)**0.5 is NaN, as in arrays, without errors.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.formulas.trees import CONSTANTS
 from cpmkit.types import Floats, Ints
 
-#: What a step does, by its name: the functions of formulas, and what their operators and derivatives need.
+#: The operations of steps by name: functions, operators, and operations that derivatives need.
 KERNELS: dict[str, Callable[..., Any]] = {
     name: getattr(np, name)
     for name in (
@@ -28,22 +28,20 @@ KERNELS: dict[str, Callable[..., Any]] = {
     "less": lambda a, b: (a < b) * 1.0, "less_equal": lambda a, b: (a <= b) * 1.0,
     "where": lambda condition, a, b: np.where(condition != 0, a, b),
 }  # fmt: skip
-#: The kernel of an operator; a > b is b < a.
+#: Kernels of operators; a > b is computed as b < a.
 OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Mod: "mod", ast.Lt: "less",
     ast.LtE: "less_equal", ast.Gt: "less", ast.GtE: "less_equal",
 }  # fmt: skip
-#: Powers up to this are products: NumPy's general power takes ten times longer.
-HIGHEST_PRODUCT_POWER = 12
-#: So many points are computed at a time: their intermediate values stay in the processor's cache.
+#: Points that are computed at a time, so that intermediate values stay in the processor's cache.
 BATCH_POINTS = 8192
 
-#: A number ("number", bits), a variable ("name", name), or a kernel's name and the places of its operands.
+#: A number ("number", hexadecimal text), a variable ("name", name), or a kernel and the places of its operands.
 Step = tuple[Any, ...]
 
 
 class Steps:
-    """A list of steps that grows; a place in it stands for a value."""
+    """A growing list of steps; a value is referred to by its place in the list."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
@@ -51,19 +49,19 @@ class Steps:
 
     def number(self, value: float) -> int:
         """Return the place of a number."""
-        return self._place(("number", float(value).hex()))  # the bits tell 0.0 from -0.0
+        return self._place(("number", float(value).hex()))  # the text distinguishes 0.0 and -0.0
 
     def name(self, name: str) -> int:
         """Return the place of a variable."""
         return self._place(("name", name))
 
     def value(self, place: int) -> float | None:
-        """Return the number at a place, None where there is something else."""
-        kind, *label = self.steps[place]
-        return float.fromhex(label[0]) if kind == "number" else None
+        """Return the number at a place, None if it is not a number."""
+        kind, *operands = self.steps[place]
+        return float.fromhex(operands[0]) if kind == "number" else None
 
     def apply(self, kernel: str, *operands: int) -> int:
-        """Return the place of a kernel's result; that of numbers is a number."""
+        """Return the place of the result of a kernel; with numbers as operands, of a number."""
         numbers = [self.value(place) for place in operands]
         if any(number is None for number in numbers):
             return self._place((kernel, *operands))
@@ -71,11 +69,13 @@ class Steps:
             return self.number(KERNELS[kernel](*map(np.float64, numbers)))
 
     def power(self, base: int, exponent: int) -> int:
-        """Return the place of a power: a product where the exponent is a small whole number."""
+        """Return the place of a power, computed by products if the exponent is a small whole number."""
         number = self.value(exponent)
         if number == 0.5:
             return self.apply("sqrt", base)
-        if number is None or not number.is_integer() or not 1 <= abs(number) <= HIGHEST_PRODUCT_POWER:
+        if (
+            number is None or not number.is_integer() or not 1 <= abs(number) <= 12
+        ):  # NumPy's power takes ten times as long as products
             return self.apply("power", base, exponent)
         square, product, rest = base, -1, int(abs(number))
         while rest:
@@ -86,28 +86,28 @@ class Steps:
         return product if number > 0 else self.apply("divide", self.number(1.0), product)
 
     def add_tree(self, tree: ast.expr) -> int:
-        """Return the place of the value of a checked syntax tree; without recursion, for sums may be long."""
-        waiting, done = [(tree, False)], list[int]()
-        while waiting:
-            node, ready = waiting.pop()
+        """Return the place of the value of a checked syntax tree; without recursion, as sums may be long."""
+        stack, results = [(tree, False)], list[int]()
+        while stack:
+            node, ready = stack.pop()
             operands = _operands(node)
             if not ready and operands:
-                waiting += [(node, True), *((operand, False) for operand in operands)]
+                stack += [(node, True), *((operand, False) for operand in operands)]
                 continue
-            places = [done.pop() for _ in operands]
-            done.append(self._node(node, places))  # the last operand is done first
-        return done[0]
+            places = [results.pop() for _ in operands]  # the last operand was computed first
+            results.append(self._node(node, places))
+        return results[0]
 
-    def cone(self, outputs: Iterable[int]) -> list[int]:
-        """Return the places that ``outputs`` depend on, themselves among them, in the order of the list."""
-        found, waiting = set(), list(outputs)
-        while waiting:
-            place = waiting.pop()
-            if place not in found:
-                found.add(place)
+    def dependencies(self, outputs: Iterable[int]) -> list[int]:
+        """Return the places of the values that ``outputs`` depend on, and of these, in ascending order."""
+        places, stack = set(), list(outputs)
+        while stack:
+            place = stack.pop()
+            if place not in places:
+                places.add(place)
                 kind, *operands = self.steps[place]
-                waiting += operands if kind in KERNELS else []
-        return sorted(found)
+                stack += operands if kind in KERNELS else []
+        return sorted(places)
 
     def _place(self, step: Step) -> int:
         place = self._places.setdefault(step, len(self.steps))
@@ -131,7 +131,7 @@ class Steps:
                 return self.apply(OPERATORS[type(op)], *places)
             case ast.Call(func=ast.Name(id=name)):
                 return self.apply(name, *places)
-        raise AssertionError(node)  # formula_tree lets nothing else pass
+        raise AssertionError(node)  # formula_tree refuses everything else
 
 
 def _operands(node: ast.expr) -> list[ast.expr]:
@@ -147,13 +147,13 @@ def _operands(node: ast.expr) -> list[ast.expr]:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Steps that compute some outputs.
+    """Instructions that compute outputs from variables.
 
     Attributes
     ----------
     numbers : mapping of place to number
     variables : mapping of name to place
-    instructions : tuple of (place, kernel's name, operands, places that are not needed afterwards)
+    instructions : tuple of (place, kernel's name, operands, places of values that are not needed any more)
     outputs : tuple of places
     """
 
@@ -163,7 +163,7 @@ class Program:
     outputs: tuple[int, ...]
 
     def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
-        """Return one row an output (k, count), of variables that are arrays (count,) or numbers."""
+        """Return the outputs (k, count) for variables that are arrays (count,) or numbers."""
         table = np.empty((len(self.outputs), count))
         needed = {name: np.asarray(variables[name], dtype=np.float64) for name in self.variables}
         with np.errstate(all="ignore"):
@@ -184,42 +184,45 @@ class Program:
 
 
 def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
-    """Return what computes ``outputs``."""
-    cone = steps.cone(outputs)
-    numbers = {place: np.float64(value) for place in cone if (value := steps.value(place)) is not None}
-    variables = {steps.steps[place][1]: place for place in cone if steps.steps[place][0] == "name"}
-    kernels = [place for place in cone if steps.steps[place][0] in KERNELS]
-    kept, released = set(outputs), {}
-    for place in reversed(kernels):  # whoever uses a value last lets go of it
+    """Return the program that computes ``outputs``."""
+    places = steps.dependencies(outputs)
+    numbers = {place: np.float64(value) for place in places if (value := steps.value(place)) is not None}
+    variables = {steps.steps[place][1]: place for place in places if steps.steps[place][0] == "name"}
+    kernels = [place for place in places if steps.steps[place][0] in KERNELS]
+    needed, released = set(outputs), {}
+    for place in reversed(kernels):  # the last step that uses a value releases it
         operands = set(steps.steps[place][1:])
-        released[place] = tuple(operands - kept)
-        kept |= operands
+        released[place] = tuple(operands - needed)
+        needed |= operands
     instructions = tuple((p, steps.steps[p][0], steps.steps[p][1:], released[p]) for p in kernels)
     return Program(numbers, variables, instructions, tuple(outputs))
 
 
-#: What ``run_arithmetic`` knows, in its order; rounding leaves each but one result, so that it is NumPy's to the bit.
+#: The kernels of ``run_arithmetic``, in its order; IEEE 754 defines their results, so that they are NumPy's to the bit.
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt")
-#: For more points than these, NumPy's own loops are the faster ones.
+#: For more points NumPy's own loops are faster.
 MAX_STAGED_POINTS = 1024
 
-#: A run of arithmetic (k, 4), or a kernel's name, the rows of its operands, and that of its result.
+#: Codes of arithmetic (k, 4), or a kernel's name, the rows of its operands, and the row of its result.
 Stage = Ints | tuple[str, list[int], int]
 
 
 @dataclass(frozen=True, eq=False)
 class StagedProgram:
-    """A program whose values are rows of a table.
+    """A program for few points whose values are rows of a table.
+
+    Sequences of arithmetic are compiled, and the functions between them are NumPy's: one operation of NumPy on a
+    hundred points takes ten times as long as the arithmetic.
 
     Attributes
     ----------
     rows : int
-        Of the table. The first are those of the numbers; they, and the variables', are never used again.
+        Number of rows of the table. Rows of numbers, the first, and of variables are not overwritten.
     numbers : (k, 1) float64
     variables : tuple of (name, row)
     stages : tuple of Stage
     outputs : (o,) int64
-        Their rows.
+        Rows of the outputs.
     """
 
     rows: int
@@ -229,7 +232,7 @@ class StagedProgram:
     outputs: Ints
 
     def __call__(self, columns: dict[str, Floats], count: int) -> Floats:
-        """Return one row an output (o, count), of variables that are arrays (count,)."""
+        """Return the outputs (o, count) for variables that are arrays (count,)."""
         from cpmkit.formulas.arithmetic_kernels import run_arithmetic
 
         table = np.empty((self.rows, count))
@@ -239,8 +242,8 @@ class StagedProgram:
         with np.errstate(all="ignore"):
             for stage in self.stages:
                 if isinstance(stage, tuple):
-                    kernel, operands, target = stage
-                    table[target] = KERNELS[kernel](*[table[row] for row in operands])
+                    kernel, operands, result = stage
+                    table[result] = KERNELS[kernel](*[table[row] for row in operands])
                 else:
                     run_arithmetic(table, stage)
         results: Floats = table[self.outputs]
@@ -248,7 +251,7 @@ class StagedProgram:
 
 
 def stage_program(program: Program) -> StagedProgram:
-    """Return the same program in stages; rows whose values are not needed any more are used again."""
+    """Return a program in stages; rows of values that are not needed any more are used again."""
     fixed = [*program.numbers, *program.variables.values()]
     row = {place: k for k, place in enumerate(fixed)}
     free, rows = list[int](), len(fixed)
@@ -260,13 +263,13 @@ def stage_program(program: Program) -> StagedProgram:
         steps.append((kernel, [row[operand] for operand in operands], row[place]))
         free += [row[old] for old in released if row[old] >= len(fixed)]
     stages = list[Stage]()
-    for plain, group in groupby(steps, key=lambda step: step[0] in ARITHMETIC):
-        some = list(group)
-        stages += [np.array([_coded(*step) for step in some])] if plain else some
+    for is_arithmetic, group in groupby(steps, key=lambda step: step[0] in ARITHMETIC):
+        part = list(group)
+        stages += [np.array([_code(*step) for step in part])] if is_arithmetic else part
     numbers = np.array([float(number) for number in program.numbers.values()]).reshape(-1, 1)
     variables = tuple((name, row[place]) for name, place in program.variables.items())
     return StagedProgram(rows, numbers, variables, tuple(stages), np.array([row[place] for place in program.outputs]))
 
 
-def _coded(kernel: str, operands: list[int], target: int) -> list[Any]:
-    return [ARITHMETIC.index(kernel), operands[0], operands[-1], target]
+def _code(kernel: str, operands: list[int], result: int) -> list[Any]:
+    return [ARITHMETIC.index(kernel), operands[0], operands[-1], result]

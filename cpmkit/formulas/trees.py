@@ -1,7 +1,4 @@
-"""The door for formulas: text becomes a syntax tree that is bounded in size and holds what is offered, nothing else.
-
-Whatever walks such a tree afterwards need not check it again.
-"""
+"""Parsing of formulas: text to a syntax tree of limited size that contains available names and operations only."""
 
 from __future__ import annotations
 
@@ -14,20 +11,23 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.runtime.messages import did_you_mean
 
+#: Names of the coordinates.
 COORDINATES = ("x", "y", "z")
+#: Values of the constants.
 CONSTANTS = {"pi": np.pi, "e": np.e}
-#: The functions that are offered, and how many arguments each takes.
+#: The functions of formulas, with their numbers of arguments.
 FUNCTIONS = {
     "sin": 1, "cos": 1, "tan": 1, "arcsin": 1, "arccos": 1, "arctan": 1, "arctan2": 2, "sinh": 1, "cosh": 1, "tanh": 1,
     "exp": 1, "log": 1, "sqrt": 1, "abs": 1, "sign": 1, "floor": 1, "minimum": 2, "maximum": 2, "hypot": 2,
 }  # fmt: skip
+#: The operators of formulas.
 OPERATIONS = (
     ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
 )  # fmt: skip
-#: A longer formula is refused before it is parsed.
+#: Longer formulas are refused before they are parsed.
 MAX_FORMULA_CHARACTERS = 20_000
-#: A formula of more numbers, names and operations is refused.
-MOST_FORMULA_PARTS = 4_000
+#: Formulas with more numbers, names and operations are refused.
+MAX_FORMULA_PARTS = 4_000
 
 
 def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") -> ast.expr:
@@ -37,23 +37,23 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
     ----------
     text : str
     names : sequence of str
-        The variables that it may use, beside the constants pi and e.
+        The variables that it may use, in addition to the constants pi and e.
     label : str
-        Its name in messages.
+        Name of the formula in messages.
 
     Raises
     ------
     SceneError
-        If the text is no text, too long or nested too deeply, does not parse, or uses a name, an operation, a number
-        of arguments or a number that is not offered.
+        If ``text`` is not text, is too long or nested too deeply, does not parse, or uses a name, an operation, a
+        number of arguments or a number that is not available.
     """
     if not isinstance(text, str):
         raise SceneError(f"{label} must be a formula such as 'x**2 + y', got {shown(text)}.")
     tree = parse(text, label)
     parts = [node for node in ast.walk(tree) if isinstance(node, ast.expr)]
-    if len(parts) > MOST_FORMULA_PARTS:
+    if len(parts) > MAX_FORMULA_PARTS:
         raise SceneError(
-            f"{label} {shown(text)} has {len(parts)} numbers, names and operations; at most {MOST_FORMULA_PARTS} are "
+            f"{label} {shown(text)} has {len(parts)} numbers, names and operations; at most {MAX_FORMULA_PARTS} are "
             "accepted, give such data by the vertex or from Python."
         )
     called = {id(node.func) for node in parts if isinstance(node, ast.Call)}
@@ -66,12 +66,12 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
 
 
 def parse(text: str, label: str = "the formula") -> ast.expr:
-    """Return the syntax tree of any expression of Python that is not too long.
+    """Return the syntax tree of an expression of Python.
 
     Raises
     ------
     SceneError
-        If it is too long or nested too deeply, or does not parse.
+        If it is too long, is nested too deeply, or does not parse.
     """
     if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(
@@ -82,7 +82,7 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
         raise SceneError(f"{label} {shown(text)} holds a #; comments stand outside of the quotes.")
     try:
         return ast.parse(text.strip(), mode="eval").body
-    except (RecursionError, MemoryError) as error:  # both are how the parser says that its stack is full
+    except (RecursionError, MemoryError) as error:  # the parser's stack is full
         raise SceneError(f"{label} {shown(text)} is nested too deeply; use fewer signs and parentheses.") from error
     except (SyntaxError, ValueError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else str(error)
@@ -91,7 +91,7 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
 
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
-    """Return why a node is refused, with {part} for what it spells; None where it is offered."""
+    """Return the reason why a node is refused, with {part} for its text; None if it is accepted."""
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             return None if _is_finite(number) else "holds the number {part}, which is beyond 1.8e308."
@@ -103,10 +103,10 @@ def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
                 return None
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
             if any(isinstance(argument, ast.Starred) for argument in arguments):
-                return _not_offered(node, names)
-            wanted, given = FUNCTIONS[name], len(arguments)
-            return None if given == wanted else f"calls {name} with {given} arguments; it takes {wanted}."
-    return _not_offered(node, names)
+                return _not_available(node, names)
+            needed, count = FUNCTIONS[name], len(arguments)
+            return None if count == needed else f"calls {name} with {count} arguments; it takes {needed}."
+    return _not_available(node, names)
 
 
 def _is_finite(number: float) -> bool:
@@ -116,9 +116,9 @@ def _is_finite(number: float) -> bool:
         return False
 
 
-def _not_offered(node: ast.expr, names: Sequence[str]) -> str:
-    offered = (*names, *CONSTANTS, *FUNCTIONS)
+def _not_available(node: ast.expr, names: Sequence[str]) -> str:
+    available = (*names, *CONSTANTS, *FUNCTIONS)
     word = node.func if isinstance(node, ast.Call) else node
     name = word.id if isinstance(word, ast.Name) else None
-    near = did_you_mean(name, offered) if name not in offered else ""
-    return f"uses {{part}}{near}; offered are + - * / ** % < > and {', '.join(offered)}."
+    hint = did_you_mean(name, available) if name not in available else ""
+    return f"uses {{part}}{hint}; offered are + - * / ** % < > and {', '.join(available)}."

@@ -21,8 +21,6 @@ from cpmkit.linear.solve_report import SolveReport
 from cpmkit.runtime.threads import run_parcels
 from cpmkit.types import Floats, Progress, no_progress
 
-#: The recursion breaks down where the cosine between its shadow residual and its residual is below this: rounding.
-BREAKDOWN_COSINE = 1e-14
 #: Rows of the vectors that a thread works on at a time: they fit its cache.
 REFERENCE_PARCEL_ROWS = 1 << 14
 
@@ -101,7 +99,7 @@ def _bicgstab(
         size = np.sqrt(square.real)
         finished = size <= target
         progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
-        broken = np.abs(rho) <= BREAKDOWN_COSINE * shadow_size * size
+        broken = np.abs(rho) <= 1e-14 * shadow_size * size  # the shadow residual is orthogonal but for rounding
         if finished.all() or np.any(broken & ~finished) or not np.isfinite(size).all():
             break
         beta = _ratio(rho, before) * _ratio(alpha, omega)

@@ -21,8 +21,6 @@ from cpmkit.runtime.options import DeclaredOptions, declared_options, option
 DIRECT_UNKNOWNS = {0: 10**6, 1: 100_000, 2: 600, 3: 300}
 #: The same where a form has levels for multigrid.
 DIRECT_BESIDE_MULTIGRID = {**DIRECT_UNKNOWNS, 2: 1_500, 3: 1_000}
-#: Relative residual of linear systems where the user sets none.
-DEFAULT_RESIDUAL = 1e-10
 SOLVERS: Mapping[str, Callable[..., LinearSolver]] = {
     "direct": DirectSolver,
     "multigrid": MultigridSolver,
@@ -126,7 +124,7 @@ class SolverOptions(DeclaredOptions):
     @property
     def residual(self) -> float:
         """Relative residual of linear systems, the default if the user sets none."""
-        return DEFAULT_RESIDUAL if self.solver_tolerance is None else self.solver_tolerance
+        return 1e-10 if self.solver_tolerance is None else self.solver_tolerance
 
     @classmethod
     def of(cls, keywords: Mapping[str, Any], others: Iterable[str] = ()) -> SolverOptions:

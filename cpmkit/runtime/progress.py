@@ -18,8 +18,6 @@ ShownProgress = Progress | bool | None
 SILENT_SECONDS = 2.0
 #: Seconds between two drawings of the bar: the eye sees no more.
 REDRAWING_SECONDS = 0.1
-#: Width of the bar.
-BAR_CHARACTERS = 30
 
 #: The callbacks in use, the innermost last; compilers, which have no callback as an argument, report to it.
 _callbacks: list[Progress] = []
@@ -56,8 +54,8 @@ class ProgressLine:
         if self._is_terminal and now - self._drawn >= REDRAWING_SECONDS:
             self._drawn = now
             share = min(max(fraction, 0.0), 1.0)
-            bar = "#" * round(share * BAR_CHARACTERS)
-            self._write(f"\r{stage:<12} [{bar:.<{BAR_CHARACTERS}}] {share:4.0%}")
+            bar = "#" * round(share * 30)
+            self._write(f"\r{stage:<12} [{bar:.<30}] {share:4.0%}")
         if fraction >= 1:
             self.finish()
 

@@ -10,14 +10,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.data import Data, as_number, read_formulas, takes_time
-from cpmkit.scene.laws import Flux, Interface, Law, Mixed, OneSided, Value, data_of
+from cpmkit.scene.data import Data, as_number, is_sequence, read_formulas, takes_time
+from cpmkit.scene.laws import Flux, Law, Mixed, OneSided, Value
 
 if TYPE_CHECKING:
     from cpmkit.scene.equations import Equation
@@ -75,18 +75,18 @@ class Condition(ABC):
     @property
     def couples(self) -> bool:
         """True if it couples both sides of a boundary."""
-        return isinstance(self.law, Interface)
+        return self.law.couples
 
     @property
     def one_sided(self) -> OneSided:
         """The law of a condition that does not couple sides."""
-        law = self.law
-        assert not isinstance(law, Interface)
-        return law
+        assert not self.couples
+        law: Any = self.law
+        return cast("OneSided", law)
 
     def data(self) -> list[tuple[str, Data]]:
         """Return the names and values of the data that have channels."""
-        return data_of(self.law)
+        return self.law.data
 
     def refusal(self, problem: Equation) -> str:
         """Return the reason why an equation does not accept it, a predicate for a sentence; "" if it does."""
@@ -129,7 +129,7 @@ class Dirichlet(Condition):
 
 def as_condition(value: Any) -> Any:
     """Return the Dirichlet condition of data, numbers, formulas or functions; anything else as it is."""
-    if isinstance(value, (list, tuple)):
+    if is_sequence(value):
         return value if any(isinstance(entry, Condition) for entry in value) else Dirichlet(value)
     if isinstance(value, (Condition, bool, type)) or value is None:
         return value
@@ -241,10 +241,7 @@ def sides_differ(left: Condition, right: Condition) -> bool:
 
     It does not with one condition on both sides, nor with a coupling that is symmetric in the sides.
     """
-    law = left.law
-    if isinstance(law, Interface):
-        return not (law.left == law.right and _equal(law.jump, 0.0))
-    return not same_condition(left, right)
+    return not left.law.is_symmetric if left.couples else not same_condition(left, right)
 
 
 def _equal(first: Any, second: Any) -> bool:
@@ -252,7 +249,7 @@ def _equal(first: Any, second: Any) -> bool:
         return True
     if callable(first) or callable(second):
         return callable(first) and callable(second) and _same_function(first, second)
-    if isinstance(first, (list, tuple)) and isinstance(second, (list, tuple)):
+    if is_sequence(first) and is_sequence(second):
         return len(first) == len(second) and all(map(_equal, first, second))
     if first is None or second is None:
         return False

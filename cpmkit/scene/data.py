@@ -32,12 +32,17 @@ Data = float | str | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] |
 LARGEST_DATUM = 1e100
 
 
-def takes_time(data: Data) -> bool:
+def is_sequence(value: Any) -> bool:
+    """Return True for a list or a tuple, which has one entry for each channel, coordinate or row."""
+    return isinstance(value, (list, tuple))
+
+
+def takes_time(data: Any) -> bool:
     """Return True if data, or one entry of them, is a callable with a parameter ``t`` without a default.
 
     With a default, ``t`` is a value that the caller bound (``lambda x, t=thickness: ...``), not the time.
     """
-    if isinstance(data, (list, tuple)):
+    if is_sequence(data):
         return any(takes_time(entry) for entry in data)
     declared = getattr(data, "takes_time", None)
     if isinstance(declared, bool):
@@ -177,7 +182,7 @@ def read_formulas(instance: Any, label: str) -> None:
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
         name = f"{member.name} of {label}"
-        if VECTOR_TYPE in kind and isinstance(value, (list, tuple)):
+        if VECTOR_TYPE in kind and is_sequence(value):
             object.__setattr__(instance, member.name, as_vector_field(value, name))
         elif DATA_TYPE in kind:
             object.__setattr__(instance, member.name, as_data(value, name))
@@ -189,7 +194,7 @@ def as_data(value: Any, label: str) -> Any:
         return value.to_numpy()
     if isinstance(value, str):
         return read_formula(Expression, value, label)
-    if isinstance(value, (list, tuple)) and _contains_text(value):
+    if is_sequence(value) and _contains_text(value):
         return [as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(value, 1)]
     return value
 
@@ -217,6 +222,4 @@ def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) ->
 
 
 def _contains_text(entries: Any) -> bool:
-    return any(
-        isinstance(entry, str) or (isinstance(entry, (list, tuple)) and _contains_text(entry)) for entry in entries
-    )
+    return any(isinstance(entry, str) or (is_sequence(entry) and _contains_text(entry)) for entry in entries)

@@ -46,10 +46,10 @@ def as_diffusivity(value: Any, label: str) -> Any:
     """
     if callable(value):
         return value
-    if not isinstance(value, (list, tuple, np.ndarray)) or np.ndim(np.asarray(value, dtype=object)) == 0:
+    if np.ndim(np.asarray(value, dtype=object)) == 0:
         positive(value, label)
         return value
-    rows = [list(row) if isinstance(row, (list, tuple, np.ndarray)) else [row] for row in value]
+    rows = [list(row) if np.ndim(np.asarray(row, dtype=object)) else [row] for row in value]
     if (len(rows), *{len(row) for row in rows}) not in TENSOR_SHAPES:
         raise InputError(
             f"{label} must be a number above zero, a function of points such as ck.VertexData(surface, values), or a "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Any
 
@@ -14,7 +14,7 @@ from cpmkit.formulas.expressions import Expression
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.conditions import Condition, as_condition
-from cpmkit.scene.data import Data, evaluate_data, read_formula, takes_time
+from cpmkit.scene.data import Data, evaluate_data, is_sequence, read_formula, takes_time
 from cpmkit.types import Floats, Ints
 
 #: Where a part of the edge is: a formula such as ``x < 0``, or a function of points (n, d) that returns (n,).
@@ -76,9 +76,11 @@ class ByPosition:
 
 def is_by_position(value: Any) -> bool:
     """Return True for a list of parts, which are conditions or pairs, False for data of several channels."""
-    return isinstance(value, (list, tuple)) and any(
-        isinstance(entry, (Condition, Part)) or (isinstance(entry, tuple) and len(entry) == 2) for entry in value
-    )
+    return is_sequence(value) and any(isinstance(entry, (Condition, Part)) or _is_pair(entry) for entry in value)
+
+
+def _is_pair(entry: Any) -> bool:
+    return isinstance(entry, tuple) and len(entry) == 2
 
 
 def as_parts(entries: Any) -> ByPosition:
@@ -94,7 +96,7 @@ def as_parts(entries: Any) -> ByPosition:
     for number, entry in enumerate(entries):
         part = entry
         if not isinstance(entry, Part):
-            condition, where = entry if isinstance(entry, tuple) and len(entry) == 2 else (entry, None)
+            condition, where = entry if _is_pair(entry) else (entry, None)
             part = Part(as_condition(condition), _as_where(where, number))
         if not isinstance(part.condition, Condition):
             raise SceneError(
@@ -137,10 +139,11 @@ def as_edge(value: Any) -> Any:
     SceneError
         If a list of parts is not accepted by :func:`as_parts`.
     """
-    if isinstance(value, Mapping):
-        return {loop: as_edge(entry) for loop, entry in value.items()}
-    if isinstance(value, ByPosition):
-        return value
+    match value:
+        case Mapping():
+            return {loop: as_edge(entry) for loop, entry in value.items()}
+        case ByPosition():
+            return value
     return as_parts(value) if is_by_position(value) else as_condition(value)
 
 
@@ -152,8 +155,12 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
 def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
     """Return all conditions of an edge as parts, each with the conditions by position that it belongs to, or None."""
     parts: list[tuple[Part, ByPosition | None]] = []
-    for loop in _loops(edge):
-        parts += [(part, loop) for part in loop.parts] if isinstance(loop, ByPosition) else [(Part(loop), None)]
+    for conditions in _loops(edge):
+        match conditions:
+            case ByPosition():
+                parts += [(part, conditions) for part in conditions.parts]
+            case _:
+                parts.append((Part(conditions), None))
     return parts
 
 
@@ -163,9 +170,23 @@ def _loops(edge: EdgeConditions) -> list[LoopConditions]:
 
 def shape_of_edge(edge: EdgeConditions) -> Any:
     """Return the numbers of the loops and where parts are: the structure, which does not change with the data."""
-    if isinstance(edge, Mapping):
-        return {loop: shape_of_edge(conditions) for loop, conditions in edge.items()}
-    return tuple(part.where for part in edge.parts) if isinstance(edge, ByPosition) else None
+    match edge:
+        case Mapping():
+            return {loop: shape_of_edge(conditions) for loop, conditions in edge.items()}
+        case ByPosition():
+            return tuple(part.where for part in edge.parts)
+    return None
+
+
+def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any:
+    """Return the conditions of an edge with ``function`` applied to each."""
+    match edge:
+        case Mapping():
+            return {loop: map_conditions(conditions, function) for loop, conditions in edge.items()}
+        case ByPosition():
+            parts = tuple(replace(part, condition=function(part.condition)) for part in edge.parts)
+            return replace(edge, parts=parts)
+    return function(edge)
 
 
 def position_parts(edge: EdgeConditions) -> list[ByPosition]:

@@ -20,10 +20,8 @@ from cpmkit.scene.diffusivities import as_diffusivity
 from cpmkit.scene.equations import Equation, Terms, TimeFamily, VectorField, check_conservative, check_factor
 from cpmkit.scene.pointwise import AfterStep, check_after_step
 
-HEAT_SCHEMES = ("bdf2", "backward-euler", "crank-nicolson")
-WAVE_SCHEMES = ("auto", "newmark", "implicit", "leapfrog")
+#: Time stepping schemes of first order.
 FIRST_ORDER_SCHEMES = ("backward-euler", "euler")
-HEAT_STARTS = ("smooth", "plain")
 #: More steps are refused as a mistake in the unit of time.
 MAX_TIME_STEPS = 10_000_000
 #: More frames, each a whole solution in memory, are refused.
@@ -197,12 +195,14 @@ class Heat(Evolution):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check(HEAT_SCHEMES, {"kappa": self.kappa, "velocity": self.velocity, "c": self.c})
+        self._check(
+            ("bdf2", "backward-euler", "crank-nicolson"), {"kappa": self.kappa, "velocity": self.velocity, "c": self.c}
+        )
         object.__setattr__(self, "kappa", as_diffusivity(self.kappa, "kappa of heat"))
         check_factor(self.c, "c of heat")
         check_conservative(self.conservative, self.velocity, "heat")
-        if self.start not in HEAT_STARTS:
-            raise InputError(f"start of heat must be {' or '.join(HEAT_STARTS)}, got {shown(self.start)}.")
+        if self.start not in ("smooth", "plain"):
+            raise InputError(f"start of heat must be smooth or plain, got {shown(self.start)}.")
 
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""
@@ -274,7 +274,7 @@ class Wave(Evolution):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._check(WAVE_SCHEMES, {})
+        self._check(("auto", "newmark", "implicit", "leapfrog"), {})
         object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
 
     def with_scheme(self, explicit_steps: bool) -> Wave:

@@ -30,20 +30,78 @@ class _Law:
         The families of equations that accept it.
     needs : str
         Why other families do not accept it, a predicate for a sentence on a condition.
+    couples : bool
+        Whether it couples both sides of a boundary.
+    involves_value : bool
+        Whether it is a linear condition on u itself, and not on its derivative alone.
     """
 
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
     needs: ClassVar[str] = "says nothing of Lap u"
+    couples: ClassVar[bool] = False
+    involves_value: ClassVar[bool] = False
+
+    @property
+    def data(self) -> list[tuple[str, Data]]:
+        """Names and values of the data; none where they depend on the solution."""
+        return []
+
+    @property
+    def factors(self) -> tuple[Any, ...]:
+        """The parameters that are not data."""
+        return ()
+
+    @property
+    def of_laplacian(self) -> Law:
+        """The law of Lap u in a biharmonic problem with this law of u."""
+        return Flux(0.0)
+
+    @property
+    def is_zero_flux(self) -> bool:
+        """True if it prescribes the flux zero."""
+        return False
+
+    @property
+    def is_symmetric(self) -> bool:
+        """True if it couples both sides, and is the same with these exchanged."""
+        return False
+
+    @property
+    def is_dissipative(self) -> bool:
+        """True if it is known to be dissipative: it makes no eigenvalue of the operator negative."""
+        return False
+
+
+class _LinearLaw(_Law):
+    """Base class of laws on one side with a datum."""
+
+    datum: Data
+
+    @property
+    def data(self) -> list[tuple[str, Data]]:
+        """The datum."""
+        return [("datum", self.datum)]
+
+
+def _is_zero(datum: Data) -> bool:
+    return not callable(datum) and not np.any(np.asarray(datum, dtype=object))
 
 
 @dataclass(frozen=True, eq=False)
-class Value(_Law):
+class Value(_LinearLaw):
     """u = datum; in a biharmonic problem Lap u = 0 too."""
 
     datum: Data
     alpha: ClassVar[float] = 0.0
     beta: ClassVar[float] = 1.0
+    involves_value: ClassVar[bool] = True
+    is_dissipative: ClassVar[bool] = True
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic", "coupled")
+
+    @property
+    def of_laplacian(self) -> Value:
+        """Lap u = 0."""
+        return Value(0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,24 +112,51 @@ class Support(Value):
     families: ClassVar[tuple[str, ...]] = ("biharmonic",)
     needs: ClassVar[str] = "gives a Lap u that only a biharmonic problem takes"
 
+    @property
+    def data(self) -> list[tuple[str, Data]]:
+        """The value and the Laplacian."""
+        return [("value", self.datum), ("Laplacian", self.laplacian)]
+
+    @property
+    def of_laplacian(self) -> Value:
+        """Lap u = laplacian."""
+        return Value(self.laplacian)
+
 
 @dataclass(frozen=True, eq=False)
-class Flux(_Law):
+class Flux(_LinearLaw):
     """du/db = datum."""
 
     datum: Data
     alpha: ClassVar[float] = 1.0
     beta: ClassVar[float] = 0.0
+    is_dissipative: ClassVar[bool] = True
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "biharmonic", "coupled")
+
+    @property
+    def is_zero_flux(self) -> bool:
+        """True if the flux is zero everywhere."""
+        return _is_zero(self.datum)
 
 
 @dataclass(frozen=True, eq=False)
-class Mixed(_Law):
+class Mixed(_LinearLaw):
     """alpha du/db + beta u = datum, with a number alpha other than zero and a number or function of points beta."""
 
     alpha: float
     beta: float | Callable[..., Any]
     datum: Data
+    involves_value: ClassVar[bool] = True
+
+    @property
+    def factors(self) -> tuple[Any, ...]:
+        """Alpha and beta."""
+        return self.alpha, self.beta
+
+    @property
+    def is_dissipative(self) -> bool:
+        """True if alpha and a number beta have the same sign."""
+        return not callable(self.beta) and self.alpha * self.beta >= 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +182,11 @@ class Nonlinear(_Law):
     datum: ClassVar[float] = 0.0
     families: ClassVar[tuple[str, ...]] = ("steady",)
     needs: ClassVar[str] = "needs a steady equation"
+
+    @property
+    def factors(self) -> tuple[Any, ...]:
+        """Equal to those of no other law: its functions are not compared."""
+        return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:
         """Return the flux (n,) where u is ``values`` (n,), at ``points`` (n, d).
@@ -130,6 +220,22 @@ class Interface(_Law):
     resistance: float = 0.0
     left: Data | None = None
     right: Data | None = None
+    couples: ClassVar[bool] = True
+
+    @property
+    def data(self) -> list[tuple[str, Data]]:
+        """The jump and the flux."""
+        return [("jump", self.jump), ("flux", self.flux)]
+
+    @property
+    def factors(self) -> tuple[Any, ...]:
+        """The resistance and the conductivities."""
+        return self.resistance, self.left, self.right
+
+    @property
+    def is_symmetric(self) -> bool:
+        """True if the conductivities are equal and there is no jump."""
+        return self.left == self.right and _is_zero(self.jump)
 
 
 #: A law on one side.
@@ -140,21 +246,17 @@ Law = OneSided | Interface
 
 def data_of(law: Law) -> list[tuple[str, Data]]:
     """Return the names and values of the data of a law; none where they depend on the solution."""
-    if isinstance(law, Interface):
-        return [("jump", law.jump), ("flux", law.flux)]
-    if isinstance(law, Support):
-        return [("value", law.datum), ("Laplacian", law.laplacian)]
-    return [] if isinstance(law, (Spectral, Nonlinear)) else [("datum", law.datum)]
+    return law.data
 
 
 def law_of_laplacian(law: Law) -> Law:
     """Return the law of Lap u in a biharmonic problem with the law of u: a value, or zero flux."""
-    return Value(law.laplacian if isinstance(law, Support) else 0.0) if isinstance(law, Value) else Flux(0.0)
+    return law.of_laplacian
 
 
 def is_zero_neumann(law: Law) -> bool:
     """Return True if the law is a zero flux."""
-    return isinstance(law, Flux) and not callable(law.datum) and not np.any(np.asarray(law.datum, dtype=object))
+    return law.is_zero_flux
 
 
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
@@ -171,9 +273,7 @@ def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
 
 def is_dissipative(law: Law) -> bool:
     """Return True if a law is known to be dissipative: it makes no eigenvalue of the operator negative."""
-    if isinstance(law, Mixed):
-        return not callable(law.beta) and law.alpha * law.beta >= 0
-    return isinstance(law, (Value, Flux))
+    return law.is_dissipative
 
 
 def _call(function: Callable[..., object], values: Floats, points: Floats) -> Floats:

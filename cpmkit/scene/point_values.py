@@ -6,10 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from cpmkit.scene.compound_equations import Biharmonic, Eigen
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.laws import Mixed, Value
 from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats
@@ -36,9 +33,9 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
         Quadrature points of the manifold and their weights, for the integral of a source.
     """
     problem = scene.problem
-    if isinstance(problem, Biharmonic) or (isinstance(problem, PLaplacian) and problem.p > 2):
+    if problem.family == "biharmonic" or (isinstance(problem, PLaplacian) and problem.p > 2):
         return True
-    if points > 1 or others or isinstance(problem, (Evolution, Eigen)):
+    if points > 1 or others or problem.family in ("time", "eigen"):
         return False
     terms = problem.terms()
     if terms.fixes_constant:
@@ -55,7 +52,7 @@ def valued_boundaries(scene: Scene) -> list[str]:
     return [
         boundary.name
         for boundary in scene.boundaries
-        if any(isinstance(boundary.condition(side).law, (Value, Mixed)) for side in SIDES)
+        if any(boundary.condition(side).law.involves_value for side in SIDES)
     ]
 
 
@@ -69,7 +66,7 @@ def point_value_warnings(
     """
     valued = valued_boundaries(scene)
     pins = [name for name in valued if name in points]
-    on_rim = any(isinstance(condition.law, (Value, Mixed)) for condition in scene.edge_conditions)
+    on_rim = any(condition.law.involves_value for condition in scene.edge_conditions)
     count = sum(points[name] for name in pins)
     if not pins or has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
         return ()
@@ -88,7 +85,7 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
     if scene.surface.manifold_dim != 2:
         return ()
     short = {name: sizes[name] for name in valued_boundaries(scene) if sizes.get(name, least) < least}
-    if not short or isinstance(scene.problem, Biharmonic):  # of fourth order: points have an effect
+    if not short or scene.problem.family == "biharmonic":  # of fourth order: points have an effect
         return ()
     return (
         f"Boundary {', '.join(map(repr, short))}: at spacing={spacing:g} a curve smaller than {least:.2g} acts as a "

@@ -12,13 +12,10 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, as_data, read_formula
+from cpmkit.scene.data import Data, as_data, is_sequence, read_formula
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.laws import Interface
 from cpmkit.scene.pointwise import AfterStep, Reaction
-
-REACTION_SCHEMES = ("sbdf2", "euler")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,16 +79,17 @@ class ReactionDiffusion(Evolution):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if isinstance(self.reaction, (str, list, tuple)):
-            texts = (self.reaction,) if isinstance(self.reaction, str) else tuple(self.reaction)
+        texts: Any = self.reaction
+        if isinstance(texts, str) or is_sequence(texts):
+            texts = (texts,) if isinstance(texts, str) else tuple(texts)
             object.__setattr__(
                 self, "reaction", read_formula(ReactionExpression, texts, "reaction of reaction-diffusion")
             )
         kappa = as_data(self.kappa, "kappa of reaction-diffusion")
-        each = tuple(kappa) if isinstance(kappa, (list, tuple, np.ndarray)) and np.ndim(kappa) else (kappa,)
+        each = tuple(kappa) if not callable(kappa) and np.ndim(np.asarray(kappa, dtype=object)) else (kappa,)
         if not each:
             raise InputError("kappa of reaction-diffusion must be one number or function a channel, got none.")
-        self._check(REACTION_SCHEMES, {f"kappa {k} of {len(each)}": value for k, value in enumerate(each, 1)})
+        self._check(("sbdf2", "euler"), {f"kappa {k} of {len(each)}": value for k, value in enumerate(each, 1)})
         for value in each:
             if not callable(value):
                 positive(value, "kappa of reaction-diffusion")
@@ -132,7 +130,7 @@ class ReactionDiffusion(Evolution):
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1
         for label, condition in conditions:
-            if isinstance(condition.law, Interface) and not alike:
+            if condition.couples and not alike:
                 raise SceneError(
                     f"{label}: {condition.kind!r} takes one kappa for all channels, got {len(self.kappa)} that differ; "
                     "give one number or function, or conditions on each side."

@@ -27,7 +27,7 @@ from cpmkit.scene.edge_conditions import (
     shape_of_edge,
 )
 from cpmkit.scene.equations import Equation, Family
-from cpmkit.scene.laws import Interface, Law, Mixed, Nonlinear
+from cpmkit.scene.laws import Law
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.scene.vertex_data import VertexArrays
@@ -298,10 +298,4 @@ def _check_same(old: Condition, new: Any, label: str) -> None:
 
 
 def _same_but_data(old: Law, new: Law) -> bool:
-    if type(old) is not type(new):
-        return False
-    if isinstance(old, Interface) and isinstance(new, Interface):
-        return (old.resistance, old.left, old.right) == (new.resistance, new.left, new.right)
-    if isinstance(old, Mixed) and isinstance(new, Mixed):
-        return (old.alpha, old.beta) == (new.alpha, new.beta)
-    return not isinstance(old, Nonlinear)
+    return type(old) is type(new) and old.factors == new.factors

@@ -115,11 +115,9 @@ def _cloud(points: Any, normals: Any) -> ClosestPointSource:
 
 
 #: Kinds of cells that are faces; and kinds of lower dimension, which mark parts of meshes and are ignored.
-FACE_KINDS = frozenset(("triangle", "quad", "polygon"))
-PASSED_KINDS = frozenset(("vertex", "line", "line3", "polyline"))
+FACE_KINDS, IGNORED_KINDS = {"triangle", "quad", "polygon"}, {"vertex", "line", "line3", "polyline"}
 #: VTK's numbers of these kinds: triangle, polygon, quad; vertices and lines.
-FACE_NUMBERS = (5, 7, 9)
-PASSED_NUMBERS = (1, 2, 3, 4)
+FACE_NUMBERS, IGNORED_NUMBERS = (5, 7, 9), (1, 2, 3, 4)
 #: VTK's number of a pixel, a quad with its last two corners exchanged.
 PIXEL_NUMBER = 8
 
@@ -132,7 +130,7 @@ def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
     SceneError
         If a block contains solids or curved cells, or none contains faces.
     """
-    others = sorted({kind for kind, _ in blocks} - FACE_KINDS - PASSED_KINDS)
+    others = sorted({kind for kind, _ in blocks} - FACE_KINDS - IGNORED_KINDS)
     _check_faces(others, any(kind in FACE_KINDS and len(cells) for kind, cells in blocks))
     faces = [np.asarray(cells) for kind, cells in blocks if kind in FACE_KINDS and len(cells)]
     if len({cells.shape[1:] for cells in faces}) == 1:
@@ -154,7 +152,7 @@ def faces_of_grid(grid: Any) -> Any:
     start = np.asarray(grid.cell_offsets if hasattr(grid, "cell_offsets") else grid.offset)  # in older versions
     corners = np.array(grid.cell_connectivity)
     rows = np.flatnonzero(np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER)))
-    others = np.unique(kinds[~np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER, *PASSED_NUMBERS))])
+    others = np.unique(kinds[~np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER, *IGNORED_NUMBERS))])
     _check_faces([f"number {kind} of VTK" for kind in others], len(rows) > 0)
     third = start[:-1][kinds == PIXEL_NUMBER] + 2
     corners[third], corners[third + 1] = corners[third + 1], corners[third]

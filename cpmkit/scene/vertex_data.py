@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import DATA_TYPE
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
-from cpmkit.scene.edge_conditions import ByPosition
+from cpmkit.scene.edge_conditions import map_conditions
 from cpmkit.types import Floats
 
 
@@ -131,12 +130,7 @@ class VertexArrays:
 
     def in_edge(self, edge: Any) -> Any:
         """Return the conditions of an edge with vertex data."""
-        if isinstance(edge, Mapping):
-            return {loop: self.in_edge(conditions) for loop, conditions in edge.items()}
-        if isinstance(edge, ByPosition):
-            parts = [replace(part, condition=self.in_fields(part.condition, "the edge")) for part in edge.parts]
-            return replace(edge, parts=tuple(parts))
-        return self.in_fields(edge, "the edge")
+        return map_conditions(edge, lambda condition: self.in_fields(condition, "the edge"))
 
     def _datum(self, array: np.ndarray, label: str) -> Any:
         if array.shape in TENSOR_SHAPES:

@@ -1,1 +1,1 @@
-"""Scenes as TOML files."""
+"""Scene files: TOML, its schema, the kinds that it can name, and the examples."""

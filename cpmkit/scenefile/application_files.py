@@ -1,4 +1,4 @@
-"""Scene files of applications: a surface and barriers and, in place of an equation, what the application is given."""
+"""Scene files of applications: surface and barriers, with directions, landmarks or colours in place of an equation."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.scene import Scene
-from cpmkit.scenefile.condition_tables import as_table, read_data, with_vertex_data
+from cpmkit.scenefile.condition_tables import as_table, list_of_tables, read_data, with_vertex_data
 from cpmkit.scenefile.scene_files import (
     APPLICATION_TABLES,
+    SCENE_TABLES,
     SceneFile,
     read_options,
     read_output,
@@ -28,19 +29,14 @@ from cpmkit.scenefile.scene_files import (
 )
 from cpmkit.types import Floats
 
-#: Keys of a curve's sides, and of a direction along one.
+#: Keys of the sides of a curve, for colours and for directions.
 COLOUR_KEYS = ("both", "left", "right")
 ALONG_KEYS = ("along", "left", "right")
-#: Keys of [vectors] and of [map].
-VECTORS_KEYS = ("transport",)
-MAP_KEYS = ("initial", "method", "step", "most_steps", "rest", "texture")
-#: Files of colours along a curve.
-COLOUR_SUFFIXES = (".npy", ".csv")
 
 
 @dataclass(frozen=True, eq=False)
 class FormulaField:
-    """A function of points (n, d) with one number or formula a channel."""
+    """A function of points (n, d) with one number or formula for each channel."""
 
     entries: tuple[Any, ...]
     label: str
@@ -51,10 +47,10 @@ class FormulaField:
 
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``vector_field`` that [[direction]] and [vectors] are."""
+    """Return the keyword arguments of ``vector_field`` from [[direction]] and [vectors]."""
     own = as_table(tables.get("vectors", {}), "[vectors]")
-    check_accepted("[vectors]", own, VECTORS_KEYS)
-    pairs = [_direction(table, number, scene, folder) for number, table in _listed(tables, "direction")]
+    check_accepted("[vectors]", own, ("transport",))
+    pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
     return {**own, "directions": pairs}
@@ -72,17 +68,17 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
                 f"{where} has {len(at)} points and {len(vector)} vectors; give one vector, or one for each."
             )
         return at, vector
-    given = {key: _way(table.pop(key), dim, f"{key} of {where}") for key in ALONG_KEYS if key in table}
-    if set(given) not in ({"along"}, {"left", "right"}):
+    directions = {key: _read_direction(table.pop(key), dim, f"{key} of {where}") for key in ALONG_KEYS if key in table}
+    if set(directions) not in ({"along"}, {"left", "right"}):
         raise SceneError(
             f"{where} needs at and vector, or a curve's kind with along, or with left and right, got "
-            f"{', '.join([*given, *table]) or 'nothing'}."
+            f"{', '.join([*directions, *table]) or 'nothing'}."
         )
-    return read_source(table, folder, where, scene.surface), given.get("along", given)
+    return read_source(table, folder, where, scene.surface), directions.get("along", directions)
 
 
-def _way(value: Any, dim: int, label: str) -> Any:
-    """Return a direction along a curve: a name, a vector, or a function of one formula a coordinate."""
+def _read_direction(value: Any, dim: int, label: str) -> Any:
+    """Return a direction along a curve: a name, a vector, or a function of points from formulas."""
     if isinstance(value, str):
         return value
     if isinstance(value, list) and any(isinstance(entry, str) for entry in value):
@@ -91,12 +87,12 @@ def _way(value: Any, dim: int, label: str) -> Any:
 
 
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``harmonic_map`` that [target], [[landmark]] and [map] are, and ``texture``."""
+    """Return the keyword arguments of ``harmonic_map`` from [target], [[landmark]] and [map], and ``texture``."""
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
     own = as_table(tables.get("map", {}), "[map]")
-    check_accepted("[map]", own, MAP_KEYS)
+    check_accepted("[map]", own, ("initial", "method", "step", "most_steps", "rest", "texture"))
     own = {**own, **with_vertex_data(_only(own, "initial"), folder, [("surface", scene.surface)], "[map]")}
     own = {**own, **with_vertex_data(_only(own, "texture"), folder, [("target", target)], "[map]")}
     if isinstance(own.get("initial"), list):
@@ -105,7 +101,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
         texture = own["texture"] if isinstance(own["texture"], list) else [own["texture"]]
         own["texture"] = _formulas(texture, target.dim, len(texture), "texture of [map]")
     landmarks: list[tuple[Any, Any]] = []
-    for number, table in _listed(tables, "landmark"):
+    for number, table in list_of_tables(tables, "landmark"):
         where = f"[[landmark]] {number}"
         if "to" not in table:
             raise SceneError(f"{where} needs to, where it goes.")
@@ -121,9 +117,9 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
 
 
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``diffusion_curves`` that [[curve]] is."""
+    """Return the keyword arguments of ``diffusion_curves`` from [[curve]]."""
     curves: dict[str, Any] = {}
-    for number, table in _listed(tables, "curve"):
+    for number, table in list_of_tables(tables, "curve"):
         name = table.pop("name", f"curve {number}")
         if not isinstance(name, str) or name in curves:
             raise SceneError(f"name of [[curve]] {number} must be text that no other curve has, got {shown(name)}.")
@@ -140,7 +136,7 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
 
 
 def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
-    """Return the colours of a side: as the application takes them, where nothing passes None."""
+    """Return the colours of a side as the application accepts them, None for a wall."""
     if isinstance(value, dict):
         if value == {"neumann": 0}:
             return None
@@ -150,17 +146,9 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
             f"{label} must be a colour, colours along the curve, {{ formula = [red, green, blue] }}, or "
             f"{{ neumann = 0 }} where nothing passes, got {shown(value)}."
         )
-    if isinstance(value, str) and Path(value).suffix.lower() in COLOUR_SUFFIXES:
+    if isinstance(value, str) and Path(value).suffix.lower() in (".npy", ".csv"):
         return str(find_file(value, folder))
     return value
-
-
-def _listed(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, Any]]]:
-    """Return the tables of a list, with their numbers from 1."""
-    given = tables.get(name, [])
-    if not isinstance(given, list):
-        raise SceneError(f"{name} must be a list of tables, written [[{name}]].")
-    return [(number, as_table(table, f"[[{name}]] {number}")) for number, table in enumerate(given, 1)]
 
 
 def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
@@ -173,18 +161,16 @@ def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
 
 
 def _points(value: Any, dim: int, label: str) -> Floats:
-    """Return one point, or a list of them, as (n, dim)."""
-    one = isinstance(value, list) and bool(value) and not isinstance(value[0], list)
-    return as_points([value] if one else value, dim, label)
+    """Return a point, or a list of points, as (n, dim)."""
+    is_point = isinstance(value, list) and bool(value) and not isinstance(value[0], list)
+    return as_points([value] if is_point else value, dim, label)
 
 
 def _only(table: Mapping[str, Any], key: str) -> dict[str, Any]:
     return {key: table[key]} if key in table else {}
 
 
-#: Tables that all of them have.
-SHARED_TABLES = ("surface", "boundary", "discretization", "solver", "output")
-#: What reads the tables of an application; its arguments are these tables, the scene and the file's folder.
+#: Functions that read the tables of an application, from these tables, the scene and the file's folder.
 READERS: dict[str, Callable[[Mapping[str, Any], Scene, Path], dict[str, Any]]] = {
     "vectors": read_directions,
     "map": read_map,
@@ -194,26 +180,26 @@ READERS: dict[str, Callable[[Mapping[str, Any], Scene, Path], dict[str, Any]]] =
 
 @dataclass(frozen=True, eq=False)
 class ApplicationFile(SceneFile):
-    """A manifold with barriers, what an application is given there, and how the file wants it made.
+    """A manifold with barriers, the arguments of an application, and its options and output.
 
     Attributes
     ----------
-    given : dict
+    arguments : dict
         Keyword arguments of the application's function.
     """
 
-    given: dict[str, Any] = field(default_factory=dict)
+    arguments: dict[str, Any] = field(default_factory=dict)
 
 
 def load_application(path: str | Path, command: str) -> ApplicationFile:
-    """Read a scene file of the application that ``cpmkit COMMAND`` makes.
+    """Read a scene file of the application that ``cpmkit COMMAND`` runs.
 
     Raises
     ------
     SceneError
         If the file is missing, does not parse, or holds a key or value that is not accepted.
     PluginError
-        If a kind is offered by no installed plugin.
+        If no installed plugin has a kind that the file names.
     """
     like = f", such as one that `cpmkit examples` lists as applications/{command}-...toml"
     return from_toml(path, partial(_application_file, command), "scene file", like)
@@ -222,7 +208,8 @@ def load_application(path: str | Path, command: str) -> ApplicationFile:
 def _application_file(command: str, tables: dict[str, Any], path: Path) -> ApplicationFile:
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")
-    check_accepted("the scene", tables, (*SHARED_TABLES, *APPLICATION_TABLES[command]))
+    shared = (name for name in SCENE_TABLES if name != "problem")
+    check_accepted("the scene", tables, (*shared, *APPLICATION_TABLES[command]))
     if "surface" not in tables:
         raise SceneError("a scene needs the table [surface].")
     scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
@@ -242,7 +229,7 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
     if output.picture is not None and output.picture.vectors:
         raise SceneError(f"`cpmkit {command}` draws in its own way; leave out vectors of the picture.")
     try:
-        given = READERS[command](tables, scene, path.parent)
+        arguments = READERS[command](tables, scene, path.parent)
     except InputError as error:
         raise error if isinstance(error, SceneError) else SceneError(str(error)) from error
-    return ApplicationFile(scene, spacing, options, output, given)
+    return ApplicationFile(scene, spacing, options, output, arguments)

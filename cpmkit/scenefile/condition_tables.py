@@ -1,4 +1,4 @@
-"""Conditions and data in scene files: tables of TOML made into what a scene holds."""
+"""Conditions and data of scene files: their tables of TOML converted to conditions, functions and arrays."""
 
 from __future__ import annotations
 
@@ -19,19 +19,17 @@ from cpmkit.plugins import call, factory
 from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
-from cpmkit.scene.data import Data
+from cpmkit.scene.data import Data, read_formula
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
 from cpmkit.scene.vertex_data import VertexData
 
-#: The number of a rim.
-LOOP_NUMBER = re.compile(r"[0-9]{1,6}")
-CONDITIONS: dict[str, Any] = {one.kind: one for one in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
-#: What is given for those that take a list.
+CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
+#: Names of the entries of conditions that are lists.
 LIST_ENTRIES = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
-    """Return what a boundary's key for its sides holds: a point, a transmission, or a condition."""
+    """Return the value of a boundary's key for its sides: a point, a transmission, or a condition."""
     if key == "left_of":
         return value
     if key != "across":
@@ -46,17 +44,17 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 
 
 def read_condition(table: Any, dim: int, where: str) -> Condition:
-    """Return the condition that a table with one kind, and perhaps an order, describes.
+    """Return the condition that a table describes.
 
-    A number, a formula or a list of them is a Dirichlet condition's. Else the kind is a key, of which the value is the
-    datum, or, of a plugin's conditions, ``kind = NAME`` beside its keys.
+    A number, a formula or a list of them gives a Dirichlet condition. A table has the kind as a key, with the datum as
+    its value; for a plugin's condition it has ``kind = NAME`` and the keys of the kind. It may also have an ``order``.
 
     Raises
     ------
     SceneError
         If the kind or its value is not accepted.
     PluginError
-        If no installed plugin offers the kind.
+        If no installed plugin has the kind.
     """
     if _is_datum(table):
         return Dirichlet(read_data(table, dim, where))
@@ -67,25 +65,25 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     if isinstance(table.get("kind"), str):
         make = factory(table.pop("kind"), "cpmkit_conditions")
         keys = {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
-        offered: Condition = call(make, where, {**keys, **order})
-        return offered
+        condition: Condition = call(make, where, {**keys, **order})
+        return condition
     kinds = list(table)
     if "clamped" in kinds:
         raise SceneError(
             f"{where} is clamped, which gives Lap u no condition of its own and is not offered; use simply_supported."
         )
     if len(kinds) != 1 or kinds[0] not in CONDITIONS:
-        near = did_you_mean(kinds[0], CONDITIONS) if len(kinds) == 1 else ""
+        hint = did_you_mean(kinds[0], CONDITIONS) if len(kinds) == 1 else ""
         raise SceneError(
             f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got "
-            f"{shown(table)}{near}."
+            f"{shown(table)}{hint}."
         )
-    made: Condition = CONDITIONS[kinds[0]](*_entries(kinds[0], table[kinds[0]], dim, where), **order)
-    return made
+    built_in: Condition = CONDITIONS[kinds[0]](*_entries(kinds[0], table[kinds[0]], dim, where), **order)
+    return built_in
 
 
 def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
-    """Return what a kind of condition is made with: one datum, or as many as its list has."""
+    """Return the arguments of a kind of condition: one datum, or the entries of its list."""
     if kind == "steklov":
         if value is not True:
             raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
@@ -105,95 +103,95 @@ def _is_datum(value: Any) -> bool:
 
 
 def read_edge(table: Any, where: str) -> Any:
-    """Return a function of the dimension that makes the edge's condition, parts by position, or either a loop."""
+    """Return a function of the dimension that returns the conditions of the edge."""
     if _is_datum(table) and not is_by_position(table):
         return lambda dim: read_condition(table, dim, where)
     if is_by_position(table):
         return lambda dim: _on_loop(table, dim, where)
     table = as_table(table, where)
-    if table and all(LOOP_NUMBER.fullmatch(key) for key in table):
+    if table and all(re.fullmatch(r"[0-9]{1,6}", key) for key in table):
         return lambda dim: {int(key): _on_loop(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: read_condition(table, dim, "edge")
 
 
 def _on_loop(table: Any, dim: int, where: str) -> Any:
     if is_by_position(table):
-        return [_part(one, dim, f"part {number} of {where}") for number, one in enumerate(table)]
+        return [_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
     return read_condition(table, dim, where)
 
 
 def is_by_position(table: Any) -> bool:
-    """Tell conditions for parts of an edge, tables in a list, from data with one entry a channel."""
-    return isinstance(table, list) and any(isinstance(one, Mapping) for one in table)
+    """Return True for a list of tables, conditions by position, and False for data of several channels."""
+    return isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table)
 
 
 def _part(table: Any, dim: int, where: str) -> Any:
-    """Return a condition and where on the edge it holds, or a condition alone."""
+    """Return a pair (condition, where), or a condition that holds on the rest of the edge."""
     if _is_datum(table):
         return read_condition(table, dim, where)
     table = dict(as_table(table, where))
-    holds = table.pop("where", None)
+    formula = table.pop("where", None)
     condition = read_condition(table, dim, where)
-    if holds is None:
+    if formula is None:
         return condition
-    if not isinstance(holds, str):
-        raise SceneError(f"`where` of {where} must be a formula such as 'x < 0', got {shown(holds)}.")
-    return condition, holds
+    if not isinstance(formula, str):
+        raise SceneError(f"`where` of {where} must be a formula such as 'x < 0', got {shown(formula)}.")
+    return condition, formula
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:
-    """Return numbers and per-vertex data as they are, formulas as functions, and lists of them entry by entry."""
-    if isinstance(value, str):
-        try:
-            return Expression(value, dim)
-        except SceneError as error:
-            raise SceneError(f"{where}: {error}") from error
-    if isinstance(value, VertexData):
-        return value
-    if isinstance(value, list):
-        return [read_data(entry, dim, where) for entry in value]
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise SceneError(
-            f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
-            f"got {shown(value)}."
-        )
-    return number(value, where)
+    """Return numbers and data at vertices as they are, formulas as functions, and lists of them entry by entry."""
+    match value:
+        case str():
+            function: Data = read_formula(Expression, value, where, dim)
+            return function
+        case VertexData():
+            return value
+        case list():
+            return [read_data(entry, dim, where) for entry in value]
+        case int() | float() if value is not True and value is not False:
+            return number(value, where)
+    raise SceneError(
+        f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
+        f"got {shown(value)}."
+    )
 
 
 def as_table(value: Any, where: str) -> dict[str, Any]:
-    """Return a copy of ``value`` if it is a table; ``where`` names it in the error."""
+    """Return a copy of ``value`` if it is a table, else raise an error; ``where`` is its name."""
     if not isinstance(value, dict):
         raise SceneError(f"{where} must be a table, got {shown(value)}.")
     return dict(value)
 
 
 def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
-    """Return a value of a scene file with :class:`VertexData` in place of each table ``{ values = "FILE.npy" }``.
+    """Return a value of a scene file with :class:`VertexData` in place of tables ``{ values = "FILE.npy" }``.
 
     Parameters
     ----------
     value : any
-        As TOML gives it; tables and lists are looked through.
+        A value of TOML; tables and lists are searched.
     folder : Path
-        Where the files are looked for first.
+        Folder in which files are searched first.
     carriers : sequence of (name, source)
-        To whose vertices the rows may belong. A table may say to whose: ``of = NAME``; else they must fit one alone.
+        Sources that the rows may belong to. A table may name one with ``of = NAME``; else exactly one must fit.
     where : str
-        Named in errors.
+        Name of the value in errors.
 
     Raises
     ------
     SceneError
-        If an array fits none of the carriers, or several.
+        If an array fits no source, or several.
     InputError
-        If a file is missing or holds no array of finite numbers.
+        If a file is missing or does not contain an array of finite numbers.
     """
-    if isinstance(value, dict) and "values" in value:
-        return _vertex_data(value, folder, carriers, where)
-    if isinstance(value, dict):
-        return {key: with_vertex_data(entry, folder, carriers, f"{key} of {where}") for key, entry in value.items()}
-    if isinstance(value, list):
-        return [with_vertex_data(entry, folder, carriers, where) for entry in value]
+    match value:
+        case dict() if "values" in value:
+            return _vertex_data(value, folder, carriers, where)
+        case dict():
+            return {key: with_vertex_data(entry, folder, carriers, f"{key} of {where}") for key, entry in value.items()}
+        case list():
+            return [with_vertex_data(entry, folder, carriers, where) for entry in value]
     return value
 
 
@@ -206,8 +204,8 @@ def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier
             f"{shown(table)}."
         )
     array = read_array(find_file(table["values"], folder), "an array of numbers")
-    offered = [carrier for carrier in carriers if table.get("of", carrier[0]) == carrier[0]]
-    counts = {name: source.value_count for name, source in offered if isinstance(source, HasValues)}
+    sources = [carrier for carrier in carriers if table.get("of", carrier[0]) == carrier[0]]
+    counts = {name: source.value_count for name, source in sources if isinstance(source, HasValues)}
     fitting = [name for name, count in counts.items() if np.shape(array)[:1] == (count,)]
     if len(fitting) != 1:
         rows = f"{shown(table['values'])} of {where} has the shape {array.shape}"
@@ -215,8 +213,16 @@ def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier
             raise SceneError(f"{rows}, which fits {' and '.join(fitting)}; add of = {fitting[0]!r} or another of them.")
         known = " and ".join(f"{name} has {count} vertices" for name, count in counts.items())
         raise SceneError(f"{rows}, where {known or f'{names[0]} carries no values'}; give one row a vertex.")
-    return VertexData(dict(offered)[fitting[0]], array)
+    return VertexData(dict(sources)[fitting[0]], array)
 
 
-#: What of a scene file may carry values: its name in messages, and its source.
+#: Name of a part of a scene in messages, and its source, whose vertices may have data.
 Carrier = tuple[str, ClosestPointSource]
+
+
+def list_of_tables(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, Any]]]:
+    """Return copies of the tables of a list [[name]], with their numbers from 1."""
+    entries = tables.get(name, [])
+    if not isinstance(entries, list):
+        raise SceneError(f"{name} must be a list of tables, written [[{name}]].")
+    return [(number, as_table(table, f"[[{name}]] {number}")) for number, table in enumerate(entries, 1)]

@@ -1,4 +1,4 @@
-"""What a factory takes, read off its signature and its docstring: keys, types, defaults, and a sentence on each."""
+"""Parameters of a factory, from its signature and its docstring: names, types, defaults, and a sentence on each."""
 
 from __future__ import annotations
 
@@ -10,11 +10,7 @@ from typing import Any
 
 from cpmkit.runtime.deprecation import DeprecatedMember
 
-#: Sections of a docstring in which parameters are told.
-TOLD_SECTIONS = ("Parameters", "Attributes")
-#: A link of Sphinx.
-LINK = re.compile(r":[\w:]+:`~?([^`]+)`")
-#: What keys are that many factories share, and that are told where they are taken.
+#: Summaries of keys that many factories share, whose docstrings do not repeat them.
 SHARED_KEYS = {
     "order": "Overrides the discretisation's order for this condition.",
     "resolution": "How many cells the lattice of samples has along the longest side of the bounds.",
@@ -28,21 +24,21 @@ SHARED_KEYS = {
 
 @dataclass(frozen=True)
 class Key:
-    """One key of a kind: what it accepts, its default, and a sentence.
+    """A key of a kind.
 
     Attributes
     ----------
     name : str
     type : str
-        In words, or as it is declared.
+        Type in words, or as declared.
     declared : str
-        As the signature has it.
+        Type in the signature.
     needed : bool
-        Whether it has no default.
+        True if it has no default.
     default : object
-        Where it is not needed.
+        Its default, if it has one.
     summary : str
-        One sentence, empty where the factory tells none.
+        One sentence, "" if the docstring has none.
     """
 
     name: str
@@ -59,40 +55,40 @@ class Key:
 
 
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
-    """Return the keys that a factory, or a class, takes."""
-    summary = {name: words for section in TOLD_SECTIONS for name, words in _told_in(make, section).items()}
-    found = []
+    """Return the keys of a factory or a class, which are its parameters."""
+    documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
+    keys = []
     for name, parameter in inspect.signature(make).parameters.items():
         if parameter.kind in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL):
             continue
         needed = parameter.default is parameter.empty
         declared = "" if parameter.annotation is parameter.empty else str(parameter.annotation).strip("'")
-        types, words = summary.get(name, ("", ""))
-        words = words or SHARED_KEYS.get(name, "")
+        types, summary = documented.get(name, ("", ""))
+        summary = summary or SHARED_KEYS.get(name, "")
         default = None if needed or callable(parameter.default) else parameter.default
-        found.append(Key(name, types or declared, declared, needed, default, words))
-    return tuple(found)
+        keys.append(Key(name, types or declared, declared, needed, default, summary))
+    return tuple(keys)
 
 
 def first_sentence(text: str | None) -> str:
     """Return the first sentence of a docstring, on one line, with plain names in place of its links."""
     paragraph = " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())
-    paragraph = LINK.sub(lambda found: found[1].rpartition(".")[2], paragraph)
-    ended = re.match(r"(.*?[.!?])(?= [A-Z`]|$)", paragraph)
-    return ended[1] if ended else paragraph
+    paragraph = re.sub(r":[\w:]+:`~?([^`]+)`", lambda link: link[1].rpartition(".")[2], paragraph)
+    sentence = re.match(r"(.*?[.!?])(?= [A-Z`]|$)", paragraph)
+    return sentence[1] if sentence else paragraph
 
 
-def _told_in(make: Callable[..., Any], section: str) -> dict[str, tuple[str, str]]:
-    """Return the type and the first sentence of each parameter that a section of a docstring tells."""
+def _documented_parameters(make: Callable[..., Any], section: str) -> dict[str, tuple[str, str]]:
+    """Return the type and the first sentence of each parameter in a section of a docstring."""
     doc = inspect.cleandoc(make.__doc__ or "")
-    begun = re.search(rf"^{section}\n-+\n", doc, re.MULTILINE)
-    if not begun:
+    heading = re.search(rf"^{section}\n-+\n", doc, re.MULTILINE)
+    if not heading:
         return {}
-    body = re.split(r"\n\n\w[\w ]*\n-+\n", doc[begun.end() :])[0]
-    found: dict[str, tuple[str, str]] = {}
+    body = re.split(r"\n\n\w[\w ]*\n-+\n", doc[heading.end() :])[0]
+    parameters: dict[str, tuple[str, str]] = {}
     for entry in re.split(r"\n(?=\S)", body):
         head, _, words = entry.partition("\n")
         names, _, types = head.partition(" : ")
         for name in names.split(","):
-            found[name.strip()] = (types.strip(), first_sentence(words))
-    return found
+            parameters[name.strip()] = (types.strip(), first_sentence(words))
+    return parameters

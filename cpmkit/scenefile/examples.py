@@ -1,4 +1,4 @@
-"""The examples that come with cpmkit: scenes, studies, and the curves that they name."""
+"""The examples of cpmkit, scenes, studies and their curves; and the first scene that ``cpmkit new`` writes."""
 
 from __future__ import annotations
 
@@ -10,24 +10,17 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.whole_files import check_name, check_place, written_whole
 from cpmkit.scenefile.documented_keys import first_sentence
 
-#: Where scenes and studies are, in the order in which they are listed, and all that is copied.
+#: Folders of scenes and studies, in the order of the list of examples.
 SCENE_FOLDERS = ("", "applications/", "studies/")
-EXAMPLE_FILES = (
-    *(f"{folder}*.toml" for folder in SCENE_FOLDERS),
-    "curves/*.npy",
-    "drawings/*.svg",
-    "*.py",
-    "studies/*.py",
-)
 
 
 def examples_folder() -> Path:
-    """Return where the examples are: in the package as it is installed, beside it in a clone.
+    """Return the folder of the examples: in the installed package, or beside it in a clone.
 
     Raises
     ------
     InputError
-        If they are in neither place.
+        If it is in neither place.
     """
     package = Path(__file__).parents[1]
     for folder in (package / "examples", package.parent / "examples"):
@@ -39,7 +32,7 @@ def examples_folder() -> Path:
 def example_files() -> dict[str, Path]:
     """Return the scenes, those of applications, then the studies, by their names in the folder."""
     folder = examples_folder()
-    files = [file for one in SCENE_FOLDERS for file in sorted(folder.glob(f"{one}*.toml"))]
+    files = [file for part in SCENE_FOLDERS for file in sorted(folder.glob(f"{part}*.toml"))]
     return {file.relative_to(folder).as_posix(): file for file in files}
 
 
@@ -55,18 +48,19 @@ def example_title(file: Path) -> str:
 
 
 def copy_examples(to: Path) -> Path:
-    """Copy all examples into a folder that is made for them, and return it.
+    """Copy all examples into a new folder, and return it.
 
     Raises
     ------
     InputError
-        If there is such a folder or file already, or it cannot be made.
+        If there is such a folder or file already, or it cannot be created.
     """
     if to.exists():
         raise InputError(f"{shown(str(to))} is there already; give a folder that is not.")
     folder = examples_folder()
+    scenes = (f"{part}*.toml" for part in SCENE_FOLDERS)
     try:
-        for pattern in EXAMPLE_FILES:
+        for pattern in (*scenes, "curves/*.npy", "drawings/*.svg", "*.py", "studies/*.py"):
             for file in sorted(folder.glob(pattern)):
                 target = to / file.relative_to(folder)
                 target.parent.mkdir(parents=True, exist_ok=True)
@@ -111,12 +105,12 @@ files = ["solution.vtp", "summary.json"]
 
 
 def write_first_scene(name: str) -> Path:
-    """Write the scene into ``name``, to which ``.toml`` is added where it has no ending, and return the file.
+    """Write the first scene into ``name``, to which ``.toml`` is added if it has no suffix, and return the file.
 
     Raises
     ------
     InputError
-        If the file is there already, has another ending, or cannot be written.
+        If the file exists already, has another suffix, or cannot be written.
     """
     file = Path(name) if Path(name).suffix else Path(f"{name}.toml")
     if file.suffix != ".toml" or not file.stem.strip("."):

@@ -1,4 +1,4 @@
-"""Every kind that a scene can name, with its keys: of sources, conditions, equations, solvers and back ends."""
+"""The kinds that a scene file can name, with their keys: sources, conditions, equations, solvers and back ends."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from cpmkit.scenefile.condition_tables import CONDITIONS
 from cpmkit.scenefile.documented_keys import Key, first_sentence, keys_of
 from cpmkit.scenefile.scene_files import PROBLEMS
 
-#: What the kinds of each hook are.
+#: Sorts of kinds by the plugins' hook that they come from.
 SORTS = dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))
 
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind: what it is, who offers it, and its keys.
+    """A kind of source, condition, equation, solver or back end.
 
     Attributes
     ----------
     name : str
-        As scene files and :func:`cpmkit.source` name it.
+        Its name in scene files and :func:`cpmkit.source`.
     sort : str
         ``source``, ``condition``, ``equation``, ``solver`` or ``back end``.
     distribution : str
-        Who offers it.
+        The package that it comes from.
     summary : str
-        One sentence.
+        One sentence on it.
     keys : tuple of Key
     """
 
@@ -52,19 +52,19 @@ class Kind:
 
 
 def kinds(name: str | None = None) -> tuple[Kind, ...]:
-    """Return every kind that a scene can name, or the kinds of one name.
+    """Return all kinds that a scene can name, or the kinds of one name.
 
-    The plugins are imported for it; ``cpmkit plugins`` lists names without.
+    This imports the plugins; ``cpmkit plugins`` lists names without importing them.
 
     Parameters
     ----------
     name : str, optional
-        One kind, such as ``"analytic.torus"``, or one family of them, such as ``"analytic"``.
+        A kind, such as ``"analytic.torus"``, or a family of kinds, such as ``"analytic"``.
 
     Raises
     ------
     PluginError
-        If there is none of that name, or a plugin does not import.
+        If there is no such kind, or a plugin does not import.
 
     Examples
     --------
@@ -77,20 +77,20 @@ def kinds(name: str | None = None) -> tuple[Kind, ...]:
         *(("equation", kind, make) for kind, make in PROBLEMS.items()),
         *(("condition", kind, make) for kind, make in CONDITIONS.items()),
     ]
-    found = [_kind(kind, sort, "cpmkit", make) for sort, kind, make in built_in if _asked(kind, name)]
-    for one in installed_kinds():
-        if _asked(one.kind, name):
-            hook, make = any_factory(one.kind)
-            found.append(_kind(one.kind, SORTS[hook], one.distribution, make))
-    if not found:
-        known = [*(kind for _, kind, _ in built_in), *(one.kind for one in installed_kinds())]
+    matching = [_kind(kind, sort, "cpmkit", make) for sort, kind, make in built_in if _matches(kind, name)]
+    for installed in installed_kinds():
+        if _matches(installed.kind, name):
+            hook, make = any_factory(installed.kind)
+            matching.append(_kind(installed.kind, SORTS[hook], installed.distribution, make))
+    if not matching:
+        known = [*(kind for _, kind, _ in built_in), *(installed.kind for installed in installed_kinds())]
         raise PluginError(
             f"There is no kind {shown(name)}{did_you_mean(name, known)}; `cpmkit plugins` lists those installed."
         )
-    return tuple(sorted(found, key=lambda one: (one.sort, one.name)))
+    return tuple(sorted(matching, key=lambda kind: (kind.sort, kind.name)))
 
 
-def _asked(kind: str, name: str | None) -> bool:
+def _matches(kind: str, name: str | None) -> bool:
     return name is None or name in (kind, kind.partition(".")[0])
 
 

@@ -1,4 +1,4 @@
-"""How a picture looks: what every picture, film and page takes, in Python and in scene files."""
+"""Options of pictures, films and pages, in Python and in scene files."""
 
 from __future__ import annotations
 
@@ -13,60 +13,57 @@ from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import as_vector, whole
 from cpmkit.runtime.messages import did_you_mean
 
-#: Pixels of a picture's width.
-WIDTH_PIXELS = (16, 16_384)
-#: What a picture can show.
+#: Functions that a picture can show.
 PICTURE_FIELDS = ("solution", "error")
+#: Shading of surfaces.
 LIGHTS = ("flat", "shaded")
+#: Names of upward directions.
 AXES = ("x", "y", "z")
-#: How many isolines ``isolines = true`` draws, and the most that are drawn.
-ISOLINES, MOST_ISOLINES = 10, 1000
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a picture looks.
+    """Options of a picture.
 
-    Three channels are shown as the colour that they are, clipped to [0, 1]; of any other number one is shown in the
-    colours of a bar.
+    Three channels are shown as red, green and blue, clipped to [0, 1]; otherwise one channel is shown by a colour map.
 
     Parameters
     ----------
     width : int
-        Of the whole picture in pixels; the height follows from the model.
+        Width in pixels; the height follows from the model.
     view : three numbers, optional
-        The direction from the model to the camera. Not used in the plane.
+        Direction from the model to the camera; not used in the plane.
     up : "x", "y", "z" or three numbers, optional
-        What points upwards. Unless given z, or y where the model stands on its lowest y and does not on its lowest z.
+        Upward direction. By default z, or y if the model stands on its lowest y and not on its lowest z.
     curves : bool
-        Whether boundaries are drawn, as dark lines and dots.
+        Whether to draw boundaries, as dark lines and dots.
     twins : bool
-        Whether dots show where nodes are doubled, because several sheets of the surface share them.
+        Whether to draw dots at lattice nodes that several sheets of the surface share.
     field : "solution" or "error"
-        The solution, or its estimated error in the solution's own unit, of several channels the largest, which is made
-        first where there is none yet.
+        The solution, or its estimated error in the unit of the solution (the largest of several channels), which is
+        computed first if it is not known.
     channel : int, optional
-        Which of several is shown, from 0.
+        Number of the channel to show, from 0.
     light : "flat" or "shaded", optional
-        ``"flat"``: every pixel has its colour of the bar, and dark lines show the shape. ``"shaded"``: light from the
-        left and above darkens the rest. Unless given flat beside a bar, shaded where channels are colours.
+        ``"flat"``: the colours of the colour bar, with dark lines that show the shape. ``"shaded"``: light from above
+        and the left. By default flat with a colour bar, shaded where channels are colours.
     cmap : str
-        Any of matplotlib's colour maps.
+        Name of a colour map of matplotlib.
     clim : two numbers, optional
-        The values at the ends of the bar; the least and the greatest of the solution unless given.
+        Values at the ends of the colour bar; by default the extremes of the solution.
     title, label, unit : str
-        Above the picture, and beside the bar.
+        Text above the picture, and beside the colour bar.
     isolines : int, bool or sequence of numbers
-        How many, evenly between the ends of the bar, ten if true; or at which values.
+        Number of isolines, evenly spaced between the ends of the colour bar, ten if true; or their values.
     edges : bool
-        Whether the edges of the mesh are drawn.
+        Whether to draw the edges of the mesh.
     vectors : bool
-        Whether the channels are the coordinates of vectors, drawn as arrows over their lengths.
+        Whether the channels are components of vectors, drawn as arrows over their lengths.
 
     Raises
     ------
     InputError
-        If one is not what is accepted.
+        If an option has a value that is not accepted.
     """
 
     width: int = 1200
@@ -87,7 +84,7 @@ class Look:
     vectors: bool = False
 
     def __post_init__(self) -> None:
-        whole(self.width, "width in pixels", *WIDTH_PIXELS)
+        whole(self.width, "width in pixels", 16, 16_384)
         _one_of(self.field, PICTURE_FIELDS, "field of a picture")
         if self.light is not None:
             _one_of(self.light, LIGHTS, "light of a picture")
@@ -113,29 +110,29 @@ class Look:
         if isinstance(self.isolines, (int, np.integer)):
             self._set(
                 "isolines",
-                ISOLINES if self.isolines is True else whole(int(self.isolines), "isolines", 0, MOST_ISOLINES),
+                10 if self.isolines is True else whole(int(self.isolines), "isolines", 0, 1000),
             )
         else:
             self._set("isolines", tuple(as_vector(self.isolines, np.size(self.isolines), "isolines").tolist()))
 
     @classmethod
     def of(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
-        """Return the look of ``label`` with these options; ``also`` names arguments of its own, as which one is meant.
+        """Return the look with these options; ``also`` are further arguments of ``label``, for suggestions in errors.
 
         Raises
         ------
         InputError
-            If there is none of such a name, or one is not what is accepted.
+            If there is no such option, or a value is not accepted.
         """
         accepted = [field.name for field in fields(cls)]
         for name in options:
             if name not in accepted:
-                near, every = did_you_mean(name, (*also, *accepted)), ", ".join((*also, *accepted))
-                raise InputError(f"{label} has no option {name!r}{near}; accepted are {every}.")
+                hint, names = did_you_mean(name, (*also, *accepted)), ", ".join((*also, *accepted))
+                raise InputError(f"{label} has no option {name!r}{hint}; accepted are {names}.")
         return cls(**options)
 
     def levels(self, ends: Sequence[float]) -> list[float]:
-        """Return the values of the isolines between the ``ends`` of the bar."""
+        """Return the values of the isolines between the ``ends`` of the colour bar."""
         if isinstance(self.isolines, int):
             return [float(level) for level in np.linspace(ends[0], ends[1], self.isolines + 2)[1:-1]]
         return list(self.isolines)
@@ -146,16 +143,16 @@ class Look:
 
 def _one_of(value: object, accepted: Sequence[str], label: str) -> None:
     if value not in accepted:
-        near = did_you_mean(value, accepted)
-        raise InputError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{near}.")
+        hint = did_you_mean(value, accepted)
+        raise InputError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")
 
 
-#: Numbers of a fixed or any count.
+#: A sequence of numbers.
 Numbers = Sequence[float] | NDArray[Any]
 
 
 class LookKeywords(TypedDict, total=False):
-    """How a picture looks; see :class:`cpmkit.scenefile.look.Look`."""
+    """Keyword arguments of a picture for type checkers, the fields of :class:`cpmkit.scenefile.look.Look`."""
 
     width: int
     view: Numbers | None
@@ -176,6 +173,6 @@ class LookKeywords(TypedDict, total=False):
 
 
 class SavingKeywords(LookKeywords, total=False):
-    """How a saved film or page looks."""
+    """Keyword arguments of a saved film or page."""
 
     fps: float

@@ -1,4 +1,4 @@
-"""What a scene file asks to be written: inside one folder, which is inside the working directory."""
+"""Output of a scene file: files and pictures inside one folder, which is inside the working directory."""
 
 from __future__ import annotations
 
@@ -11,9 +11,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
 from cpmkit.scenefile.look import PICTURE_FIELDS, Look
 
-#: Bytes of a file's name with its folders.
-MOST_OUTPUT_BYTES = 1000
-#: Which mesh files hold: that of the pictures, or the one from which the surface was made.
+#: The mesh in files: that of pictures, or the mesh from which the surface was made.
 VERTICES = ("display", "own")
 
 
@@ -26,7 +24,7 @@ class PictureRequest(Look):
     file : str
         Name of a PNG.
     frames : bool
-        Draw each frame too, of a problem in time, into files with numbers in their names.
+        Whether to draw each frame of an equation in time too, into numbered files.
     """
 
     file: str = "picture.png"
@@ -49,24 +47,24 @@ class PictureRequest(Look):
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
     def with_look(self, options: dict[str, Any]) -> PictureRequest:
-        """Return the same picture with these options of its look.
+        """Return the same picture with other options of its look.
 
         Raises
         ------
         InputError
-            If there is none of such a name, or one is not what is accepted.
+            If there is no such option, or a value is not accepted.
         """
         return PictureRequest(file=self.file, frames=self.frames, **vars(Look.of({**self.look, **options})))
 
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """Where results go: a folder relative to the working directory, files in it of which ``vertices``, and a picture.
+    """A folder relative to the working directory, files in it with the mesh ``vertices``, and a picture.
 
     Raises
     ------
     SceneError
-        If a name is no relative path, leads out of the folder, or is longer than file systems take.
+        If a name is not a relative path, leads out of the folder, or is too long for file systems.
     """
 
     folder: Path
@@ -81,33 +79,33 @@ class OutputRequest:
 
     @property
     def wants_error(self) -> bool:
-        """True where a picture shows the error."""
+        """True if a picture shows the error."""
         return self.picture is not None and self.picture.field == "error"
 
     @property
     def wants_frames(self) -> bool:
-        """True where the frames of a problem in time are written or drawn."""
+        """True if the frames of an equation in time are written or drawn."""
         drawn = self.picture is not None and self.picture.frames
         return drawn or any(file.lower().endswith((".pvd", ".gif", ".mp4")) for file in self.files)
 
 
 def check_vertices(vertices: object) -> None:
-    """Refuse what is neither ``"display"`` nor ``"own"``."""
+    """Raise an error if ``vertices`` is neither ``"display"`` nor ``"own"``."""
     if vertices not in VERTICES:
         raise InputError(f"vertices must be {' or '.join(map(repr, VERTICES))}, got {shown(vertices)}.")
 
 
 def relative_name(name: object, label: str) -> str:
-    """Return the name of a file, perhaps in folders of its own, that stays inside the folder it is put in.
+    """Return the name of a file, possibly in folders, that stays inside the folder that it is written to.
 
     Raises
     ------
     SceneError
-        If it is no text, absolute, has a ``..`` in it, or a part longer than file systems take.
+        If it is not text, is absolute, contains ``..``, or is too long for file systems.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
         raise SceneError(f"{label} must be a name, got {shown(name)}.")
-    parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # what leads out on either leads out on both
+    parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # refused on both systems if it leads out on one
     if name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts:
         inside = "the working directory" if label.startswith("folder") else "the output folder"
         remedy = "; leave it out and give --output, which takes any folder" if label.startswith("folder") else ""
@@ -116,9 +114,9 @@ def relative_name(name: object, label: str) -> str:
         lengths = [len(part.encode()) for part in PurePosixPath(name).parts]
     except UnicodeEncodeError as error:
         raise SceneError(f"{label} must be a name that UTF-8 can hold, got {shown(name)}.") from error
-    if "\0" in name or max(lengths) > MOST_FILE_NAME_BYTES or sum(lengths) > MOST_OUTPUT_BYTES:
+    if "\0" in name or max(lengths) > MOST_FILE_NAME_BYTES or sum(lengths) > 1000:
         raise SceneError(
-            f"{label} must be a name of at most {MOST_FILE_NAME_BYTES} bytes, with folders {MOST_OUTPUT_BYTES}, and "
+            f"{label} must be a name of at most {MOST_FILE_NAME_BYTES} bytes, with folders 1000, and "
             f"without NUL, got {shown(name)}."
         )
     return name
@@ -130,18 +128,18 @@ def output_folder(name: object) -> Path:
     Raises
     ------
     SceneError
-        If it is anything else.
+        If it is not.
     """
     return Path(name if name == "." else relative_name(name, "folder of [output]"))
 
 
 def check_links(path: Path, folder: Path, label: str) -> None:
-    """Refuse a path in a folder that links lead out of it.
+    """Check that links do not lead a path out of a ``folder``.
 
     Raises
     ------
     InputError
-        Naming both; ``label`` says what the path is. Or if file systems here cannot hold its name.
+        If they do, or if the file system does not accept the name; ``label`` is the path's name in the message.
     """
     check_name(path)
     try:

@@ -1,4 +1,4 @@
-"""Scene files: TOML that holds numbers, names of array files and formulas. Nothing in a file is executed."""
+"""Reading of scene files: TOML with numbers, formulas and names of array files. Nothing in a file is executed."""
 
 from __future__ import annotations
 
@@ -29,47 +29,51 @@ from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
 from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
-from cpmkit.scenefile.condition_tables import as_table, read_data, read_edge, read_side, with_vertex_data
+from cpmkit.scenefile.condition_tables import (
+    as_table,
+    list_of_tables,
+    read_data,
+    read_edge,
+    read_side,
+    with_vertex_data,
+)
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
 
-#: Options of solvers that have another key in [solver].
+#: Keys in [solver] of the options of solvers.
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
+#: Tables of a scene file.
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-#: Tables of the scenes that the commands of applications make, in place of an equation, by the command.
+#: Tables of the scene files of applications, by their command, in place of [problem].
 APPLICATION_TABLES = {"vectors": ("direction", "vectors"), "map": ("target", "landmark", "map"), "paint": ("curve",)}
+#: The equations that [problem] can name.
 EQUATIONS = (
     *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
     *(Eigen, Biharmonic, Heat, ReactionDiffusion, Wave),
 )
-PROBLEMS: dict[str, type[Equation]] = {one.kind: one for one in EQUATIONS}
-#: Keys of a boundary beside those of its kind.
+PROBLEMS: dict[str, type[Equation]] = {equation.kind: equation for equation in EQUATIONS}
+#: Keys of a boundary in addition to those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
-#: Characters of a boundary's name.
-MOST_NAME_CHARACTERS = 100
-#: Keys of [problem] that hold numbers or formulas; a velocity holds one a coordinate.
+#: Keys of [problem] whose values are numbers or formulas; those with one value for all channels; and of these the keys
+#: whose value may be a tensor, a list of its rows.
 FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
-#: Of these the keys that hold one for all channels.
 COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
-#: Keys of nonlinear diffusion that hold formulas in u and s as well.
-STATE_KEYS = ("diffusivity", "by_value", "by_slope")
-#: And of these the keys that may hold a tensor, a list of its rows.
 TENSOR_KEYS = ("diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A scene and how its file wants it solved.
+    """A scene with the options and the output of its file.
 
     Attributes
     ----------
     scene : Scene
-        Surface, boundaries, edge and problem.
+        The scene.
     spacing : float or None
-        Of the lattice; None if the file gives none.
+        Spacing of the lattice; None if the file has none.
     options : dict
         Further keyword arguments of ``solve``.
     output : OutputRequest
-        What is written where.
+        Files to write.
     """
 
     scene: Scene
@@ -84,9 +88,9 @@ def load_scene(path: str | Path) -> SceneFile:
     Raises
     ------
     SceneError
-        If the file is missing, does not parse, or holds a key or value that is not accepted.
+        If the file is missing, does not parse, or has a key or value that is not accepted.
     PluginError
-        If a kind is offered by no installed plugin.
+        If no installed plugin has a kind that the file names.
     """
     return from_toml(path, _scene_file, "scene file", ", such as examples/01-first-curves.toml")
 
@@ -103,31 +107,29 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
 
 
 def _check_is_solved(tables: Mapping[str, Any]) -> None:
-    """Refuse the scene of an application, which has a command of its own."""
+    """Raise an error for the scene file of an application, which has a command of its own."""
     for command, own in APPLICATION_TABLES.items():
-        found = next((name for name in own if name in tables), None)
-        if found is not None and "problem" not in tables:
-            raise SceneError(
-                f"{found!r} is a table of the application that `cpmkit {command}` makes; use that command."
-            )
+        name = next((name for name in own if name in tables), None)
+        if name is not None and "problem" not in tables:
+            raise SceneError(f"{name!r} is a table of the application that `cpmkit {command}` makes; use that command.")
 
 
 def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
-    """Return the scene of the tables [surface], [[boundary]] and [problem]; others are left alone.
+    """Return the scene of the tables [surface], [[boundary]] and [problem]; other tables are ignored.
 
     Parameters
     ----------
     tables : mapping
-        As TOML gives them; they are not changed.
+        Tables of TOML, which are not changed.
     folder : Path
-        Where files that they name are looked for first.
+        Folder in which files are searched first.
 
     Raises
     ------
     SceneError
-        If a table is missing, or holds a key or value that is not accepted.
+        If a table is missing, or has a key or value that is not accepted.
     PluginError
-        If a kind is offered by no installed plugin.
+        If no installed plugin has a kind that the file names.
     """
     if "surface" not in tables or "problem" not in tables:
         raise SceneError("a scene needs the tables [surface] and [problem].")
@@ -138,18 +140,12 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     carriers = [("surface", surface)]
     edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
     problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
-    given = tables.get("boundary", [])
-    if not isinstance(given, list):
-        raise SceneError("boundary must be a list of tables, written [[boundary]].")
-    boundaries = [
-        _boundary(as_table(table, f"[[boundary]] {number}"), number, folder, surface)
-        for number, table in enumerate(given, 1)
-    ]
+    boundaries = [_boundary(table, number, folder, surface) for number, table in list_of_tables(tables, "boundary")]
     return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
 
 
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
-    """Return the spacing, and further options of ``solve``, of the tables [discretization] and [solver].
+    """Return the spacing, and further options of ``solve``, from the tables [discretization] and [solver].
 
     Raises
     ------
@@ -164,7 +160,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         )
         target, further = split_options(AccuracyTarget, grid)
         target.check_spacing(grid.get("spacing"))
-        split_options(Options, {"spacing": 1.0, **further}, own=own)  # one may be given elsewhere
+        split_options(Options, {"spacing": 1.0, **further}, own=own)  # a study may set the spacing
     solver = as_table(tables.get("solver", {}), "[solver]")
     name = solver.get("kind", SolverOptions.solver)
     if not isinstance(name, str):
@@ -182,11 +178,11 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
 
 @contextmanager
 def naming_table(where: str) -> Iterator[None]:
-    """Name the table ``where`` in errors of the block that name none."""
+    """Add the table's name ``where`` to errors of the block that do not name a table."""
     try:
         yield
     except InputError as error:
-        if isinstance(error, SceneError):  # names its table itself
+        if isinstance(error, SceneError):  # it names its table
             raise
         raise SceneError(f"{where}: {error}") from error
 
@@ -194,7 +190,7 @@ def naming_table(where: str) -> Iterator[None]:
 def read_source(
     table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
 ) -> ClosestPointSource:
-    """Make the source that a table describes; a boundary's may ask for the ``surface`` that it lies on."""
+    """Return the source that a table describes; that of a boundary may take the ``surface`` as an argument."""
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
         raise SceneError(
@@ -208,19 +204,20 @@ def read_source(
 
 
 def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """Return the table with the path of the file that it names, and with sources in place of the tables in it."""
+    """Return the table with the path of its file, and with sources in place of tables in it."""
     if "file" in table and not isinstance(table["file"], str):
         raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
-    keys = {key: _made_source(value, folder, f"{key} of {where}") for key, value in table.items()}
+    keys = {key: _as_source(value, folder, f"{key} of {where}") for key, value in table.items()}
     return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
 
 
-def _made_source(value: Any, folder: Path, where: str) -> Any:
-    """Return the source that a table with a kind describes, a list with its tables made, anything else as it is."""
-    if isinstance(value, dict):
-        return read_source(dict(value), folder, where)
-    if isinstance(value, list):
-        return [_made_source(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+def _as_source(value: Any, folder: Path, where: str) -> Any:
+    """Return a table as the source that it describes, a list entry by entry, and anything else as it is."""
+    match value:
+        case dict():
+            return read_source(dict(value), folder, where)
+        case list():
+            return [_as_source(entry, folder, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
     return value
 
 
@@ -238,10 +235,9 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 
 
 def _name(name: Any, number: int) -> str:
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > MOST_NAME_CHARACTERS:
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
         raise SceneError(
-            f"name of [[boundary]] {number} must be one line of at most {MOST_NAME_CHARACTERS} characters, got "
-            f"{shown(name)}."
+            f"name of [[boundary]] {number} must be one line of at most 100 characters, got {shown(name)}."
         )
     return name
 
@@ -249,24 +245,26 @@ def _name(name: Any, number: int) -> str:
 def _problem(table: dict[str, Any], dim: int) -> Equation:
     kind = table.pop("kind", None)
     if not isinstance(kind, str) or kind not in PROBLEMS:
-        near = did_you_mean(kind, PROBLEMS)
-        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{near}.")
+        hint = did_you_mean(kind, PROBLEMS)
+        raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{hint}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_key_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     if PROBLEMS[kind] is NonlinearDiffusion:
-        for key in STATE_KEYS:
+        for key in ("diffusivity", "by_value", "by_slope"):
             if key in table:
                 table[key] = read_formula(StateExpression, table[key], f"{key} of [problem]", dim)
     reacts = PROBLEMS[kind] is ReactionDiffusion
     if reacts and "reaction" in table:
-        given = table["reaction"]
-        texts = tuple(given) if isinstance(given, list) else (given,)
+        reaction = table["reaction"]
+        texts = tuple(reaction) if isinstance(reaction, list) else (reaction,)
         table["reaction"] = read_formula(ReactionExpression, texts, "reaction of [problem]", dim)
     for key in FORMULA_KEYS:
         if callable(table.get(key)):
             continue
         if reacts and key == "kappa" and isinstance(table.get(key), list):
-            table[key] = [_one(one, dim, f"entry {n} of kappa of [problem]") for n, one in enumerate(table[key], 1)]
+            table[key] = [
+                _single(value, dim, f"entry {n} of kappa of [problem]") for n, value in enumerate(table[key], 1)
+            ]
             continue
         tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
         if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
@@ -283,8 +281,8 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
-def _one(value: Any, dim: int, where: str) -> Any:
-    """Return the number or function that one entry of a list stands for."""
+def _single(value: Any, dim: int, where: str) -> Any:
+    """Return the number or function of an entry of a list."""
     if isinstance(value, list):
         raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
     return read_data(value, dim, where)
@@ -296,7 +294,7 @@ def _is_square(value: Any, dim: int) -> bool:
 
 
 def _field(value: Any, dim: int) -> VectorField:
-    """Return a vector field from one number or formula a coordinate."""
+    """Return a vector field from one number or formula for each coordinate."""
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
     entries = read_data(value, dim, "velocity of [problem]")
@@ -304,7 +302,7 @@ def _field(value: Any, dim: int) -> VectorField:
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
-    """Return what [output] of the file ``path`` asks for.
+    """Return the output of the table [output] of the file ``path``.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A JSON schema of scene files, read off the code that reads them: editors complete and check TOML by it."""
+"""JSON schemas of scene files, generated from the code that reads them; editors complete and check TOML with them."""
 
 from __future__ import annotations
 
@@ -19,17 +19,15 @@ from cpmkit.scenefile.output_request import PictureRequest
 from cpmkit.scenefile.scene_files import SIDE_KEYS, SOLVER_KEYS
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
-#: What plain types of Python are in JSON.
+#: Names in JSON of plain types of Python.
 JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
-#: Keys that hold a source, a list of sources.
-SOURCE_KEYS, SOURCES_KEYS = ("of",), ("members",)
 DATUM = {"$ref": "#/definitions/datum"}
 
 Schema = dict[str, Any]
 
 
 def scene_schema() -> Schema:
-    """Return the schema of scene files, with the kinds that are installed."""
+    """Return the schema of scene files with the installed kinds."""
     return {
         "$schema": DRAFT,
         "title": "A scene of cpmkit",
@@ -42,8 +40,8 @@ def scene_schema() -> Schema:
 
 
 def definitions() -> Schema:
-    """Return what the tables refer to."""
-    sources = [one for one in kinds() if one.sort == "source"]
+    """Return the definitions that the tables refer to."""
+    sources = [kind for kind in kinds() if kind.sort == "source"]
     return {
         "datum": {
             "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
@@ -55,9 +53,9 @@ def definitions() -> Schema:
 
 
 def scene_tables(problem_needs: bool = True) -> Schema:
-    """Return the schemas of a scene's tables; ``problem_needs`` is False where a study gives what is lacking."""
+    """Return the schemas of a scene's tables; ``problem_needs`` is False if a study sets required keys of [problem]."""
     every = kinds()
-    sources = [one for one in every if one.sort == "source"]
+    sources = [kind for kind in every if kind.sort == "source"]
     edge = {
         "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
     }
@@ -67,7 +65,7 @@ def scene_tables(problem_needs: bool = True) -> Schema:
         "across": {"description": "A transmission, or another condition that couples both sides.", "type": "object"},
         "name": {"description": "For reports, and to ask for a side.", "type": "string"},
     }
-    equations = [one for one in every if one.sort == "equation"]
+    equations = [kind for kind in every if kind.sort == "equation"]
     return {
         "surface": one_of_kinds(sources, {"edge": edge}),
         "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
@@ -91,30 +89,30 @@ def table_of(keys: Iterable[Key]) -> Schema:
 
 def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
     required = sorted(needed)
-    made = {"type": "object", "properties": properties, "additionalProperties": further}
-    return {**made, "required": required} if required else made
+    schema = {"type": "object", "properties": properties, "additionalProperties": further}
+    return {**schema, "required": required} if required else schema
 
 
 def one_of_kinds(
     choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
 ) -> Schema:
-    """Return the schema of a table whose ``kind`` says which keys it has; a boundary's surface need not be named."""
+    """Return the schema of a table whose ``kind`` determines its keys; a boundary need not name its surface."""
     variants = []
-    for one in choices:
-        own = {key.name: {**DATUM, "description": key.summary} if of_data else _of_key(key) for key in one.keys}
-        needed = [key.name for key in one.keys if key.needed and needs and key.name != "surface"]
-        kind = {"const": one.name, "description": one.summary}
+    for choice in choices:
+        own = {key.name: {**DATUM, "description": key.summary} if of_data else _of_key(key) for key in choice.keys}
+        needed = [key.name for key in choice.keys if key.needed and needs and key.name != "surface"]
+        kind = {"const": choice.name, "description": choice.summary}
         variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
     return {"oneOf": variants}
 
 
 def _condition() -> Schema:
-    """Return the schema of a condition: one kind as a key, and perhaps an order; or a plugin's kind with its keys."""
+    """Return the schema of a condition: a kind as a key, and an order; or a plugin's kind with its keys."""
     order = {"type": "integer", "minimum": 1, "maximum": 4}
     variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
-    offered = {"kind": {"type": "string"}, "order": order}
+    of_plugin = {"kind": {"type": "string"}, "order": order}
     datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
-    return {"anyOf": [*variants, _table(offered, ["kind"], further=True), datum]}
+    return {"anyOf": [*variants, _table(of_plugin, ["kind"], further=True), datum]}
 
 
 def _value_of(kind: str) -> Schema:
@@ -124,41 +122,41 @@ def _value_of(kind: str) -> Schema:
 def _options(
     declaring: Iterable[type[DeclaredOptions]], renamed: Mapping[str, str] = {}, further: bool = False
 ) -> Schema:
-    """Return the schema of a table of declared options; one that several declare takes what one of them takes."""
+    """Return the schema of a table of declared options; options of several classes have the descriptions of all."""
     properties: Schema = {}
     for kind in declaring:
-        types = {one.name: str(one.type) for one in fields(kind)}
+        types = {member.name: str(member.type) for member in fields(kind)}
         for name, option in declared_options(kind).items():
-            before = properties.get(renamed.get(name, name), {}).get("description", "")
-            summary = f"{before} {option.summary}".strip()
+            earlier = properties.get(renamed.get(name, name), {}).get("description", "")
+            summary = f"{earlier} {option.summary}".strip()
             properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": summary}
     properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
     return _table(properties, further=further)
 
 
 def _of_key(key: Key) -> Schema:
-    if key.name in SOURCE_KEYS:
+    if key.name == "of":
         return {"$ref": "#/definitions/source"}
-    if key.name in SOURCES_KEYS:
+    if key.name == "members":
         return {"type": "array", "items": {"$ref": "#/definitions/source"}}
-    made = _json_type(key.declared)
     summary = {"description": key.summary} if key.summary else {}
-    known = key.default if isinstance(key.default, (bool, int, float, str)) else None
-    return {**made, **summary, **({} if known is None else {"default": known})}
+    default = {"default": key.default} if isinstance(key.default, (bool, int, float, str)) else {}
+    return {**_json_type(key.declared), **summary, **default}
 
 
 def _json_type(declared_type: str) -> Schema:
-    """Return what a declared type is in JSON; nothing where it is more than plain ones."""
-    names = [JSON_TYPES.get(one.strip(), "") for one in declared_type.split("|")]
+    """Return the schema of a declared type; {} if it contains other than plain types."""
+    names = [JSON_TYPES.get(name.strip(), "") for name in declared_type.split("|")]
     if not all(names):
         return {}
     plain = [name for name in names if name != "null"]
     return {"type": plain[0] if len(plain) == 1 else plain}
 
 
+#: Schemas of values of the tables of applications.
 PLACE: Schema = {"description": "A point, or a list of points.", "type": "array"}
 IMAGE: Schema = {"description": "A point of the target, or of a curve one formula a coordinate.", "type": "array"}
-WAY: Schema = {
+DIRECTION: Schema = {
     "description": "tangent, backwards, left or right; a vector; or one formula a coordinate.",
     "type": ["string", "array"],
 }
@@ -170,7 +168,7 @@ TEXT, NUMBER, WHOLE = ({"type": kind} for kind in ("string", "number", "integer"
 
 
 def application_schema(command: str) -> Schema:
-    """Return the schema of the scene files that ``cpmkit COMMAND`` makes applications of."""
+    """Return the schema of the scene files of the application that ``cpmkit COMMAND`` runs."""
     tables = {name: table for name, table in scene_tables().items() if name != "problem"}
     own, needed = _TABLES[command]()
     return {
@@ -185,7 +183,7 @@ def application_schema(command: str) -> Schema:
 
 
 def _vectors() -> tuple[Schema, list[str]]:
-    along = _on_curves(dict.fromkeys(ALONG_KEYS, WAY))
+    along = _on_curves(dict.fromkeys(ALONG_KEYS, DIRECTION))
     vector = {"description": "At all of these points, or one for each.", "type": "array"}
     transport = {"description": "How vectors go on.", "enum": ["parallel", "paper"]}
     return {
@@ -221,8 +219,8 @@ _TABLES = {"vectors": _vectors, "map": _map, "paint": _paint}
 
 
 def _on_curves(more: Schema) -> list[Schema]:
-    """Return the schemas of a table with the keys of a source and these."""
-    sources = [one for one in kinds() if one.sort == "source"]
+    """Return the schemas of tables with the keys of a source and ``more``."""
+    sources = [kind for kind in kinds() if kind.sort == "source"]
     variants: list[Schema] = one_of_kinds(sources, more)["oneOf"]
     return variants
 

@@ -19,9 +19,9 @@ KINDS = {
     "SimplySupported": "simply_supported",
 }
 #: What is written over public names, as a user's own program is: users of conditions, not authors of them.
-USERS = ("applications/", "examples/", "plugin", "scenefile/application_tables")
+USERS = ("applications/", "examples/", "plugin", "scenefile/application_files")
 #: Where nothing is given, nothing flows out: these take a zero flux, and tell it from no other kind.
-ZERO_FLUX = {"scene/scene", "scenefile/reading", "solution/boundary_points"}
+ZERO_FLUX = {"scene/scene", "scenefile/scene_files", "solution/boundary_points"}
 
 
 def named_in(tree):

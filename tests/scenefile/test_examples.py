@@ -45,7 +45,7 @@ def test_scene_of_an_application_loads(name, example):
     command, on = name.removesuffix(".toml").split("-", 1)
     wanted = load_application(example(f"applications/{name}", *(["spot.obj"] if on == "spot" else [])), command)
     assert wanted.spacing is not None
-    assert wanted.given
+    assert wanted.arguments
     assert wanted.output.picture is not None
 
 

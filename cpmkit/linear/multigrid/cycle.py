@@ -227,8 +227,7 @@ def _pin_constants(matrix: csr_array, piece: Ints) -> csr_array:
     return (matrix + dia_array((added[None, :], [0]), shape=matrix.shape)).tocsr()
 
 
-#: Relative residual of the eigenvector at which Lanczos' method stops: the eigenvalue is then right to about 1e-2,
-#: measured on matrices with conditions and without, at most 3e-2.
+#: Relative residual of the eigenvector at which Lanczos' method stops: the eigenvalue is then right to 1e-2 or 3e-2.
 LANCZOS_RESIDUAL = 3e-2
 
 
