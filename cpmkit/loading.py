@@ -134,7 +134,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         raise InputError(f"{shown(path.name)} is damaged: {error}") from error
     options = replace(options, reason=str(summary["discretization"].get("form_reason", "")))
     form: Discretized = module_of(options.form).discretize(scene, options)
-    channels = getattr(scene.problem, "count", form.channels)
+    channels = getattr(scene.problem, "count", scene.channels)
     differs = form.differs_from(lattice)
     if differs or lattice["unknowns"].shape != (form.size, channels):
         raise of_another_scene(path, differs or "its nodes are others")

@@ -49,7 +49,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     assert isinstance(problem, Coupled)
     require(form, "coupled channels")
     form.check(context.solver_name)
-    coupling, channels = _coupling_at_points(problem, form), form.channels
+    coupling, channels = _coupling_at_points(problem, form), form.scene.channels
     stiffness = form.stiffness(problem.terms())
     _check_unique(form, stiffness, coupling)
     operator = coupled_operator(stiffness, form, coupling)
@@ -67,7 +67,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
 
 def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
     """Return C (p, k, k) at the form's points."""
-    points, channels = form.points, form.channels
+    points, channels = form.points, form.scene.channels
     values = np.asarray(problem.coupling(points.copy()), dtype=np.float64)
     if values.shape != (len(points), channels, channels) or not np.isfinite(values).all():
         raise InputError(

@@ -16,7 +16,7 @@ from cpmkit.errors import ConvergenceError
 from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
-from cpmkit.forms.contract import require
+from cpmkit.forms.contract import integrals, require
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms
@@ -229,7 +229,7 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
     if density is None:
         return None
     a = steps.law.at(form.at_points(u)[:, 0], slopes, form.points.copy())
-    total = form.integrals(form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
+    total = integrals(form, form.project((density - 0.5 * a * np.sum(slopes**2, axis=1))[:, None]))
     rest = np.sum(u * (0.5 * state.stiffness.apply(u) - state.b))
     return None if total is None else float(total[0] + rest)
 

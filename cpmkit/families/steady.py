@@ -240,7 +240,7 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
 
     def waves(points: Floats) -> Floats:
         summed = np.cos(points @ directions.T + phases).sum(axis=1)
-        return np.repeat(summed[:, None], form.channels, axis=1)
+        return np.repeat(summed[:, None], form.scene.channels, axis=1)
 
     return waves
 

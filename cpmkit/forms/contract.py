@@ -76,11 +76,6 @@ class FormOperators(ABC):
         """Mesh width, in the scene's unit of length."""
 
     @property
-    def channels(self) -> int:
-        """Number of right-hand sides that are solved together."""
-        return self.scene.channels
-
-    @property
     def traits(self) -> FormTraits:
         """Preferred solver, dispersion, and what saved files say of the form."""
         return FormTraits()
@@ -161,15 +156,6 @@ class FormOperators(ABC):
         """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
         return free_pieces(stiffness, lambda: self.mass)
 
-    def check_signs(self, least: float, noticed: float) -> None:
-        """Refuse a smallest eigenvalue below ``-noticed`` where the continuous operator has none below zero.
-
-        Raises
-        ------
-        ResolutionError
-            If so.
-        """
-
     def means_without_flux(self) -> csr_array | None:
         """Return the means (k, n) over pieces that nothing flows out of; None where they are not exact enough."""
         return None
@@ -236,7 +222,7 @@ class FormValues(FormOperators):
         step : float
             Above zero: ``data`` are rates du/dt, and the rates of the conditions' data are taken over such a step.
         """
-        return self.project(self.data_at_points(data, label, time, self.channels), time=time)
+        return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
         """Return the load (n, channels) of ``function(values (p, channels), points (p, d))`` of u."""
@@ -246,10 +232,6 @@ class FormValues(FormOperators):
     @abstractmethod
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
-
-    def integrals(self, u: Floats) -> Floats | None:
-        """Return the integrals (channels,) of u over the manifold; None where the form has no exact ones."""
-        return None
 
     @abstractmethod
     def rows(self, points: Floats, side: Sides = None) -> csr_array:
@@ -359,11 +341,6 @@ class FormDiagnosis(FormValues):
         """Return how the discretisation of a saved solution, known by its :meth:`arrays`, differs; empty if equal."""
         return ""
 
-    def fingerprint(self, stiffness: Stiffness) -> list[Floats]:
-        """Return arrays that are equal, bit by bit, for two runs in time of the same problem alone."""
-        matrix = stiffness.to_csr()
-        return [matrix.data, matrix.indices, matrix.indptr]
-
 
 class Discretized(FormDiagnosis):
     """A scene on the unknowns of one form, prepared once for many equations and right-hand sides."""
@@ -381,6 +358,12 @@ def require(form: FormOperators, ability: str) -> None:
     """Raise a SceneError, with advice, if the form lacks an ability."""
     if ability in form.cannot:
         raise lacking(form, ability)
+
+
+def integrals(form: FormValues, u: Floats) -> Floats | None:
+    """Return the integrals (channels,) of u over the manifold; None where the points of the form have no weights."""
+    weights = form.point_weights
+    return None if weights is None else np.asarray(weights @ form.at_points(u))
 
 
 def spread_rows(total: int, count: int) -> Ints:

@@ -19,8 +19,8 @@ class TestsFunctionals(Protocol):
     """The members of a form that functionals use."""
 
     @property
-    def channels(self) -> int:
-        """Number of right-hand sides that are solved together."""
+    def scene(self) -> Any:
+        """The scene, whose ``channels`` are the number of right-hand sides that are solved together."""
 
     @property
     def points(self) -> Floats:
@@ -120,7 +120,7 @@ class PointSource(TestedRightSide):
     def values(self, form: TestsFunctionals) -> Floats:
         """Return the sum (n, channels) of strength times value of each test function over the points."""
         loads = np.asarray(form.rows(self.at).T @ self.strength)
-        return loads if loads.shape[1] == form.channels else np.repeat(loads, form.channels, axis=1)
+        return loads if loads.shape[1] == form.scene.channels else np.repeat(loads, form.scene.channels, axis=1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,4 +184,4 @@ class Divergence(TestedRightSide):
                 f"the field of a divergence must return finite vectors {points.shape} at {len(points)} points, got "
                 f"shape {values.shape}."
             )
-        return np.repeat(-self.scale * form.gradient_load(values)[:, None], form.channels, axis=1)
+        return np.repeat(-self.scale * form.gradient_load(values)[:, None], form.scene.channels, axis=1)

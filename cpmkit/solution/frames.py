@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
+from cpmkit.forms.contract import integrals
 from cpmkit.runtime.memory import available_bytes
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.display_mesh import DisplayMesh
@@ -63,7 +64,7 @@ class EvolvedRecord(SolutionRecord):
     @property
     def totals(self) -> Floats | None:
         """(channels,) integrals of u over the manifold, such as its heat; None in forms without exact integrals."""
-        return self.discretized.integrals(self.values)
+        return integrals(self.discretized, self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
         """Return the display mesh of each frame: one mesh, made once, with the values of each frame."""

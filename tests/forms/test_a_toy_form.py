@@ -56,10 +56,10 @@ class Cotangent(Discretized):
         return CsrOperator((coo_array((values, (i, j)), shape=(self.size,) * 2) + onto).tocsr(), True)
 
     def load(self, f, time=None):
-        return self.areas[:, None] * self.data_at_points(f, "f", time, self.channels)
+        return self.areas[:, None] * self.data_at_points(f, "f", time, self.scene.channels)
 
     def condition_load(self, stiffness, time=None, of="value"):
-        return np.zeros((self.size, self.channels)) + (self.radiation[0] * self.lengths)[:, None]
+        return np.zeros((self.size, self.scene.channels)) + (self.radiation[0] * self.lengths)[:, None]
 
     def at_points(self, u, rows=None):
         return u if rows is None else u[rows]

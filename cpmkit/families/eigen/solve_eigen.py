@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError
+from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
 from cpmkit.families.eigen.inverse_iteration import (
@@ -20,7 +20,7 @@ from cpmkit.families.eigen.inverse_iteration import (
 )
 from cpmkit.families.eigen.selected_modes import split_multiplet_warning
 from cpmkit.families.eigen.small_problems import dense_pairs, mass_unknowns, pairs_of_small_mass
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, surely_positive
 from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, rounding_of
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.scene.compound_equations import Eigen
@@ -62,7 +62,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
     built = time.perf_counter()
     pairs = _compute_pairs(problem, iteration)
     if iteration.mass is form.mass:  # Steklov eigenvalues may be of either sign
-        form.check_signs(float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(iteration.unit))
+        _check_signs(form, float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(iteration.unit))
     modes = _select_modes(problem, iteration, pairs)
     report = _checked_report(iteration, modes)
     warnings = (
@@ -76,6 +76,22 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
     return EigenRecord(
         form, modes.functions, report, work, seconds, real, imaginary, modes.residuals, warnings=warnings
     )
+
+
+def _check_signs(form: Discretized, least: float, negligible: float) -> None:
+    """Refuse a smallest eigenvalue below ``-negligible`` where the continuous operator has none below zero.
+
+    Raises
+    ------
+    ResolutionError
+        If so.
+    """
+    if least < -negligible and surely_positive(form):
+        raise ResolutionError(
+            f"spacing={form.spacing:g} is too coarse for this surface: parts of it about two spacings thick read each "
+            f"other, and the operator of {form.scene.problem} has an eigenvalue of the wrong sign, {least:.3g}; use "
+            f'form="galerkin", or a spacing of {2 / 3 * form.spacing:.2g}.'
+        )
 
 
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:

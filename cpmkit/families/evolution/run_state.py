@@ -118,14 +118,15 @@ def describe_run(plan: RunPlan) -> dict[str, Any]:
         "spacing": form.spacing,
         **{name: value for name, value in form.describe().items() if isinstance(value, (int, float, str))},
         "number of unknowns": form.size,
-        "number of channels": form.channels,
+        "number of channels": form.scene.channels,
     }
 
 
 def digest_run(plan: RunPlan, time: float) -> str:
     """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
-    tables = [array for group in problem.groups for array in problem.form.fingerprint(group.stiffness)]
+    probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
+    tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
     data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
     if problem.reaction is not None:

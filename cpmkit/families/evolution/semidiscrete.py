@@ -73,7 +73,7 @@ class SemiDiscrete:
         """Return the columns that ``columns_of`` computes for each group, as one array (n, channels)."""
         if len(self.groups) == 1:
             return columns_of(self.groups[0])
-        values = np.empty((self.form.size, self.form.channels))
+        values = np.empty((self.form.size, self.form.scene.channels))
         for group in self.groups:
             values[:, group.channels] = columns_of(group)
         return values

@@ -64,7 +64,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     if evolution.scheme in NEEDED_ABILITIES:
         require(form, NEEDED_ABILITIES[evolution.scheme])
     problem = semidiscrete(form, evolution)
-    check_frames_fit(len(evolution.frame_times), form.size, form.channels)
+    check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
     plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
     solver = ShiftedSolver(problem, context)
@@ -76,10 +76,10 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
 
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     """Return an equation in time with the operators of its channels, one for all unless their terms differ."""
-    groups_of_channels = [(tuple(range(form.channels)), evolution.terms())]
+    groups_of_channels = [(tuple(range(form.scene.channels)), evolution.terms())]
     reaction: Any = None
     if isinstance(evolution, ReactionDiffusion):
-        groups_of_channels, reaction = evolution.terms_of_channels(form.channels), evolution.reaction
+        groups_of_channels, reaction = evolution.terms_of_channels(form.scene.channels), evolution.reaction
     groups = tuple(ChannelGroup(channels, terms, form.stiffness(terms)) for channels, terms in groups_of_channels)
     return SemiDiscrete(form, groups, evolution.terms().f, reaction)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError, SceneError
+from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.components import components_without_flux
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
@@ -20,7 +20,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.read_points import Reader
 from cpmkit.forms.collocation.refusals import check_waves
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
-from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
@@ -137,7 +137,7 @@ class Collocation(Reader):
         return self._sum_of((datum for datum in self.tables.data if datum.takes_time), time)
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
-        return sum_of_data(data, self.tables.extension.shape[0], self.channels, time)
+        return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
     def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
         """Return B of Steklov conditions, None without any."""
@@ -227,15 +227,6 @@ class Collocation(Reader):
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
-    def check_signs(self, least: float, noticed: float) -> None:
-        """Refuse eigenvalues below zero where the continuous operator has none."""
-        if least < -noticed and surely_positive(self):
-            raise ResolutionError(
-                f"spacing={self.spacing:g} is too coarse for this surface: parts of it about two spacings thick read "
-                f"each other, and the operator of {self.scene.problem} has an eigenvalue of the wrong sign, "
-                f'{least:.3g}; use form="galerkin", or a spacing of {2 / 3 * self.spacing:.2g}.'
-            )
-
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
         """Return u without its free constants and with its means corrected."""
         defects: tuple[Imbalance, ...] = ()
@@ -321,12 +312,6 @@ class Collocation(Reader):
         turned = np.count_nonzero(unknowns.ghost_sides != saved.get("left", unknowns.ghost_sides))
         few = turned <= ON_BOUNDARY_GHOSTS_SHARE * len(unknowns.ghost_sides)
         return "" if few else "left and right of its boundaries are others"
-
-    def fingerprint(self, stiffness: Stiffness) -> list[Any]:
-        """Return the nodes, E, W and the diagonal."""
-        assert isinstance(stiffness, ExtensionOperator)
-        E, W = stiffness.extension, stiffness.differences
-        return [self.tables.layout.band.nodes, E.data, E.indices, W.data, W.indices, stiffness.diagonal]
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:

@@ -193,7 +193,9 @@ class Galerkin(Discretized):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of f times each function."""
-        return f.loads(self, time) if isinstance(f, TestedRightSide) else self.assembly.load(f, time, self.channels)
+        return (
+            f.loads(self, time) if isinstance(f, TestedRightSide) else self.assembly.load(f, time, self.scene.channels)
+        )
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
@@ -204,10 +206,10 @@ class Galerkin(Discretized):
         assert isinstance(stiffness, GalerkinOperator)
         terms = self.assembly.terms_with_scene_data(stiffness)
         if not terms.conditions:
-            return np.zeros((self.size, self.channels))
+            return np.zeros((self.size, self.scene.channels))
         if of == "laplacian":
-            return -terms.for_laplacian.load(self.channels, time)
-        return terms.load(self.channels, time)
+            return -terms.for_laplacian.load(self.scene.channels, time)
+        return terms.load(self.scene.channels, time)
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
@@ -266,7 +268,7 @@ class Galerkin(Discretized):
         The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. Means keep the
         range and the total, and spread the data as heat spreads in a time of h^2 / 4.
         """
-        values = self.data_at_points(data, label, time, self.channels)
+        values = self.data_at_points(data, label, time, self.scene.channels)
         loads = self.space.load(values)
         u = self.space.projection.solve(loads)
         if not in_range:
@@ -281,10 +283,6 @@ class Galerkin(Discretized):
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the manifold of the products of u's columns with v's."""
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
-
-    def integrals(self, u: Floats) -> Floats:
-        """Return the integrals (channels,) of u over the samples."""
-        return np.asarray(self.space.totals @ u)
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""

@@ -76,7 +76,7 @@ class Equations(OnNodes):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
-        b = self.tested(self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.channels))
+        b = self.tested(self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.scene.channels))
         b[self.pins.vertices] = 0.0
         return b
 
@@ -84,11 +84,11 @@ class Equations(OnNodes):
         """Return the integrals of the fluxes' data over the rim, and what the given values add to b."""
         del of  # a second Laplacian is refused
         assert isinstance(stiffness, VertexOperator)
-        b = np.zeros((self.size, self.channels))
+        b = np.zeros((self.size, self.scene.channels))
         for part, rim in zip(self._flows, stiffness.rims, strict=True):
-            b += rim @ part.given(part.law.datum, self.channels, time)
+            b += rim @ part.given(part.law.datum, self.scene.channels, time)
         for tie in self.ties:
-            b += tie.load(stiffness.diffusivity, self.channels, time)
+            b += tie.load(stiffness.diffusivity, self.scene.channels, time)
         b = self.tested(b)
         b[self.pins.vertices] = 0.0
         return np.asarray(b - stiffness.coupling @ self.pins.values(time))

@@ -59,7 +59,7 @@ class FiniteElements(Equations):
         given = self.pins.values(time)
         if step:
             given = (self.pins.values(time + step) - given) / step
-        return self._with_given(self.data_at_points(data, label, time, self.channels), given)
+        return self._with_given(self.data_at_points(data, label, time, self.scene.channels), given)
 
     def _with_given(self, values: Floats, given: Floats) -> Floats:
         u = self.exchanged(values).copy()
