@@ -318,4 +318,10 @@ _MODULES = {name: module for group in GROUPS.values() for name, module in group.
 
 if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
     _lazy, __dir__ = lazy_names(__name__, _MODULES, "cpmkit", "; docs/reference/plugin-api.md has what it offers")
-    __getattr__ = deprecated_names(__name__, {"support_of": "cpmkit.plugin.edge_support"}, _lazy)
+    _NEW_NAMES = {
+        "support_of": "cpmkit.plugin.edge_support",
+        "NamesLeft": "cpmkit.plugin.HasLeft",
+        "HasFiniteFeet": "cpmkit.plugin.HasAdvice",
+        "HasManyEdges": "cpmkit.plugin.edge_limit_of",
+    }
+    __getattr__ = deprecated_names(__name__, _NEW_NAMES, _lazy)

@@ -38,8 +38,8 @@ def conformance_cases() -> list[ConformanceCase]:
         _case("torus", "upright", {"major": 2.0, "minor": 0.5}, _torus(2.0, 0.5)),
         _case("torus", "moved", {"minor": 0.9, **TILTED}, _torus(1.0, 0.9)),
         _case("cylinder", "upright", {"length": 3.0}, _cylinder(1.0, 3.0)),
-        _case("box", "in the plane", {"lower": [-1, -2], "upper": [1, 2], **TURNED}, _filled([1, 2])),
-        _case("box", "in space", {"lower": [-1, -2, -3], "upper": [1, 2, 3], **TILTED}, _filled([1, 2, 3])),
+        _case("box", "in the plane", {"lower": [-1, -2], "upper": [1, 2], **TURNED}, _box_points([1, 2])),
+        _case("box", "in space", {"lower": [-1, -2, -3], "upper": [1, 2, 3], **TILTED}, _box_points([1, 2, 3])),
         _case("cylinder", "moved", {"radius": 2.0, "length": 0.5, **TILTED}, _cylinder(2.0, 0.5)),
     ]
 
@@ -52,8 +52,8 @@ def _case(shape: str, name: str, keys: dict[str, Any], draw: Draw) -> Conformanc
         return factory(**keys)
 
     def samples(rng: np.random.Generator, n: int) -> Floats:
-        moved, scale = make(), keys.get("scale", 1.0)
-        points: Floats = moved.center + scale * draw(rng, n) @ moved.axes.T
+        move, scale = make(), keys.get("scale", 1.0)
+        points: Floats = move.center + scale * draw(rng, n) @ move.axes.T
         return points
 
     return ConformanceCase(f"analytic.{shape}", name, make, samples)
@@ -63,7 +63,7 @@ def _line(length: float, dim: int) -> Draw:
     return lambda rng, n: rng.uniform(0, length, (n, 1)) * np.eye(dim)[0]
 
 
-def _filled(half: list[float]) -> Draw:
+def _box_points(half: list[float]) -> Draw:
     return lambda rng, n: rng.uniform(-1, 1, (n, len(half))) * half
 
 

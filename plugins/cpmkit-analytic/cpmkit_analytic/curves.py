@@ -33,7 +33,7 @@ class Point:
         """Return the point itself as the only vertex and the only cell."""
         return np.zeros((1, self.dim)), np.zeros((1, 1), dtype=np.int64)
 
-    def scaled(self, factor: float) -> Point:  # noqa: ARG002 - a point has one size
+    def scale_by(self, factor: float) -> Point:  # noqa: ARG002 - a point has one size
         """Return the point."""
         return self
 
@@ -69,7 +69,7 @@ class Segment:
         count = intervals(self.length, spacing)
         return _on_first_axis(np.linspace(0.0, self.length, count + 1), self.dim), _chain(count)
 
-    def scaled(self, factor: float) -> Segment:
+    def scale_by(self, factor: float) -> Segment:
         """Return the segment ``factor`` times as long."""
         return replace(self, length=factor * self.length)
 
@@ -107,7 +107,7 @@ class Circle:
         count = intervals(FULL_TURN * self.radius, spacing, least=3)
         return self._at(FULL_TURN * np.arange(count) / count), _chain(count) % count
 
-    def scaled(self, factor: float) -> Circle:
+    def scale_by(self, factor: float) -> Circle:
         """Return the circle ``factor`` times as large."""
         return replace(self, radius=factor * self.radius)
 

@@ -14,5 +14,5 @@ def unit_or(vectors: Floats, default: tuple[float, ...]) -> Floats:
     that near to a centre would leave the sphere.
     """
     largest = np.abs(vectors).max(axis=1, keepdims=True, initial=0.0)
-    scaled = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
-    return scaled / norms(scaled)[:, None]
+    scale_by = np.where(largest > 0, vectors, default) / np.where(largest > 0, largest, 1.0)
+    return scale_by / norms(scale_by)[:, None]

@@ -35,7 +35,7 @@ def point(*, at: Any, rotation: Any = None, translation: Any = None, scale: Any 
         Where it is.
     """
     center = as_position(at, "at")
-    return place(Point(len(center)), center, np.eye(len(center))).moved(rotation, translation, scale)
+    return place(Point(len(center)), center, np.eye(len(center))).move(rotation, translation, scale)
 
 
 def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
@@ -56,7 +56,7 @@ def segment(*, start: Any, end: Any, rotation: Any = None, translation: Any = No
     # x, y, z and y, z, x turn the same way, so this frame is right-handed with its first axis along
     axes = plane_frame(along) if len(origin) == 2 else space_frame(along)[:, [2, 0, 1]]
     shape = Segment(len(origin), float(across @ along))
-    return place(shape, origin, axes).moved(rotation, translation, scale)
+    return place(shape, origin, axes).move(rotation, translation, scale)
 
 
 def circle(
@@ -83,7 +83,7 @@ def circle(
     """
     middle, axes = _plane_of(center, normal, None)
     shape = Circle(len(middle), as_length(radius, "radius"))
-    return place(shape, middle, axes).moved(rotation, translation, scale)
+    return place(shape, middle, axes).move(rotation, translation, scale)
 
 
 def arc(
@@ -127,7 +127,7 @@ def arc(
             f"{shown(end)}; analytic.circle is the full turn."
         )
     shape = Arc(len(middle), as_length(radius, "radius"), start=float(first), sweep=sweep)
-    return place(shape, middle, axes).moved(rotation, translation, scale)
+    return place(shape, middle, axes).move(rotation, translation, scale)
 
 
 def sphere(
@@ -144,7 +144,7 @@ def sphere(
     """
     middle, length = as_position(center, "center"), as_length(radius, "radius")
     shape = Circle(2, length) if len(middle) == 2 else Sphere(length)
-    return place(shape, middle, np.eye(len(middle))).moved(rotation, translation, scale)
+    return place(shape, middle, np.eye(len(middle))).move(rotation, translation, scale)
 
 
 def cap(
@@ -178,7 +178,7 @@ def cap(
             f"height must lie between -radius and radius, got {shown(height)} with the radius {shown(radius)}."
         )
     shape = Cap(length, height=offset)
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def torus(
@@ -207,7 +207,7 @@ def torus(
     shape = Torus(as_length(major, "major"), as_length(minor, "minor"))
     if not shape.minor < shape.major:
         raise InputError(f"minor must be smaller than major, got {shown(minor)} and {shown(major)}.")
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def cylinder(
@@ -236,7 +236,7 @@ def cylinder(
         Along the axis.
     """
     shape = Cylinder(as_length(radius, "radius"), as_length(length, "length"))
-    return place(shape, as_place(center, 3, "center"), space_frame(axis)).moved(rotation, translation, scale)
+    return place(shape, as_place(center, 3, "center"), space_frame(axis)).move(rotation, translation, scale)
 
 
 def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
@@ -256,7 +256,7 @@ def box(*, lower: Any, upper: Any, rotation: Any = None, translation: Any = None
     high = as_place(upper, len(low), "upper")
     if not (high > low).all():
         raise InputError(f"upper must be above lower in every coordinate, got {shown(lower)} and {shown(upper)}.")
-    return place(Box(0.5 * (high - low)), 0.5 * (low + high), np.eye(len(low))).moved(rotation, translation, scale)
+    return place(Box(0.5 * (high - low)), 0.5 * (low + high), np.eye(len(low))).move(rotation, translation, scale)
 
 
 def _plane_of(center: Any, normal: Any, x_axis: Any) -> tuple[Floats, Floats]:

@@ -91,7 +91,7 @@ class Placed:
         """Return the same shape moved by ``offset`` (d,); the centre alone is rounded, once."""
         return replace(self, center=self.center + as_vector(offset, self.dim, "offset"))
 
-    def moved(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
+    def move(self, rotation: Any = None, translation: Any = None, scale: Any = 1.0) -> Placed:
         """Return ``translation + scale * rotation @ x`` for the points x of this source.
 
         Parameters
@@ -110,7 +110,7 @@ class Placed:
         turn = as_rotation(rotation, self.dim)
         offset = as_vector(np.zeros(self.dim) if translation is None else translation, self.dim, "translation")
         center = offset + factor * rotate(turn, self.center[None])[0]
-        return replace(self, shape=self.shape.scaled(factor), center=center, axes=rotate(turn, self.axes.T).T)
+        return replace(self, shape=self.shape.scale_by(factor), center=center, axes=rotate(turn, self.axes.T).T)
 
     def _to_shape(self, x: Floats) -> Floats:
         return rotate(self.axes.T, x - self.center)

@@ -41,10 +41,10 @@ def revolve(radius: Floats, height: Floats, spacing: float, closed: bool = False
     angle = 2 * np.pi * (np.arange(len(ring)) - starts[ring]) / counts[ring]
     vertices = np.stack([radius[ring] * np.cos(angle), radius[ring] * np.sin(angle), height[ring]], axis=1)
     upper = np.arange(len(radius) if closed else len(radius) - 1)
-    return vertices, _stitched(starts, counts, upper, (upper + 1) % len(radius))
+    return vertices, _strip_triangles(starts, counts, upper, (upper + 1) % len(radius))
 
 
-def _stitched(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
+def _strip_triangles(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
     """Return the triangles between rings ``upper`` (s,) and ``lower`` (s,), strip after strip: one on each edge.
 
     Walk both rings at once; each steps when the other has passed the middle of its edge, edges of the upper one first.

@@ -37,7 +37,7 @@ class Shape(Protocol):
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
         """Return vertices on the shape and cells of about the size ``spacing``."""
 
-    def scaled(self, factor: float) -> Shape:
+    def scale_by(self, factor: float) -> Shape:
         """Return the shape ``factor`` times as large."""
 
 

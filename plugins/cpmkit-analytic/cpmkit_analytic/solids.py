@@ -61,6 +61,6 @@ class Box:
             first += len(points)
         return np.concatenate(vertices), np.concatenate(triangles)
 
-    def scaled(self, factor: float) -> Box:
+    def scale_by(self, factor: float) -> Box:
         """Return the box ``factor`` times as large."""
         return replace(self, half=factor * self.half)

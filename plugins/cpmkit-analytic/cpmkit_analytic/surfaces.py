@@ -45,7 +45,7 @@ class Sphere:
         around[[0, -1]] = 0.0
         return revolve(around, self.radius * np.cos(polar), spacing)
 
-    def scaled(self, factor: float) -> Sphere:
+    def scale_by(self, factor: float) -> Sphere:
         """Return the sphere ``factor`` times as large."""
         return replace(self, radius=factor * self.radius)
 
@@ -77,7 +77,7 @@ class Cap(Sphere):
         around[-1], up[-1] = self.rim_radius, self.height
         return revolve(around, up, spacing)
 
-    def scaled(self, factor: float) -> Cap:
+    def scale_by(self, factor: float) -> Cap:
         """Return the cap ``factor`` times as large."""
         return replace(self, radius=factor * self.radius, height=factor * self.height)
 
@@ -113,7 +113,7 @@ class Torus:
         angle = 2 * np.pi * np.arange(count) / count
         return revolve(self.major + self.minor * np.cos(angle), -self.minor * np.sin(angle), spacing, closed=True)
 
-    def scaled(self, factor: float) -> Torus:
+    def scale_by(self, factor: float) -> Torus:
         """Return the torus ``factor`` times as large."""
         return replace(self, major=factor * self.major, minor=factor * self.minor)
 
@@ -155,6 +155,6 @@ class Cylinder:
         up = np.linspace(0.5 * self.length, -0.5 * self.length, 1 + intervals(self.length, spacing))
         return revolve(np.full_like(up, self.radius), up, spacing)
 
-    def scaled(self, factor: float) -> Cylinder:
+    def scale_by(self, factor: float) -> Cylinder:
         """Return the cylinder ``factor`` times as large."""
         return replace(self, radius=factor * self.radius, length=factor * self.length)

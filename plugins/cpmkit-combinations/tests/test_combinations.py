@@ -59,7 +59,7 @@ def test_a_mixed_mesh_pads_short_cells():
 @pytest.mark.parametrize("of", [SPHERE, SEGMENT, ck.source("analytic.torus")], ids=["sphere", "segment", "torus"])
 def test_moving_agrees_with_the_plugin_that_moves_its_own(of):
     keys = {"rotation": [0.3, -1.1, 0.7], "translation": [4.0, -2.0, 7.0], "scale": 3.0}
-    ours, own = ck.source("moved", of=of, **keys), of.moved(**keys)
+    ours, own = ck.source("moved", of=of, **keys), of.move(**keys)
     x = 3 * QUERIES + [4.0, -2.0, 7.0]
     a, b = ours.closest_point(x), own.closest_point(x)
     assert np.abs(a.points - b.points).max() < 1e-13 * 20

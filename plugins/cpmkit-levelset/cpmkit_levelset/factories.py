@@ -56,7 +56,7 @@ def expression(*, phi: Any, bounds: Any, trim: Any = None, resolution: Any = DEF
     """
     box = as_box(bounds)
     text = str(phi) if hasattr(phi, "free_symbols") else phi  # SymPy writes formulas as scene files do
-    return _made(formula_field(text, box.shape[1], "phi"), trim, box, resolution)
+    return _build_level_set(formula_field(text, box.shape[1], "phi"), trim, box, resolution)
 
 
 def function(
@@ -103,8 +103,8 @@ def function(
     field = FunctionField(box.shape[1], phi, gradient or differences, hessian, step)
     if gradient is not None:
         check_gradient(field, box)
-        return _made(field, trim, box, resolution)
-    made = _made(field, trim, box, resolution)
+        return _build_level_set(field, trim, box, resolution)
+    made = _build_level_set(field, trim, box, resolution)
     return replace(made, slope_error=float(np.quantile(differences.errors(_some(made)), SLOPE_ERROR_QUANTILE)))
 
 
@@ -147,7 +147,7 @@ def grid(
     if not (steps > 0).all():
         raise InputError(f"spacing must be above zero, got {shown(spacing)}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
-    made = _made(field, trim, field.box, resolution)
+    made = _build_level_set(field, trim, field.box, resolution)
     return replace(made, slope_error=field.slope_error(_some(made)))
 
 
@@ -227,7 +227,7 @@ def as_box(bounds: Any) -> Floats:
     return box
 
 
-def _made(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
+def _build_level_set(field: Field, trim: Any, box: Floats, resolution: Any) -> LevelSet:
     cells = whole(resolution, "resolution", 8, 512)
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
 

@@ -127,18 +127,18 @@ class LevelSet:
             used, cells = np.unique(cells, return_inverse=True)
             vertices, cells = vertices[used], cells.reshape(-1, self.dim)
         feet = self.closest_point(vertices + self.shift)
-        return feet.points, self._oriented(feet, cells)
+        return feet.points, self._orient_cells(feet, cells)
 
     def advice(self, _spacing: float, /) -> Advice:
         """Return the error that the field's own leaves in a solution at any spacing."""
-        told = ()
+        warnings = ()
         if isinstance(self.field, FunctionField) and self.slope_error > ROUGH_SLOPE_SHARE:
-            told = (
+            warnings = (
                 f"The gradient of phi, taken by differences, is off by up to {self.slope_error:.1g} of its length on "
                 "the level set: give gradient=..., or a smoother phi.",
             )
         # segments serve for quadrature; triangles out of cut tetrahedra are too many and too distorted
-        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, told, mesh_for_samples=self.dim == 2)
+        return Advice(ERROR_PER_FIELD_SLOPE * self.slope_error, warnings, mesh_for_samples=self.dim == 2)
 
     def translate(self, offset: Floats, /) -> LevelSet:
         """Return the same level set moved by ``offset`` (d,)."""
@@ -171,7 +171,7 @@ class LevelSet:
         inside: Bools = value < -ON_LEVELSET_EDGE_SHARE * self.surface.zero_set.size * norms(gradient)
         return inside
 
-    def _oriented(self, feet: ClosestPoints, cells: Ints) -> Ints:
+    def _orient_cells(self, feet: ClosestPoints, cells: Ints) -> Ints:
         """Return ``cells`` without those of no area, in the order of vertices that the normals ask for."""
         corners, normal = feet.points[cells], self.normals(feet)[cells].sum(axis=1)
         sides = corners[:, 1:] - corners[:, :1]
@@ -218,11 +218,13 @@ def level_set(field: Field, trim: Field | None, box: Floats, resolution: int) ->
         )
     edge = None
     if trim is not None:
-        samples, edge = _trimmed(field, trim, samples, size, spacing)
+        samples, edge = _trim_samples(field, trim, samples, size, spacing)
     return LevelSet(field, trim, box, layer(zero_set, samples, COVERING_SPACINGS * spacing), edge, np.zeros(field.dim))
 
 
-def _trimmed(field: Field, trim: Field, samples: Floats, size: float, spacing: float) -> tuple[Floats, Layer | None]:
+def _trim_samples(
+    field: Field, trim: Field, samples: Floats, size: float, spacing: float
+) -> tuple[Floats, Layer | None]:
     """Return the samples that belong to the piece, or nearly so, and the layer of its edge, None if nothing is cut."""
     inside = trim.value(samples) <= 0
     if not inside.any():

@@ -78,16 +78,16 @@ class ZeroSet:
         jets = [field.jet(y) for field in self.fields]
         (n, d), m = y.shape, y.shape[1] - len(jets)
         shape = LocalShape(np.empty((n, m, d)), np.empty((n, m, m)), np.empty((n, m)))
-        local_shapes(x, y, _stacked([jet[1] for jet in jets]), _stacked([jet[2] for jet in jets]), *shape)
+        local_shapes(x, y, _stack_arrays([jet[1] for jet in jets]), _stack_arrays([jet[2] for jet in jets]), *shape)
         return shape
 
     def _slopes(self, p: Floats) -> tuple[Floats, Floats]:
         """Return the values (f, n) and the gradients (f, n, d) of the fields."""
         pairs = [field.gradient(p) for field in self.fields]
-        return _stacked([pair[0] for pair in pairs]), _stacked([pair[1] for pair in pairs])
+        return _stack_arrays([pair[0] for pair in pairs]), _stack_arrays([pair[1] for pair in pairs])
 
 
-def _stacked(arrays: list[Floats]) -> Floats:
+def _stack_arrays(arrays: list[Floats]) -> Floats:
     """Return one or two arrays as one, in the order of memory that kernels are compiled for."""
     return np.ascontiguousarray(arrays[0])[None] if len(arrays) == 1 else np.ascontiguousarray(np.stack(arrays))
 

@@ -81,7 +81,7 @@ def local_shapes(x, y, gradients, hessians, tangents, bending, force):
     """Fill in the arrays of a ``LocalShape`` at the points ``y`` (n, d), seen from ``x`` (n, d)."""
     fields, n, d = gradients.shape
     m = d - fields
-    across, normal, helper, bent = np.empty(d), np.empty(d), np.empty(d), np.empty((d, d))
+    across, normal, helper, hessian = np.empty(d), np.empty(d), np.empty(d), np.empty((d, d))
     for i in range(n):
         _tangents(gradients, i, normal, helper, tangents[i])
         for k in range(d):
@@ -90,15 +90,15 @@ def local_shapes(x, y, gradients, hessians, tangents, bending, force):
         first, second = _weights(gradients, i, along[0], along[1])
         for j in range(d):
             for k in range(d):
-                bent[j, k] = first * hessians[0, i, j, k]
+                hessian[j, k] = first * hessians[0, i, j, k]
                 if fields == 2:
-                    bent[j, k] += second * hessians[1, i, j, k]
+                    hessian[j, k] += second * hessians[1, i, j, k]
         for a in range(m):
             force[i, a] = _dot(tangents[i, a], across)
             for b in range(m):
                 total = 0.0
                 for j in range(d):
-                    total += tangents[i, a, j] * _dot(bent[j], tangents[i, b])
+                    total += tangents[i, a, j] * _dot(hessian[j], tangents[i, b])
                 bending[i, a, b] = total
 
 

@@ -23,7 +23,7 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
         for k, axis in enumerate(path):
             steps[k + 1 :, axis] += 1
         nodes = np.ravel_multi_index(tuple((corners[:, None] + steps).transpose(2, 0, 1)), positive.shape)
-        pairs.append(_cut(nodes, positive.ravel()[nodes]))
+        pairs.append(_cut_edges(nodes, positive.ravel()[nodes]))
     edges = np.concatenate(pairs)
     d = positive.ndim
     # one number an edge: rows are sorted ten times slower
@@ -40,7 +40,7 @@ def _mixed_cells(positive: np.ndarray) -> Ints:
     return np.argwhere((count > 0) & (count < 2**positive.ndim))
 
 
-def _cut(nodes: Ints, positive: np.ndarray) -> Ints:
+def _cut_edges(nodes: Ints, positive: np.ndarray) -> Ints:
     """Return (m, d, 2): for each piece of the zero set in simplices (k, d + 1), the edges at which its corners lie."""
     d = nodes.shape[1] - 1
     order = np.argsort(positive, axis=1, kind="stable")

@@ -66,7 +66,7 @@ def cross_off(untried, minimum, starts, rows, points, reach):
 
 
 @compiled
-def undecided(untried, active, gap, lowest, best, sure):
+def discard_untried(untried, active, gap, lowest, best, sure):
     """Cross off what cannot lead to a nearer point than ``best`` (n,); return how many queries have something left.
 
     ``active`` (a,) int64 are the queries that are looked at: the first of them are overwritten by those with something

@@ -19,7 +19,7 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats, Ints, norms
 from cpmkit_levelset.descent import descend
 from cpmkit_levelset.manifold import ZeroSet, normal_basis
-from cpmkit_levelset.sample_kernels import choose, cross_off, fill_models, keep_nearest, undecided
+from cpmkit_levelset.sample_kernels import choose, cross_off, discard_untried, fill_models, keep_nearest
 
 #: How many of the nearest samples are looked at: first by every query, then by those for which that was too few.
 SAMPLE_TIERS = (12, 192)
@@ -158,7 +158,7 @@ def _descents(where: Layer, x: Floats, before: BestPoints, count: int, keep: Kee
     sure, failed, room = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool), np.full(n, LEVELSET_DESCENTS)
     active, most = np.arange(n), 1
     while True:
-        active = active[: undecided(untried, active, gap, lowest, best, sure)]
+        active = active[: discard_untried(untried, active, gap, lowest, best, sure)]
         active = active[room[active] > 0]
         if not len(active):
             break

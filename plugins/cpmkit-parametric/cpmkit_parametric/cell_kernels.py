@@ -32,47 +32,47 @@ def survivors(x, shapes, first, centres, tangents, radii, deviations, query, cel
     """
     levels, m = shapes.shape
     most = len(radii) - first[levels - 1]
-    held, apart, bound = np.empty(most, np.int64), np.empty(most), np.empty(most)
+    cells_of_query, apart, bound = np.empty(most, np.int64), np.empty(most), np.empty(most)
     count = 0
     for i in range(len(x)):
         found = first[1] if levels > 1 else most
         for k in range(found):
-            held[k] = k
+            cells_of_query[k] = k
         nearest = np.inf
         for level in range(levels):
             if level > 0:
-                found = _halve(held, found, shapes[level, m - 1], m)
+                found = _halve(cells_of_query, found, shapes[level, m - 1], m)
             least = np.inf
             for k in range(found):
-                c = first[level] + held[k]
+                c = first[level] + cells_of_query[k]
                 apart[k], to_centre = _distances(x, i, centres, tangents, radii, c)
                 bound[k] = apart[k] - deviations[c]
                 nearest, least = min(nearest, to_centre), min(least, bound[k])
             limit, kept = max(nearest * (1.0 + ROUNDING_SHARE), least), 0
             for k in range(found):
                 if bound[k] <= limit:
-                    held[kept], apart[kept] = held[k], apart[k]
+                    cells_of_query[kept], apart[kept] = cells_of_query[k], apart[k]
                     kept += 1
             found = kept
         if count + found > len(query):
             return -1
         for k in range(found):
-            query[count], cell[count], distance[count] = i, held[k], apart[k]
+            query[count], cell[count], distance[count] = i, cells_of_query[k], apart[k]
             count += 1
     return count
 
 
 @compiled
-def _halve(held, found, across, m):
+def _halve(cells_of_query, found, across, m):
     """Replace the first ``found`` cells by the 2^m cells of each, ``across`` of which lie along the last parameter."""
     for k in range(found - 1, -1, -1):
-        c = held[k]
+        c = cells_of_query[k]
         if m == 1:
-            held[2 * k], held[2 * k + 1] = 2 * c, 2 * c + 1
+            cells_of_query[2 * k], cells_of_query[2 * k + 1] = 2 * c, 2 * c + 1
         else:
             corner = 2 * (c // (across // 2)) * across + 2 * (c % (across // 2))
-            held[4 * k], held[4 * k + 1] = corner, corner + 1
-            held[4 * k + 2], held[4 * k + 3] = corner + across, corner + across + 1
+            cells_of_query[4 * k], cells_of_query[4 * k + 1] = corner, corner + 1
+            cells_of_query[4 * k + 2], cells_of_query[4 * k + 3] = corner + across, corner + across + 1
     return found << m
 
 

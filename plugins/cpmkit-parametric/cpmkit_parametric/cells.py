@@ -150,13 +150,13 @@ class CellTree:
         most, x = min(len(x) * len(self.finest.radii), MOST_QUERY_CELL_PAIRS), np.ascontiguousarray(x)
         for room in (min(most, USUAL_CELLS_OF_QUERY * len(x)), most):
             query, cell, distance = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room)
-            count = survivors(x, *self._stacked, query, cell, distance)
+            count = survivors(x, *self._level_arrays, query, cell, distance)
             if count >= 0:
                 return query[:count].copy(), cell[:count].copy(), distance[:count].copy()
         return None
 
     @cached_property
-    def _stacked(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
+    def _level_arrays(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
         """Return the levels' shapes, where the cells of each begin, and the cells of all one after the other."""
         first = np.cumsum([0, *(len(level.radii) for level in self.levels[:-1])])
         centres, tangents, radii, deviations = (

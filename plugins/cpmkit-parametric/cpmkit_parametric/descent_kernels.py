@@ -28,7 +28,7 @@ def newton_steps(p, J, second, x, s, periodic, longest):
     """
     n, m, d = J.shape
     step, length = np.empty((n, m)), np.empty(n)
-    g, A, H, held = np.empty(m), np.empty((m, m)), np.empty((m, m)), np.empty(m, np.bool_)
+    g, A, H, at_bound = np.empty(m), np.empty((m, m)), np.empty((m, m)), np.empty(m, np.bool_)
     for row in range(n):
         for i in range(m):
             g[i] = 0.0
@@ -41,13 +41,13 @@ def newton_steps(p, J, second, x, s, periodic, longest):
                     H[i, j] += second[row, i, j, k] * (p[row, k] - x[row, k])
                 H[i, j] += A[i, j]
         for i in range(m):
-            held[i] = not periodic[i] and ((s[row, i] <= 0 and g[i] > 0) or (s[row, i] >= 1 and g[i] < 0))
-            if held[i]:
+            at_bound[i] = not periodic[i] and ((s[row, i] <= 0 and g[i] > 0) or (s[row, i] >= 1 and g[i] < 0))
+            if at_bound[i]:
                 g[i] = 0.0
         if m == 1:
             _solve_line(A, H, g, step[row])
         else:
-            _solve_plane(A, H, g, held, step[row])
+            _solve_plane(A, H, g, at_bound, step[row])
         most = 1.0
         for i in range(m):
             most = max(most, abs(step[row, i] / longest[i]))
@@ -73,21 +73,21 @@ def _solve_line(A, H, g, step):
 
 
 @compiled
-def _solve_plane(A, H, g, held, step):
+def _solve_plane(A, H, g, at_bound, step):
     """Fill ``step`` (2,) with the solution of (H + mu A) step = g.
 
     mu is such that the least eigenvalue relative to A is |itself|. A held parameter keeps a row and column of A alone.
     Where the metric is singular (a pole) it is made regular.
     """
-    free = not (held[0] or held[1])
+    free = not (at_bound[0] or at_bound[1])
     a, b, c = A[0, 0], A[0, 1] if free else 0.0, A[1, 1]
     trace = a + c
     regular = 1e-30 * (trace if trace > 0 else 1.0)
     a, c = a + regular, c + regular
     h, k, q = (
-        a if held[0] else H[0, 0] + regular,
+        a if at_bound[0] else H[0, 0] + regular,
         H[0, 1] if free else 0.0,
-        c if held[1] else H[1, 1] + regular,
+        c if at_bound[1] else H[1, 1] + regular,
     )
     metric = a * c - b * b
     half = 0.5 * (c * h - 2 * b * k + a * q) / metric

@@ -62,7 +62,7 @@ class Domain:
             wrapped[:, 1] = np.where(odd, other, wrapped[:, 1])
         return wrapped
 
-    def snapped(self, s: Floats) -> Floats:
+    def snap_to_bounds(self, s: Floats) -> Floats:
         """Return unit parameters with those that rounding keeps off a bound put on it."""
         s = np.where(~self.periodic & (s < AT_BOUND_SHARE), 0.0, s)
         return np.where(~self.periodic & (s > 1 - AT_BOUND_SHARE), 1.0, s)
@@ -98,7 +98,7 @@ def side_points(map: UnitMap, axis: int, end: float) -> Floats:
     return map.value(s)
 
 
-def check_glued(map: UnitMap, domain: Domain, names: str, size: float) -> None:
+def check_gluing(map: UnitMap, domain: Domain, names: str, size: float) -> None:
     """Refuse ends that are said to be glued and do not meet.
 
     Raises

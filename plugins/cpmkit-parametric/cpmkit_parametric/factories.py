@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.plugin import Bools, Floats, InputError, as_vector, formula_tree, shown
 from cpmkit_parametric.cells import build_tree
 from cpmkit_parametric.differences import Differences
-from cpmkit_parametric.domain import Domain, check_glued, find_sides
+from cpmkit_parametric.domain import Domain, check_gluing, find_sides
 from cpmkit_parametric.formulas import constant, formula_map
 from cpmkit_parametric.maps import CallableMap, Map, UnitMap, as_columns
 from cpmkit_parametric.sources import Curve, OrientedSurface, Parametric, PlaneCurve, Surface
@@ -100,7 +100,7 @@ def build(
     """Return the source of a map; its class says which abilities it has."""
     domain = Domain(np.array(periodic), flip)
     size = _check_map(map)
-    check_glued(map, domain, names, size)
+    check_gluing(map, domain, names, size)
     shift = as_vector(np.zeros(map.dim) if translation is None else translation, map.dim, "translation")
     sides = find_sides(map, domain, size)
     domain = replace(domain, poles=sides.collapsed)

@@ -28,7 +28,7 @@ def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> 
     counts = [_intervals(map, axis, spacing, int(least[axis])) for axis in (0, 1)]
     n, m = counts
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(n + 1), np.arange(m + 1), indexing="ij"))
-    number = _glued(i, j, counts, domain, sides).reshape(n + 1, m + 1)
+    number = _glue_vertices(i, j, counts, domain, sides).reshape(n + 1, m + 1)
     a, b, c, d = number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]
     triangles = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
     ordered = np.sort(triangles, axis=1)
@@ -38,7 +38,7 @@ def surface_mesh(map: UnitMap, domain: Domain, sides: Sides, spacing: float) -> 
     return vertices, triangles.reshape(-1, 3).astype(np.int64)
 
 
-def _glued(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) -> Ints:
+def _glue_vertices(i: Ints, j: Ints, counts: list[int], domain: Domain, sides: Sides) -> Ints:
     """Return the number of the vertex that stands for each corner (i, j) of the grid."""
     n, m = counts
     if domain.periodic[0]:

@@ -105,7 +105,7 @@ class Parametric:
         longest = 2.0 / np.array(self.tree.finest.shape)
         target = x[starts.query]
         ends = descend(self.map, self.domain, target, starts.parameters, longest, self.size)
-        s = self.domain.snapped(ends.parameters)
+        s = self.domain.snap_to_bounds(ends.parameters)
         points = self.map.value(s)
         distance = apart(points, target)
         best = nearest_of(starts.query, distance, len(x))

@@ -25,7 +25,7 @@ from cpmkit_pointcloud.blend import Blend, project, surface_normals
 from cpmkit_pointcloud.floor import SLOPE_SAMPLES, fitted_floor, integral_floor, slope_error
 from cpmkit_pointcloud.patches import curvatures
 from cpmkit_pointcloud.rim import open_samples
-from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
+from cpmkit_pointcloud.samples import as_cells, ask, thin_out, tree_of
 from cpmkit_pointcloud.values import weights_at
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class PointCloud:
         return self.value_count - len(self.points)
 
     @property
-    def lowered(self) -> int:
+    def lowered_degree_count(self) -> int:
         """How many samples have a patch of lower degree than asked, because their neighbours determine no more."""
         patches = self.surface.patches
         return int((patches.degrees < patches.degree).sum())
@@ -114,14 +114,14 @@ class PointCloud:
         return float(self.surface.patches.radii.max())
 
     @cached_property
-    def trusted(self) -> float:
+    def trusted_distance(self) -> float:
         """Distance from the surface up to which ``distance`` is the distance of the foot.
 
         Farther out the nearest foot may be another than the one that was found, and ``distance`` is a lower
         bound: the distance to the samples less :attr:`gap`, but not less than this.
         """
         if self._first is not self:
-            return self._first.trusted
+            return self._first.trusted_distance
         bend = float(curvatures(self.surface.patches).max())
         extent = float(np.linalg.norm(np.ptp(self.points, axis=0)))
         return min(extent, TRUSTED_RADIUS_SHARE / bend) if bend > 0.0 else extent
@@ -151,7 +151,7 @@ class PointCloud:
         doubtful |= self.surface.patches.thickness[sample] > THICK_SPREAD_SHARE
         to_feet = np.linalg.norm(x - feet, axis=1)
         bound = np.maximum(to_samples - self.gap, 0.0)
-        distance = np.where(edge < 0, np.maximum(bound, np.minimum(to_feet, self.trusted)), bound)
+        distance = np.where(edge < 0, np.maximum(bound, np.minimum(to_feet, self.trusted_distance)), bound)
         return ClosestPoints(feet, distance, edge, self.given[sample], None, doubtful)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
@@ -179,10 +179,11 @@ class PointCloud:
                 f"{self.duplicates} of {self.value_count} points of the cloud lie where an earlier one lies and were "
                 "left out, with their data."
             )
-        if self.lowered > SPOILING_SAMPLES_SHARE * count:
+        if self.lowered_degree_count > SPOILING_SAMPLES_SHARE * count:
             found.append(
-                f"Around {self.lowered} of {count} samples of the cloud the neighbours determine no patch of degree "
-                f"{degree}, and the surface is less accurate there; more neighbours or a lower degree may help."
+                f"Around {self.lowered_degree_count} of {count} samples of the cloud the neighbours determine no "
+                f"patch of degree {degree}, and the surface is less accurate there; more neighbours or a lower "
+                "degree may help."
             )
         if self.thick > SPOILING_SAMPLES_SHARE * count:
             found.append(
@@ -207,7 +208,7 @@ class PointCloud:
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the feet (v, d) of the samples, thinned to about half of ``spacing``, as cells (v, 1)."""
-        return as_cells(self.closest_point(thinned(self.points, spacing)).points)
+        return as_cells(self.closest_point(thin_out(self.points, spacing)).points)
 
     @property
     def given_mesh(self) -> tuple[Floats, Ints]:

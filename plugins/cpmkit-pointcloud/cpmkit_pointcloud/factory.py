@@ -74,7 +74,7 @@ def points(
     if normals is not None:
         given_normals = as_normals(read_points(normals) if isinstance(normals, (str, Path)) else normals, given)
     count = _neighbours(degree, neighbours, given.shape[1])
-    return _fitted(given, given_normals, degree, count, bool(closed))
+    return _fit_cloud(given, given_normals, degree, count, bool(closed))
 
 
 def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
@@ -90,7 +90,7 @@ def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
     return int(count)
 
 
-def _fitted(given: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
+def _fit_cloud(given: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
     first = first_of_each(given)
     points, dim = given[first], given.shape[1]
     if len(points) < dim + 1:

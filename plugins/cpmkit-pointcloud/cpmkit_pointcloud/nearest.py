@@ -21,7 +21,7 @@ from cpmkit.plugin import (
     source_repr,
 )
 from cpmkit_pointcloud.floor import plain_floor
-from cpmkit_pointcloud.samples import as_cells, ask, thinned, tree_of
+from cpmkit_pointcloud.samples import as_cells, ask, thin_out, tree_of
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -88,7 +88,7 @@ class NearestSamples:
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return the samples (v, d), thinned to about half of ``spacing``, as cells (v, 1)."""
-        return as_cells(thinned(self.points, spacing))
+        return as_cells(thin_out(self.points, spacing))
 
     def translate(self, offset: Floats, /) -> NearestSamples:
         """Return the cloud moved by ``offset`` (d,)."""

@@ -19,7 +19,7 @@ def tree_of(points: Floats) -> cKDTree:
     return cKDTree(points)
 
 
-def thinned(points: Floats, spacing: float) -> Floats:
+def thin_out(points: Floats, spacing: float) -> Floats:
     """Return of each cube of side ``spacing`` / 2 the point nearest to its centre: drawn as discs, they overlap."""
     place = (points - points.min(axis=0)) / (0.5 * positive(spacing, "spacing"))
     cube = np.floor(place)

@@ -70,7 +70,7 @@ def test_nearest_reads_the_samples_own_data():
 
 def test_distance_is_the_feets_own_up_to_the_trusted_one_and_a_lower_bound_beyond():
     source = points(points=BALL)
-    assert 0.4 < source.trusted < 0.6
+    assert 0.4 < source.trusted_distance < 0.6
     near = source.closest_point(np.ascontiguousarray(0.7 * BALL))
     np.testing.assert_allclose(near.distance, np.linalg.norm(0.7 * BALL - near.points, axis=1), atol=1e-14)
     far = source.closest_point(np.ascontiguousarray(3.0 * BALL))
@@ -140,8 +140,10 @@ def test_what_may_spoil_a_solution_is_said_in_sentences():
     assert "100 of 4100 points of the cloud lie where an earlier one lies" in repeated
     assert "The neighbours of 4000 of 4000 samples of the cloud lie on no smooth surface" in thick
     t = np.linspace(0.0, 1.0, 200)[:, None]
-    (lowered,) = points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).advice(0.1).warnings
-    assert "samples of the cloud the neighbours determine no patch of degree 2" in lowered
+    (lowered_degree_count,) = (
+        points(points=np.concatenate([t * [1, 0, 0], BALL + [5.0, 0, 0]]), closed=False).advice(0.1).warnings
+    )
+    assert "samples of the cloud the neighbours determine no patch of degree 2" in lowered_degree_count
 
 
 @pytest.mark.parametrize("options", [{}, {"normals": BALL}, {"method": "nearest"}])
@@ -160,10 +162,10 @@ def test_patches_that_the_neighbours_do_not_determine_are_of_lower_degree_and_co
     t = np.linspace(0.0, 1.0, 200)
     line = np.stack([t, np.zeros(200), np.zeros(200)], axis=1)
     source = points(points=np.concatenate([line, sphere(500) + [5.0, 0, 0]]), closed=False)
-    assert 190 <= source.lowered <= 200
+    assert 190 <= source.lowered_degree_count <= 200
     feet = source.closest_point(np.array([[0.5, 0.0, 0.01]]))
     assert np.isfinite(feet.points).all()
-    assert points(points=torus(500)).lowered == 0
+    assert points(points=torus(500)).lowered_degree_count == 0
 
 
 def test_a_cloud_of_few_points_is_a_plane():

@@ -1,4 +1,4 @@
-"""Curves cut off where they leave the canvas."""
+"""The pieces of curves inside the canvas."""
 
 from __future__ import annotations
 
@@ -17,30 +17,30 @@ class Clipped:
     shares: Floats
 
 
-def clipped(points: Floats, lower: Floats, upper: Floats) -> list[Clipped]:
+def clip_polyline(points: Floats, lower: Floats, upper: Floats) -> list[Clipped]:
     """Return the pieces of the polyline ``points`` (n, 2) in a box, in its order, by the method of Liang and Barsky."""
     start, step = points[:-1], np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     before = np.concatenate([[0.0], np.cumsum(length)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        walls = np.stack([(lower - start) / step, (upper - start) / step])
-    still = step == 0
-    outside = still & ((start < lower) | (start > upper))
-    enters = np.where(still, 0.0, walls.min(axis=0)).max(axis=1, initial=0.0)
-    leaves = np.where(still, 1.0, walls.max(axis=0)).min(axis=1, initial=1.0)
+        crossings = np.stack([(lower - start) / step, (upper - start) / step])
+    parallel = step == 0
+    outside = parallel & ((start < lower) | (start > upper))
+    enters = np.where(parallel, 0.0, crossings.min(axis=0)).max(axis=1, initial=0.0)
+    leaves = np.where(parallel, 1.0, crossings.max(axis=0)).min(axis=1, initial=1.0)
     inside = (enters < leaves) & ~outside.any(axis=1)
-    found: list[Clipped] = []
+    pieces: list[Clipped] = []
     runs = np.flatnonzero(inside)
     breaks = np.flatnonzero((np.diff(runs) > 1) | (leaves[runs[:-1]] < 1) | (enters[runs[1:]] > 0)) + 1
     for run in np.split(runs, breaks):
         if len(run):
-            at = np.stack([enters[run], leaves[run]], axis=1)
-            ends = start[run, None] + at[:, :, None] * step[run, None]
-            along = before[run, None] + at * length[run, None]
-            found.append(
+            t = np.stack([enters[run], leaves[run]], axis=1)
+            ends = start[run, None] + t[:, :, None] * step[run, None]
+            along = before[run, None] + t * length[run, None]
+            pieces.append(
                 Clipped(
                     np.clip(np.concatenate([ends[:1, 0], ends[:, 1]]), lower, upper),
                     np.concatenate([along[:1, 0], along[:, 1]]) / before[-1],
                 )
             )
-    return found
+    return pieces

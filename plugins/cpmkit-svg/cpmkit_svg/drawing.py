@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from cpmkit.plugin import Floats, InputError, shown
-from cpmkit_svg.flattening import flattened
+from cpmkit_svg.flattening import flatten_cubics
 from cpmkit_svg.gradients import Stops, properties, stops_of
 from cpmkit_svg.path_data import subpaths
 from cpmkit_svg.scanner import Scanner
 from cpmkit_svg.shapes import SHAPES, length, path_data
-from cpmkit_svg.transforms import combined, transform
+from cpmkit_svg.transforms import compose, transform
 from cpmkit_svg.xml_tree import Element, read_xml
 
 #: Elements that are gone through, and those that draw nothing where they stand.
@@ -113,7 +113,7 @@ def _curves(
     what = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
     if " " in element.name or element.name in SILENT or element.name == "style" or own.get("display") == "none":
         return
-    place = combined(outer, transform(own.get("transform", ""), what))
+    place = compose(outer, transform(own.get("transform", ""), what))
     if element.name in GROUPS:
         passed = {key: own[key] for key in INHERITED if key in own}
         for child in element.children:
@@ -136,6 +136,6 @@ def _shape(
     left, right = (stops_of(one, named, f"the colour of {shown(name)}") for one in given)
     right = left if given[0] == given[1] else right
     for k, part in enumerate(parts):
-        points = flattened(part.cubics @ place[:, :2].T + place[:, 2])
+        points = flatten_cubics(part.cubics @ place[:, :2].T + place[:, 2])
         called = name if len(parts) == 1 else f"{name}.{k}"
         yield DrawnCurve(called, identity, points, part.closed, left, right, bool(left or right))

@@ -1,4 +1,4 @@
-"""Cubics as points along them, so close that chords leave the curve by a hundred-thousandth of its size."""
+"""Flattening of cubics: points whose chords deviate from the curve by a hundred-thousandth of its size."""
 
 from __future__ import annotations
 
@@ -6,15 +6,15 @@ import numpy as np
 
 from cpmkit.plugin import Floats
 
-#: How far chords may leave the curve, as a share of the size of its box, and how many there may be of a cubic.
+#: Largest deviation of chords from the curve, over the size of its box, and largest number of chords of a cubic.
 TOLERANCE_SHARE, MOST_CHORDS = 1e-5, 2000
 
 
-def flattened(cubics: Floats) -> Floats:
-    """Return points (n, 2) along cubics (k, 4, 2) that follow each other, their ends among them.
+def flatten_cubics(cubics: Floats) -> Floats:
+    """Return points (n, 2) along consecutive cubics (k, 4, 2), including their ends.
 
-    A cubic cut into n equal parts of its parameter leaves the chords by at most 6/8 of its largest second difference of
-    control points over n^2.
+    The chords of n equal parts of the parameter deviate from a cubic by at most 6/8 of the largest second difference of
+    its control points over n^2.
     """
     tolerance = TOLERANCE_SHARE * float(np.ptp(cubics.reshape(-1, 2), axis=0).max())
     bend = np.linalg.norm(np.diff(cubics, n=2, axis=1), axis=2).max(axis=1)

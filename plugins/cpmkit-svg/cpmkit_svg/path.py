@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cpmkit.plugin import ClosestPointSource, InputError, shown, source, whole
 from cpmkit_svg.drawing import read_drawing
-from cpmkit_svg.flattening import flattened
+from cpmkit_svg.flattening import flatten_cubics
 from cpmkit_svg.path_data import subpaths
 
 
@@ -38,7 +38,7 @@ def path(
     if (file is None) == (d is None) or (d is not None and id is not None):
         raise InputError("svg.path takes a file, with the id of a path in it, or path data d, and not both.")
     if file is None:
-        found = [(flattened(one.cubics), one.closed) for one in subpaths(str(d), "d")]
+        found = [(flatten_cubics(one.cubics), one.closed) for one in subpaths(str(d), "d")]
         what = "the path data"
     else:
         drawn = read_drawing(file).curves

@@ -39,7 +39,7 @@ def subpaths(text: str, what: str) -> list[Subpath]:
         If the data are damaged: ``what`` names them, and the place is told.
     """
     pen, scanner, command = _Pen(), Scanner(text, what), ""
-    while not scanner.ended:
+    while not scanner.at_end:
         letter = scanner.match(LETTER)
         if letter:
             if letter.upper() not in COUNTS or not (command or letter in "Mm"):

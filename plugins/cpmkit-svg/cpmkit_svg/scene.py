@@ -23,35 +23,35 @@ from cpmkit.plugin import (
     whole,
     write_png,
 )
-from cpmkit_svg.clipping import Clipped, clipped
+from cpmkit_svg.clipping import Clipped, clip_polyline
 from cpmkit_svg.drawing import Drawing, DrawnCurve, read_drawing
 from cpmkit_svg.gradients import Stops
 
-#: Spacing of the lattice over the canvas' size unless it is given.
+#: Default spacing of the lattice, over the larger side of the canvas.
 SPACING_SHARE = 1 / 200
-#: Pixels that are read at once.
-PARCEL_PIXELS = 200_000
+#: Number of pixels evaluated at once: it bounds temporary memory.
+BATCH_PIXELS = 200_000
 
 
 def drawing_scene(file: str | Path | Drawing) -> Scene:
     """Return the scene of the diffusion curves of an SVG file: three channels, harmonic between the curves.
 
-    A curve holds on both sides the colour of its ``stroke``, in place of it on one side that of ``data-left`` or
-    ``data-right``: a colour, ``url(#id)`` of a gradient, whose stops are then shares of the curve's length, or ``none``
-    where nothing passes. Curves without any of them are left out. Plane and curves are cut off at the canvas, where
-    nothing passes.
+    The Dirichlet values on both sides of a curve are the colour of its ``stroke``; ``data-left`` and ``data-right``
+    replace it on one side. Each is a colour, ``url(#id)`` of a gradient, whose stops are then shares of the curve's
+    length, or ``none`` for a side without flux. Curves without any of them are omitted. The plane and the curves end at
+    the canvas, which has no flux at its edge.
 
     Raises
     ------
     InputError
-        If the file is not read, or no curve has a colour.
+        If the file cannot be read, or no curve has a colour.
     """
     drawing = file if isinstance(file, Drawing) else read_drawing(file)
-    held = [one for one in drawing.curves if one.coloured]
-    if not held:
+    coloured_curves = [curve for curve in drawing.curves if curve.coloured]
+    if not coloured_curves:
         raise InputError("no curve of the drawing has a stroke, data-left or data-right; give one a colour.")
     lower, upper = drawing.canvas
-    boundaries = [one for curve in held for one in _boundaries(curve, lower, upper)]
+    boundaries = [boundary for curve in coloured_curves for boundary in _boundaries(curve, lower, upper)]
     if not boundaries:
         raise InputError("no curve with a colour passes over the canvas; compare the viewBox with the curves.")
     return Scene(source("analytic.box", lower=lower.tolist(), upper=upper.tolist()), Laplace(), boundaries)
@@ -65,11 +65,11 @@ def draw(
     Parameters
     ----------
     file, png : path
-        What is read, and what is written.
+        The SVG file, and the PNG file to write.
     width : int
-        In pixels; the height follows from the canvas.
+        In pixels; the height is that of the canvas in proportion.
     spacing : float, optional
-        Of the lattice, in the drawing's unit: a two-hundredth of the canvas' larger side unless it is given. Curves
+        Of the lattice, in the drawing's unit; by default a two-hundredth of the canvas' larger side. Colours of curves
         nearer to each other than a few spacings mix.
     **options
         Of :func:`cpmkit.solve`.
@@ -77,12 +77,12 @@ def draw(
     Returns
     -------
     Solution
-        Of three channels.
+        With three channels.
 
     Raises
     ------
     InputError
-        If the file is not read, or an argument is not what is accepted.
+        If the file cannot be read, or an argument is not accepted.
     """
     if Path(png).suffix.lower() != ".png":
         raise InputError(f"A picture must be a .png file, got {shown(Path(png).name)}.")
@@ -95,17 +95,17 @@ def draw(
     x = lower[0] + (np.arange(columns) + 0.5) * across / columns
     y = upper[1] - (np.arange(rows) + 0.5) * up / rows
     points = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    parts = [solution.evaluate(points[k : k + PARCEL_PIXELS]) for k in range(0, len(points), PARCEL_PIXELS)]
+    parts = [solution.evaluate(points[k : k + BATCH_PIXELS]) for k in range(0, len(points), BATCH_PIXELS)]
     write_png(png, np.concatenate(parts).reshape(rows, columns, 3))
     return solution
 
 
 def _boundaries(curve: DrawnCurve, lower: Floats, upper: Floats) -> list[Boundary]:
-    """Return what the pieces of a curve that lie on the canvas hold."""
-    pieces = clipped(curve.points, lower, upper)
-    whole_one = len(pieces) == 1 and len(pieces[0].points) == len(curve.points)
-    named = [curve.name] if len(pieces) == 1 else [f"{curve.name}, piece {k}" for k in range(len(pieces))]
-    return [_boundary(curve, name, one, curve.closed and whole_one) for name, one in zip(named, pieces, strict=True)]
+    """Return a boundary for each piece of a curve on the canvas."""
+    pieces = clip_polyline(curve.points, lower, upper)
+    uncut = len(pieces) == 1 and len(pieces[0].points) == len(curve.points)
+    names = [curve.name] if len(pieces) == 1 else [f"{curve.name}, piece {k}" for k in range(len(pieces))]
+    return [_boundary(curve, name, piece, curve.closed and uncut) for name, piece in zip(names, pieces, strict=True)]
 
 
 def _boundary(curve: DrawnCurve, name: str, piece: Clipped, closed: bool) -> Boundary:

@@ -40,7 +40,7 @@ def path_data(name: str, attributes: Mapping[str, str], what: str) -> str:
 
 def _through(points: str, closed: bool, what: str) -> str:
     scanner, numbers = Scanner(points, f"points of {what}"), []
-    while not scanner.ended:
+    while not scanner.at_end:
         numbers += scanner.numbers(2)
     return f"M {' '.join(map(repr, numbers))} {'Z' if closed else ''}" if numbers else ""
 

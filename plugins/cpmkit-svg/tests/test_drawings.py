@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cpmkit_svg import draw, drawing_scene, path, read_drawing
 from cpmkit_svg.__main__ import main
-from cpmkit_svg.clipping import clipped
+from cpmkit_svg.clipping import clip_polyline
 
 import cpmkit as ck
 from cpmkit.errors import InputError
@@ -53,7 +53,7 @@ def test_stops_are_shares_of_the_length(write):
 def test_curves_are_cut_off_at_the_canvas_and_keep_their_shares():
     angle = np.linspace(0, 2 * np.pi, 401)
     circle = np.stack([2 * np.cos(angle), 2 * np.sin(angle)], axis=1)
-    found = clipped(circle, np.array([-3.0, -1.0]), np.array([3.0, 1.0]))
+    found = clip_polyline(circle, np.array([-3.0, -1.0]), np.array([3.0, 1.0]))
     assert len(found) == 3  # it begins inside, on the right
     for one in found:
         at = np.arctan2(one.points[:, 1], one.points[:, 0]) % (2 * np.pi) / (2 * np.pi)
@@ -62,7 +62,7 @@ def test_curves_are_cut_off_at_the_canvas_and_keep_their_shares():
         assert np.abs(one.points[[0, -1], 1]).max() == 1.0
     total = sum(one.shares[-1] - one.shares[0] for one in found)
     assert total == pytest.approx(2 / 3 * 0.5, rel=1e-3)
-    assert clipped(circle, np.array([5.0, 5.0]), np.array([6.0, 6.0])) == []
+    assert clip_polyline(circle, np.array([5.0, 5.0]), np.array([6.0, 6.0])) == []
 
 
 def test_groups_pass_on_transforms_and_colours(write):

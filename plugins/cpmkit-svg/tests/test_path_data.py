@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cpmkit_svg.flattening import TOLERANCE_SHARE, flattened
+from cpmkit_svg.flattening import TOLERANCE_SHARE, flatten_cubics
 from cpmkit_svg.path_data import subpaths
-from cpmkit_svg.transforms import combined, transform
+from cpmkit_svg.transforms import compose, transform
 
 import cpmkit as ck
 from cpmkit.errors import InputError
@@ -14,7 +14,7 @@ from cpmkit.errors import InputError
 
 def drawn(text: str) -> np.ndarray:
     (one,) = subpaths(text, "d")
-    return flattened(one.cubics)
+    return flatten_cubics(one.cubics)
 
 
 @pytest.mark.parametrize(
@@ -57,12 +57,12 @@ def test_arcs_lie_on_their_ellipse_and_turn_the_way_that_is_asked(large, sweep):
 
 def test_points_along_a_cubic_leave_it_by_less_than_is_said():
     cubic = np.array([[[0.0, 0.0], [3.0, 4.0], [-2.0, 4.0], [1.0, 0.0]]])
-    points, t = flattened(cubic), np.linspace(0, 1, 5001)
+    points, t = flatten_cubics(cubic), np.linspace(0, 1, 5001)
     s = 1 - t
     fine = np.stack([s**3, 3 * s * s * t, 3 * s * t * t, t**3], axis=1) @ cubic[0]
     off = ck.source("mesh.polyline", points=points).closest_point(fine).distance.max()
     assert off < TOLERANCE_SHARE * np.ptp(cubic.reshape(-1, 2), axis=0).max()
-    assert len(flattened(np.linspace([[0.0, 0.0]], [[1.0, 1.0]], 4).reshape(1, 4, 2))) == 2
+    assert len(flatten_cubics(np.linspace([[0.0, 0.0]], [[1.0, 1.0]], 4).reshape(1, 4, 2))) == 2
 
 
 def test_subpaths_are_parted_by_moves_and_closings():
@@ -86,7 +86,7 @@ def test_subpaths_are_parted_by_moves_and_closings():
 def test_transforms(text, matrix):
     found = transform(text, "g")
     np.testing.assert_allclose(found, matrix, atol=1e-12)
-    np.testing.assert_allclose(combined(found, transform("scale(2)", "g")), transform(f"{text} scale(2)", "g"))
+    np.testing.assert_allclose(compose(found, transform("scale(2)", "g")), transform(f"{text} scale(2)", "g"))
 
 
 @pytest.mark.parametrize("text", ["turn(3)", "scale(1 2 3)", "scale(a)", "scale(1", "rotate(1 2)"])
