@@ -1,4 +1,4 @@
-"""Cutting a mesh along a curve on which a signed distance vanishes, and parting its two sides."""
+"""Cutting a mesh along a curve, the zero set of a signed distance, with separate vertices on the two sides."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class CutCells:
 def cut_by_distance(
     pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
 ) -> CutCells:
-    """Split every cell that a boundary crosses, and part the two sides.
+    """Split every cell that a boundary crosses, and give the two sides vertices of their own.
 
     Parameters
     ----------
@@ -55,9 +55,9 @@ def cut_by_distance(
         if not len(part):
             continue
         part_edges, cell_edges = number_edges(part, count)
-        crossed = _crossed(points, part_edges, distance, sign, curve)
+        crossed = _crossed_edges(points, part_edges, distance, sign, curve)
         # The crossing of edge e is called vertex count + e; only those that are used will be made.
-        after, side = part, _side(part, sign)  # nothing cuts a point
+        after, side = part, _side_of_cells(part, sign)  # nothing cuts a point
         if split is not None:
             after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
         edges = np.concatenate([edges, part_edges])
@@ -70,7 +70,7 @@ def cut_by_distance(
     number[count + used] = count + np.arange(len(used))
     on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
     with_crossings = _append_crossings(pieces, edges[used], distance, renumber_cells(after, number))
-    return _part(with_crossings, boundary, on_boundary, np.concatenate(sides))
+    return _separate_sides(with_crossings, boundary, on_boundary, np.concatenate(sides))
 
 
 def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
@@ -85,22 +85,24 @@ def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing:
     return sign
 
 
-def _crossed(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
-    """Whether the boundary crosses each edge.
+def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
+    """Return which edges the boundary crosses.
 
-    Opposite signs alone do not say so: they also differ across the tangent plane on another sheet,
-    and half way between two arms of a curve, where the nearest arm changes. There the zero is not
-    near the curve.
+    Opposite signs are not enough: they also occur across the tangent plane on another sheet, and
+    half way between two arms of a curve, where the nearest arm changes. There the zero is not near
+    the curve.
     """
     a, b = edges.T
     crossed: Bools = sign[a] * sign[b] < 0
     candidates = edges[crossed]
     length = np.linalg.norm(points[candidates[:, 1]] - points[candidates[:, 0]], axis=1)
-    crossed[crossed] = _distance_from_curve(_zero(points, candidates, distance), curve) < CROSSED_EDGE_SHARE * length
+    crossed[crossed] = (
+        _distance_from_curve(_zero_on_edges(points, candidates, distance), curve) < CROSSED_EDGE_SHARE * length
+    )
     return crossed
 
 
-def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
+def _zero_on_edges(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
     """Return the attributes where the distance vanishes on each of ``edges``."""
     a, b = edges.T
     share = (distance[a] / (distance[a] - distance[b]))[:, None]
@@ -108,7 +110,7 @@ def _zero(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
 
 
 def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
-    """Return how far ``points`` are from ``curve``."""
+    """Return the distances of ``points`` from ``curve``."""
     return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
 
 
@@ -117,27 +119,27 @@ def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats)
     cut = crossing[:, 0]
     a, b = cells[cut].T
     p = crossings[cut, 0]
-    kept = cells[~cut]
+    whole = cells[~cut]
     return (
-        np.concatenate([kept, np.stack([a, p], axis=1), np.stack([p, b], axis=1)]),
-        np.concatenate([_side(kept, sign), sign[a], sign[b]]),
+        np.concatenate([whole, np.stack([a, p], axis=1), np.stack([p, b], axis=1)]),
+        np.concatenate([_side_of_cells(whole, sign), sign[a], sign[b]]),
     )
 
 
 def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
     """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither.
 
-    A triangle is cut from edge to edge, or from a corner on the curve to the edge across. One
-    that the curve enters and does not leave holds the curve's end and stays whole.
+    A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A triangle
+    that the curve enters and does not leave contains the end of the curve and stays whole.
     """
     count = crossing.sum(axis=1)
     two = count == 2
     across = (count == 1) & (sign[np.take_along_axis(cells, (crossing.argmax(axis=1)[:, None] + 2) % 3, 1)[:, 0]] == 0)
-    kept = cells[~(two | across)]
+    whole = cells[~(two | across)]
 
     # The lone corner a comes first: it faces the one edge that is not crossed.
     (a, b, c), (p, _, q) = rotate_triangles(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
-    parts = [(kept, _side(kept, sign))]
+    parts = [(whole, _side_of_cells(whole, sign))]
     parts += [
         (np.stack(corners, axis=1), s)
         for corners, s in [((a, p, q), sign[a]), ((p, b, c), sign[b]), ((p, c, q), sign[b])]
@@ -149,24 +151,24 @@ def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats
     return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
 
 
-def _side(cells: Ints, sign: Floats) -> Floats:
-    """Return the one side on which all corners of a cell lie, 0 where there is none."""
+def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
+    """Return the side on which all corners of each cell lie, 0 where they lie on both or on none."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
 
 
 def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
-    """Append the zero of the distance on each of ``edges`` as a vertex."""
+    """Append a vertex at the zero of the distance on each of ``edges``."""
     a, b = edges.T
-    attributes = np.concatenate([pieces.attributes, _zero(pieces.attributes, edges, distance)])
-    # An edge that runs along an earlier boundary hands its side on.
+    attributes = np.concatenate([pieces.attributes, _zero_on_edges(pieces.attributes, edges, distance)])
+    # A crossing on an edge along an earlier boundary inherits its side.
     sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
     return CutCells(attributes, np.concatenate([pieces.sides, sides]), cells)
 
 
-def _part(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
-    """Give the right side copies of the vertices ``on_boundary``; the vertices themselves become the left's."""
+def _separate_sides(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
+    """Give the right side copies of the vertices ``on_boundary``; the original vertices belong to the left side."""
     copied = np.flatnonzero(on_boundary)
     copy = np.arange(len(on_boundary))
     copy[copied] = len(on_boundary) + np.arange(len(copied))

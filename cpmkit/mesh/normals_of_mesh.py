@@ -1,9 +1,10 @@
-"""How far a mesh itself supports the smooth surface that the normals at its vertices claim.
+"""Normals at the vertices of triangles, and how far the mesh supports the smooth surface that they define.
 
-Beside a fillet the normals at the corners of a flat face lean off it, and by them the face is as round as its edges are
-long. The surface is not: beyond the ends of these edges it bends much more, over a much shorter way. Both must hold for
-an edge to lose its support: at the ends of an ellipsoid the surface bends more, but over as long a way; beside the
-small triangles of a random triangulation the way is shorter, but bends as much.
+Beside a fillet the normals at the corners of a flat face lean off it, and define a surface over the face that is as
+round as its edges are long. The true surface is flat there: beyond the ends of these edges it bends much more, over a
+much shorter length. An edge loses its support only if both hold. At the ends of an ellipsoid the surface bends more,
+but over as long a length; beside the small triangles of a random triangulation the length is shorter, but the bend is
+the same.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ import numpy as np
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.types import Bools, Floats, Ints
 
-#: Support below which an edge is creased, and above which the surface stands over it as far as its normals claim.
-#: Edges of flat faces beside fillets have less than .02, those of smooth shapes, but for stray ones, more than .15.
+#: Support ratio below which an edge is creased, and above which the surface keeps its whole height over the edge. Edges
+#: of flat faces beside fillets have less than .02, edges of smooth shapes, with few exceptions, more than .15.
 UNSUPPORTED, SUPPORTED = 0.03, 0.15
-#: Over edges that are lower than this share of their length the surface stands as high as normals claim: where that of
-#: a torus is creased, it bends more on all sides.
-LOW = 0.002
+#: Heights below this share of the edge length are kept in any case: where a torus would count as creased, it bends more
+#: on all sides.
+LOW_HEIGHT = 0.002
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,10 +31,10 @@ class Support:
     Attributes
     ----------
     ratio : (e,) float64
-        Curvature along the edge over that beyond its ends, times the length beyond over its own; the lesser of both
-        ends.
+        Curvature along the edge over the curvature beyond its ends, times the length beyond over its own length; the
+        lesser value of both ends.
     height : (e,) float64
-        Of the surface that the normals at the ends claim, above the middle of the edge, over its length.
+        Height of the surface defined by the normals at the ends above the middle of the edge, over its length.
     """
 
     ratio: Floats
@@ -41,13 +42,13 @@ class Support:
 
     @property
     def share(self) -> Floats:
-        """(e,) of its height above the edge that the surface keeps, from 0 to 1."""
+        """(e,) the share of its height above the edge that the surface keeps, from 0 to 1."""
         t = np.clip((self.ratio - UNSUPPORTED) / (SUPPORTED - UNSUPPORTED), 0.0, 1.0)
-        return np.where(self.height > LOW, t * t * (3.0 - 2.0 * t), 1.0)
+        return np.where(self.height > LOW_HEIGHT, t * t * (3.0 - 2.0 * t), 1.0)
 
     def unsupported(self, limit: float = UNSUPPORTED) -> Bools:
-        """(e,) whether the normals claim a height that the surface beyond supports by less than ``limit``."""
-        return np.asarray((self.ratio < limit) & (self.height > LOW))
+        """Return which edges (e,) have a height that the surface beyond supports by a ratio below ``limit``."""
+        return np.asarray((self.ratio < limit) & (self.height > LOW_HEIGHT))
 
 
 def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Support:
@@ -61,7 +62,7 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
     normals : (e, 2, d) float64
         Unit normals at these.
     creased : (v,) bool
-        Vertices at creases: their normals are not those of the surface along all edges there.
+        Vertices at creases, whose normals are not normal to the surface along all edges there.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -73,22 +74,22 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
 
 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:
-    """Return (v, 3) unit normals at the vertices: the mean of the triangles around, weighted by area.
+    """Return unit normals (v, 3) at the vertices: the area-weighted mean of the normals of the triangles around.
 
-    At an edge whose two triangles are wound against each other their normals would cancel: there those of all
-    triangles around a vertex are turned to the side of the first.
+    Where two triangles at an edge are oriented differently, as on one-sided surfaces, their normals would cancel: at
+    its vertices the normals of all triangles are first flipped to the side of one of them.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)
     at_corners = np.repeat(twice_area, 3, axis=0)  # (3 t, 3)
     vertices = triangles.ravel()
-    turned = np.flatnonzero(vertices_of_misaligned_edges(triangles, len(points))[vertices])
-    if len(turned):
-        found, first = np.unique(vertices[turned], return_index=True)
+    misaligned = np.flatnonzero(vertices_of_misaligned_edges(triangles, len(points))[vertices])
+    if len(misaligned):
+        rows, first = np.unique(vertices[misaligned], return_index=True)
         reference = np.zeros(len(points), dtype=np.int64)
-        reference[found] = turned[first]
-        along = np.einsum("ij,ij->i", at_corners[turned], at_corners[reference[vertices[turned]]])
-        at_corners[turned[along < 0]] *= -1
+        reference[rows] = misaligned[first]
+        cosine = np.einsum("ij,ij->i", at_corners[misaligned], at_corners[reference[vertices[misaligned]]])
+        at_corners[misaligned[cosine < 0]] *= -1
     total = np.empty_like(points)
     for axis in range(3):
         total[:, axis] = np.bincount(vertices, at_corners[:, axis], minlength=len(points))
@@ -96,10 +97,10 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
 
 
 def vertices_of_misaligned_edges(triangles: Ints, count: int) -> Bools:
-    """Tell which of ``count`` vertices (v,) lie on an edge that two triangles pass the same way."""
+    """Return which of ``count`` vertices (v,) lie on an edge that two triangles traverse in the same direction."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    passed, times = np.unique(starts * np.int64(count) + ends, return_counts=True)
-    found = np.zeros(count, dtype=bool)
-    for side in np.divmod(passed[times > 1], count):
-        found[side] = True
-    return found
+    directed, times = np.unique(starts * np.int64(count) + ends, return_counts=True)
+    on_edge = np.zeros(count, dtype=bool)
+    for end in np.divmod(directed[times > 1], count):
+        on_edge[end] = True
+    return on_edge

@@ -1,4 +1,4 @@
-"""Quadratic triangles and segments: cells with a node in the middle of each edge, and rules to integrate over them."""
+"""Quadratic triangles and segments: cells with a node in the middle of each edge, and quadrature on them."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.mixed_cells import number_edges
 from cpmkit.types import Floats, Ints
 
-#: The rule of degree 4 with 6 points (Dunavant 1985): ``a`` of its barycentric points (a, a, 1 - 2 a), and weights.
+#: The rule of degree 4 with 6 points (Dunavant 1985): a of its barycentric points (a, a, 1 - 2 a), and their weights.
 TRIANGLE_RULE = ((0.445948490915964886, 0.223381589678011466), (0.091576213509770743, 0.109951743655321867))
-#: Beyond the middle of an edge on the rim, the rim is looked for this share of the edge's length outwards.
+#: The rim is searched for beyond the middle of an edge on the rim, by this share of the edge's length outwards.
 OUTWARD_EDGE_SHARE = 0.5
-#: A midpoint whose foot is farther away than this share of its edge's length stays on the chord.
+#: A midpoint whose closest point is farther away than this share of its edge's length stays on the chord.
 MOVED_MIDDLE_SHARE = 0.25
 
 
@@ -36,8 +36,8 @@ class QuadraticCells:
     cells: Ints
 
     def rule(self) -> tuple[Floats, Floats, Floats]:
-        """Return points (m, q, d) and weights (m, q) to integrate over the cells, and the share (q, k) of each node."""
-        shares, slopes, weights = RULES_BY_NODES[self.cells.shape[1]]()
+        """Return quadrature points (m, q, d), weights (m, q), and shape functions (q, k) of the nodes at the points."""
+        shares, slopes, weights = SHAPE_FUNCTIONS_BY_NODES[self.cells.shape[1]]()
         corners = self.nodes[self.cells]
         points = np.einsum("qk,mkd->mqd", shares, corners)
         tangents = np.einsum("qka,mkd->mqad", slopes, corners)
@@ -46,7 +46,7 @@ class QuadraticCells:
         return points, weights * np.sqrt(np.maximum(determinant, 0.0)), shares
 
 
-def _of_triangles() -> tuple[Floats, Floats, Floats]:
+def _triangle_shape_functions() -> tuple[Floats, Floats, Floats]:
     points, weights = [], []
     for a, weight in TRIANGLE_RULE:
         points += [(a, a, 1 - 2 * a), (a, 1 - 2 * a, a), (1 - 2 * a, a, a)]
@@ -61,7 +61,7 @@ def _of_triangles() -> tuple[Floats, Floats, Floats]:
     return shares, np.concatenate([corner, middle], axis=1), np.array(weights)
 
 
-def _of_segments() -> tuple[Floats, Floats, Floats]:
+def _segment_shape_functions() -> tuple[Floats, Floats, Floats]:
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)
@@ -69,9 +69,9 @@ def _of_segments() -> tuple[Floats, Floats, Floats]:
     return shares, slopes, 0.5 * weights
 
 
-RULES_BY_NODES: dict[int, Callable[[], tuple[Floats, Floats, Floats]]] = {
-    6: _of_triangles,
-    3: _of_segments,
+SHAPE_FUNCTIONS_BY_NODES: dict[int, Callable[[], tuple[Floats, Floats, Floats]]] = {
+    6: _triangle_shape_functions,
+    3: _segment_shape_functions,
     1: lambda: (np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)),
 }
 
@@ -87,7 +87,8 @@ class OutwardEdges:
     of_cells : (m, c) int64
         The edges of each cell.
     outward : (e, d) float64
-        In an edge that one cell alone has, the unit vector along that cell, across the edge and out of it; zero else.
+        At an edge of a single cell the unit vector tangent to the cell, perpendicular to the edge, out of it; else
+        zero.
     """
 
     ends: Ints
@@ -96,19 +97,19 @@ class OutwardEdges:
 
 
 def outward_edges(points: Floats, cells: Ints) -> OutwardEdges:
-    """Return the edges of triangles (m, 3) or segments (m, 2); those of points (m, 1) are none."""
+    """Return the edges of triangles (m, 3) or segments (m, 2); points (m, 1) have none."""
     ends, of_cells = number_edges(cells, len(points))
     outward = np.zeros((len(ends), points.shape[1]))
     if cells.shape[1] == 3:
         uses = np.bincount(of_cells.ravel(), minlength=len(ends))
         cell, corner = np.nonzero(uses[of_cells] == 1)
         a, b, c = (points[cells[cell, (corner + k) % 3]] for k in range(3))
-        outward[of_cells[cell, corner]] = _unit_away(a, b, c)
+        outward[of_cells[cell, corner]] = _outward_normals(a, b, c)
     return OutwardEdges(ends, of_cells, outward)
 
 
-def _unit_away(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return unit vectors across the edges from a to b, away from c."""
+def _outward_normals(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return unit vectors in the plane of a, b, c, perpendicular to the edges from a to b, away from c."""
     along = b - a
     length2 = np.sum(along * along, axis=1, keepdims=True)
     across = a - c
@@ -117,7 +118,7 @@ def _unit_away(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: OutwardEdges) -> Floats:
-    """Return the middles (e, d) of ``edges``, moved onto ``surface``, those of its rim onto the rim."""
+    """Return the middles (e, d) of ``edges``, projected onto ``surface``, and those on the rim onto its rim."""
     a, b = points[edges.ends[:, 0]], points[edges.ends[:, 1]]
     straight, length = 0.5 * (a + b), np.linalg.norm(b - a, axis=1)
     moved = surface.closest_point(np.ascontiguousarray(straight)).points
@@ -130,6 +131,6 @@ def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: Outwar
 
 
 def limit_midpoint_shift(straight: Floats, moved: Floats, length: Floats) -> Floats:
-    """Return ``moved``, or ``straight`` where the way is long beside the edge: there it led to another place."""
+    """Return ``moved``, or ``straight`` where the shift is too long for the edge and led elsewhere on the surface."""
     far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
     return np.where(far[:, None], straight, moved)

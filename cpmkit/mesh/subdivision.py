@@ -83,7 +83,7 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
     from cpmkit.mesh import subdivision_kernels
 
     vertices = np.concatenate([mesh.vertices, points])
-    cells = subdivision_kernels.split(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
+    cells = subdivision_kernels.split_triangles(np.ascontiguousarray(mesh.cells), mesh.edges.of_cells, middle, vertices)
     middle_of_cut = np.append(middle, -1)[mesh.cut_edges]
     times = np.where(middle_of_cut >= 0, 2, 1)
     is_halved = np.flatnonzero(middle_of_cut >= 0)
@@ -221,7 +221,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
     between = (1 - share) * mesh.vertices[edges.ends[edge, 0]] + share * mesh.vertices[edges.ends[edge, 1]]
     vertices = np.concatenate([mesh.vertices, between])
     corners = np.take_along_axis(mesh.cells[needles], (tip[:, None] + np.arange(3)) % 3, 1)
-    pieces = subdivision_kernels.cut_across(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
+    pieces = subdivision_kernels.cut_needles(corners, long_sides, parts, edges.ends, 2**levels, divided.first, vertices)
     cells = np.concatenate([np.delete(mesh.cells, needles, axis=0), pieces])
     split = replace(mesh, vertices=vertices, cells=cells)
     return _with_divided_cut(split, divided, mesh.cut_edges), divided.halvings()

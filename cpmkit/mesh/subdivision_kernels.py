@@ -1,4 +1,4 @@
-"""Triangles split at the middles of their edges."""
+"""Compiled: triangles with long edges, halving of edges, and needles cut across."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
 
-#: Squares of diagonals are the same up to this factor: rounding is not to choose.
+#: Squared diagonals count as equal up to this factor, so that rounding does not choose between them.
 SAME_DIAGONAL = 1.0 + 1e-9
 
 
@@ -21,7 +21,7 @@ def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
 
 @compiled
 def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
-    """Return (m, 2) the lengths of the shortest and of the longest edge of each triangle."""
+    """Return the lengths (m, 2) of the shortest and of the longest edge of each triangle."""
     found = np.empty((len(cells), 2))
     for cell in range(len(cells)):
         least, most = np.inf, 0.0
@@ -46,7 +46,7 @@ def with_long_edges(vertices: Floats, cells: Ints, length: float) -> Bools:
 
 @compiled
 def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
-    """Return which edges (e, 2) are longer than ``length``: the same as make their triangles have a long edge."""
+    """Return which edges (e, 2) are longer than ``length``, by the same comparison as :func:`with_long_edges`."""
     long = np.zeros(len(ends), np.bool_)
     for edge in range(len(ends)):
         long[edge] = _is_long(vertices, ends[edge, 0], ends[edge, 1], length)
@@ -54,95 +54,96 @@ def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
 
 
 @compiled
-def split(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Return the pieces of triangles, in their order, wound like them.
+def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
+    """Return the pieces of triangles whose edges are halved, in the order and orientation of the triangles.
 
     Parameters
     ----------
     cells, of_cells : (m, 3) int64
-        Corners, and the edges opposite to them.
+        The corners, and the edges opposite to them.
     middle : (e,) int64
-        The vertex in the middle of each edge, -1 where it stays whole.
+        The vertex in the middle of each edge, -1 where the edge stays whole.
     vertices : (v, d) float64
-        Those in the middle among them: of the two diagonals of what is left beside a corner the shorter is taken.
+        Including the middles: the quadrilateral beside a corner is split along its shorter diagonal.
     """
     pieces = len(cells)
     for cell in range(len(cells)):
         for corner in range(3):
             pieces += middle[of_cells[cell, corner]] >= 0
-    made = np.empty((pieces, 3), np.int64)
+    result = np.empty((pieces, 3), np.int64)
     at = 0
     for cell in range(len(cells)):
-        parted = np.empty(3, np.bool_)
+        divided = np.empty(3, np.bool_)
         for corner in range(3):
-            parted[corner] = middle[of_cells[cell, corner]] >= 0
-        count = parted[0] + parted[1] + parted[2]
+            divided[corner] = middle[of_cells[cell, corner]] >= 0
+        count = divided[0] + divided[1] + divided[2]
         lead = 0  # the corner across from the one edge that differs from the other two
         for corner in range(3):
-            if (count == 1 and parted[corner]) or (count == 2 and not parted[corner]):
+            if (count == 1 and divided[corner]) or (count == 2 and not divided[corner]):
                 lead = corner
         a, b, c = cells[cell, lead], cells[cell, (lead + 1) % 3], cells[cell, (lead + 2) % 3]
         across = middle[of_cells[cell, lead]]
         q, p = middle[of_cells[cell, (lead + 1) % 3]], middle[of_cells[cell, (lead + 2) % 3]]
         if count == 0:
-            at = _put(made, at, a, b, c)
+            at = _put(result, at, a, b, c)
         elif count == 1:
-            at = _put(made, at, a, b, across)
-            at = _put(made, at, a, across, c)
+            at = _put(result, at, a, b, across)
+            at = _put(result, at, a, across, c)
         elif count == 2:
-            at = _put(made, at, a, p, q)
+            at = _put(result, at, a, p, q)
             from_b = from_c = 0.0
             for k in range(vertices.shape[1]):
                 from_b += (vertices[b, k] - vertices[q, k]) ** 2
                 from_c += (vertices[c, k] - vertices[p, k]) ** 2
             if from_b <= SAME_DIAGONAL * from_c:
-                at = _put(made, at, p, b, q)
-                at = _put(made, at, b, c, q)
+                at = _put(result, at, p, b, q)
+                at = _put(result, at, b, c, q)
             else:
-                at = _put(made, at, p, b, c)
-                at = _put(made, at, p, c, q)
+                at = _put(result, at, p, b, c)
+                at = _put(result, at, p, c, q)
         else:
-            at = _put(made, at, a, p, q)
-            at = _put(made, at, p, b, across)
-            at = _put(made, at, q, across, c)
-            at = _put(made, at, p, across, q)
-    return made
+            at = _put(result, at, a, p, q)
+            at = _put(result, at, p, b, across)
+            at = _put(result, at, q, across, c)
+            at = _put(result, at, p, across, q)
+    return result
 
 
 @compiled
-def cut_across(
-    corners: Ints, chains: Ints, parts: Ints, ends: Ints, parted: Ints, first: Ints, vertices: Floats
+def cut_needles(
+    corners: Ints, chains: Ints, parts: Ints, ends: Ints, divided: Ints, first: Ints, vertices: Floats
 ) -> Ints:
-    """Return the pieces of needles, cut across between the vertices on their two long edges.
+    """Return the pieces of needles that are cut across between the vertices on their two long edges.
 
     Parameters
     ----------
     corners : (m, 3) int64
         The tip first.
     chains, parts : (m, 2) int64
-        The edges from the tip to the second and to the third corner, and in how many parts they are to be.
+        The edges from the tip to the second and to the third corner, and the numbers of parts wanted.
     ends : (e, 2) int64
-        Of each edge.
-    parted, first : (e,) int64
-        In how many parts it is, a multiple of those, and the first vertex between them, counted from its first end.
+        The vertices of each edge.
+    divided, first : (e,) int64
+        The number of parts of each edge, a multiple of those wanted, and its first inner vertex, counted from its
+        first end.
     vertices : (v, d) float64
     """
     pieces = 0
     for cell in range(len(corners)):
         pieces += parts[cell, 0] + parts[cell, 1] - 1
-    made = np.empty((pieces, 3), np.int64)
+    result = np.empty((pieces, 3), np.int64)
     chain = np.empty((2, np.max(parts) + 1), np.int64)
     at = 0
     for cell in range(len(corners)):
         for side in range(2):
             edge = chains[cell, side]
-            step = parted[edge] // parts[cell, side]
+            step = divided[edge] // parts[cell, side]
             for place in range(parts[cell, side] + 1):
-                on = step * place if ends[edge, 0] == corners[cell, 0] else parted[edge] - step * place
+                on = step * place if ends[edge, 0] == corners[cell, 0] else divided[edge] - step * place
                 inside = first[edge] + on - 1
-                chain[side, place] = ends[edge, 0] if on == 0 else ends[edge, 1] if on == parted[edge] else inside
+                chain[side, place] = ends[edge, 0] if on == 0 else ends[edge, 1] if on == divided[edge] else inside
         i = j = 1
-        at = _put(made, at, chain[0, 0], chain[0, 1], chain[1, 1])
+        at = _put(result, at, chain[0, 0], chain[0, 1], chain[1, 1])
         while i < parts[cell, 0] or j < parts[cell, 1]:
             p, q = chain[0, i], chain[1, j]
             further = j == parts[cell, 1]
@@ -154,14 +155,14 @@ def cut_across(
                 further = from_q <= SAME_DIAGONAL * from_p
             if further:
                 i += 1
-                at = _put(made, at, p, chain[0, i], q)
+                at = _put(result, at, p, chain[0, i], q)
             else:
                 j += 1
-                at = _put(made, at, p, chain[1, j], q)
-    return made
+                at = _put(result, at, p, chain[1, j], q)
+    return result
 
 
 @compiled
-def _put(made: Ints, at: int, a: int, b: int, c: int) -> int:
-    made[at, 0], made[at, 1], made[at, 2] = a, b, c
+def _put(result: Ints, at: int, a: int, b: int, c: int) -> int:
+    result[at, 0], result[at, 1], result[at, 2] = a, b, c
     return at + 1

@@ -1,4 +1,4 @@
-"""A mesh cut along a scene's boundaries, for forms that solve on its triangles or segments themselves."""
+"""A mesh cut along a scene's boundaries, for forms that discretise on its triangles or segments."""
 
 from __future__ import annotations
 
@@ -21,50 +21,58 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class CutMesh:
-    """Cells with boundaries along their facets, and two vertices, one a side, where there was one.
+    """Cells with boundaries along their facets, and a vertex for each side where there was one vertex.
 
     Attributes
     ----------
-    vertices : (v, d) float64
-    faces : (m, k) int64
-        Triangles, k = 3, or segments of a curve, k = 2.
+    mesh : Mesh
+        Triangles of a surface or segments of a curve, in the scene's coordinates.
     edges : (e, k - 1) int64
         Facets on boundaries, edges of triangles or ends of segments, once for each cell beside them.
     owner : (e,) int64
-        The number of the boundary that each lies on.
+        The number of the boundary on which each lies.
     left : (e,) bool
         Whether its cell is on the left.
     points : mapping of int to (k,) int64
         The vertices of boundaries that are points of a surface.
-    told : tuple of str
-        Sentences on how boundaries came into the mesh.
+    warnings : tuple of str
+        Warnings of the insertion of boundaries.
     """
 
-    vertices: Floats
-    faces: Ints
+    mesh: Mesh
     edges: Ints
     owner: Ints
     left: Bools
     points: Mapping[int, Ints]
-    told: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def vertices(self) -> Floats:
+        """(v, d) the vertices of the mesh."""
+        return self.mesh.vertices
+
+    @property
+    def faces(self) -> Ints:
+        """(m, k) the cells of the mesh."""
+        return self.mesh.cells
 
 
 def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: float) -> CutMesh:
-    """Return a mesh of the scene's manifold cut along the scene's boundaries, as the Galerkin form cuts its own.
+    """Return a mesh of the scene's manifold cut along the scene's boundaries, like the mesh of the Galerkin form.
 
     Parameters
     ----------
     scene : Scene
     vertices, faces : (v, d) float64, (m, k) int64
-        Of its surface, k = 3, or curve, k = 2: welded, no cell without a measure.
+        Mesh of its surface, k = 3, or curve, k = 2: welded, without degenerate cells.
     length : float
-        About that of an edge. Curves are followed in steps of half of it; one that lies farther than some of them from
-        the surface is refused.
+        Typical edge length. Curves are followed in steps of half of it; a curve farther than a few steps from the
+        surface is refused.
 
     Raises
     ------
     SceneError
-        If a boundary lies off the surface, or on another one that holds something else.
+        If a boundary lies off the surface, or on another boundary with a different condition.
     """
     bounds = np.asarray(scene.surface.bounds, dtype=np.float64)
     lattice = Lattice(0.5 * (bounds[0] + bounds[1]), length)
@@ -87,8 +95,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     at = np.zeros(len(mesh.vertices), dtype=np.int64)
     at[mesh.cells] = corners
     return CutMesh(
-        lattice.to_scene(places),
-        np.asarray(corners, dtype=np.int64),
+        Mesh.of(lattice.to_scene(places), np.asarray(corners, dtype=np.int64)),
         corners[cell[:, None], (facet[:, None] + np.arange(1, k)) % k],
         samples.owner[first],
         left[first],

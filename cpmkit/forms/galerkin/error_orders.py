@@ -70,16 +70,20 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     if resolution.end_or_layer_reason():
         return END_DIVISOR
     spread = resolution.normal_spread
-    coarser_share = 0.0 if coarser is None else coarser.normal_spread.share
-    persists = spread.share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
+    coarser_share = 0.0 if coarser is None else coarser.normal_spread.unresolved_share
+    persists = spread.unresolved_share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
     if resolution.sampled.geometry != "closest_point":
-        folded = spread.share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
+        folded = spread.unresolved_share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
         return PERSISTING_DIVISOR if persists else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
-    if persists and spread.share > THIN_SHARE:
+    if persists and spread.unresolved_share > THIN_SHARE:
         return THIN_DIVISOR
-    if spread.bent > CURVED_AREA or coarser_share > FOLDED_SHARE or resolution.layer_spacings < SEEN_LAYER_SPACINGS:
+    if (
+        spread.bending_share > CURVED_AREA
+        or coarser_share > FOLDED_SHARE
+        or resolution.layer_spacings < SEEN_LAYER_SPACINGS
+    ):
         return min(smooth, TURNING_DIVISOR)
-    if coarser is not None and coarser.normal_spread.bent > CURVED_AREA:
+    if coarser is not None and coarser.normal_spread.bending_share > CURVED_AREA:
         return min(smooth, BENDING_DIVISOR)
     factor = float(np.interp(math.log(max(difference, DIFFERENCES[0])), np.log(DIFFERENCES), FACTORS_OF_DIFFERENCE))
     return smooth * min(factor, 1.0 if coarser is None else _factor_of_spacing(coarser))

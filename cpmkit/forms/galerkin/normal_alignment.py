@@ -1,4 +1,4 @@
-"""How much of the manifold is thin or folded on the lattice: where normals under one spline point in many ways."""
+"""Alignment of the normals under each spline, which shows where the manifold is thin or folded on the lattice."""
 
 from __future__ import annotations
 
@@ -14,63 +14,73 @@ from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Floats
 
-#: A spline is not faced one way where its mean normal is shorter than this, and on what bends where it is below that.
-FACED_LENGTH, BENT_LENGTH = 0.6, 0.85
+#: Length of the mean normal under a spline below which the spline is unresolved, and below which the manifold bends
+#: about as sharply as the spacing.
+ALIGNED_LENGTH, BENDING_LENGTH = 0.6, 0.85
 
 
 @dataclass(frozen=True, eq=False)
 class NormalSpread:
-    """The splines under which the manifold turns: around limbs, creases, at folds and thin edges.
+    """How much of the manifold lies under splines whose normals spread: limbs, creases, folds and thin edges.
 
     Attributes
     ----------
-    share : float
-        Of the manifold's measure, on such splines.
-    near : (d,) float64
-        Relative to the lattice's origin, the node of that whose normals cancel most; NaN where there is none.
-    bent : float
-        What share is on splines under which the manifold bends about as sharply as the spacing, these included.
+    unresolved_share : float
+        Share of the manifold's measure under unresolved splines.
+    place : (d,) float64
+        Relative to the lattice's origin, the node of the spline whose normals cancel most; NaN where there is none.
+    bending_share : float
+        Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
     """
 
-    share: float
-    near: Floats
-    bent: float
+    unresolved_share: float
+    place: Floats
+    bending_share: float
 
 
 def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Floats:
-    """Return (n, 1 + d) the integral of each spline, and of the direction n that the manifold faces times it.
+    """Return the integrals (n, 1 + d) of each spline, and of it times the oriented normal; of curves the tangent.
 
-    Of curves n is the tangent. Cells are oriented by walking over the facets that two of them share. One-sided pieces
-    break somewhere: on splines near that nothing is said of the direction, which is NaN there. ``winding`` (m,): what
-    :attr:`Connectivity.winding` of the mesh, computed if it is not given.
+    Cells are oriented consistently over common facets. One-sided components cannot be: splines near a facet where two
+    cells disagree have NaN for the normal.
+
+    Parameters
+    ----------
+    space : SplineSpace
+    mesh : Mesh
+    winding : (m,) int8, optional
+        ``mesh.winding``, computed if it is not given.
     """
     samples, dof_map = space.samples, space.dof_map
     winding, cells = mesh.winding if winding is None else winding, samples.cell
     signs = np.where(winding == 0, np.nan, winding)
-    found = np.zeros((dof_map.size, 1 + mesh.dim))
+    integrals = np.zeros((dof_map.size, 1 + mesh.dim))
     if mesh.manifold_dim == 2:
-        from cpmkit.forms.galerkin.normal_alignment_kernels import add_facing
+        from cpmkit.forms.galerkin.normal_alignment_kernels import add_oriented_normals
         from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
-        own = samples.places, samples.directions, samples.weights
-        add_facing(dof_map.unknowns, dof_map.patch, SPLINES[dof_map.degree], own, cells, signs, found)
-        return found
+        arrays = samples.places, samples.directions, samples.weights
+        add_oriented_normals(dof_map.unknowns, dof_map.patch, SPLINES[dof_map.degree], arrays, cells, signs, integrals)
+        return integrals
     ends = mesh.vertices[mesh.cells]
     for start in range(0, len(samples), SAMPLES_AT_ONCE):
-        some = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
-        faced = np.ones((some.stop - start, 1 + mesh.dim))
-        faced[:, 1:] = unit(ends[cells[some], 1] - ends[cells[some], 0]) * signs[cells[some], None]
-        found += load(space, faced, some)
-    return found
+        rows = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
+        values = np.ones((rows.stop - start, 1 + mesh.dim))
+        values[:, 1:] = unit(ends[cells[rows], 1] - ends[cells[rows], 0]) * signs[cells[rows], None]
+        integrals += load(space, values, rows)
+    return integrals
 
 
-def normal_spread(space: SplineSpace, facing: Floats) -> NormalSpread:
-    """Return how much of the manifold lies on splines with ``|sum w N n| < .6 sum w N``, both sums in ``facing``."""
-    area, length = facing[:, 0], norms(facing[:, 1:])
-    is_turned = length < FACED_LENGTH * area  # never where nothing is said
-    bent = float(area[length < BENT_LENGTH * area].sum() / area.sum())
-    if not is_turned.any():
-        return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bent)
-    heavy = np.flatnonzero(is_turned & (area >= np.median(area[is_turned])))
+def normal_spread(space: SplineSpace, integrals: Floats) -> NormalSpread:
+    """Return how much of the manifold lies under splines N with |sum w N n| < .6 sum w N.
+
+    ``integrals`` (n, 1 + d) are both sums, see :func:`normal_alignment`.
+    """
+    area, length = integrals[:, 0], norms(integrals[:, 1:])
+    is_unresolved = length < ALIGNED_LENGTH * area  # false where the normal is NaN
+    bending = float(area[length < BENDING_LENGTH * area].sum() / area.sum())
+    if not is_unresolved.any():
+        return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bending)
+    heavy = np.flatnonzero(is_unresolved & (area >= np.median(area[is_unresolved])))
     worst = heavy[np.argmin(length[heavy] / area[heavy])]
-    return NormalSpread(float(area[is_turned].sum() / area.sum()), space.dof_map.places[worst], bent)
+    return NormalSpread(float(area[is_unresolved].sum() / area.sum()), space.dof_map.places[worst], bending)

@@ -1,4 +1,4 @@
-"""Compiled: sums of normals that face one way."""
+"""Compiled: integrals of splines and of their products with consistently oriented normals."""
 
 from __future__ import annotations
 
@@ -14,13 +14,26 @@ from cpmkit.types import Floats, Ints
 
 
 @compiled
-def add_facing(
+def add_oriented_normals(
     unknowns: Ints, patch: Any, splines: Any, samples: tuple[Any, Any, Floats], cell: Any, signs: Floats, sums: Floats
 ) -> None:
-    """Add sum w N_j (1, n) to ``sums`` (n, 4), n the normals of a surface times the ``signs`` (m,) of their cells.
+    """Add sum w N_j (1, n) to ``sums`` (n, 4), where n are normals of a surface times the ``signs`` of cells.
 
-    ``samples``: the places, directions and weights of `FixedSamples`; ``splines`` is as long as a cell reads along an
-    axis. What follows each other in one ``patch`` (q,) is summed there first.
+    Parameters
+    ----------
+    unknowns : (p, width) integers
+        The unknowns of each patch.
+    patch : (q,) integers
+        The patch of each sample; consecutive samples of one patch are accumulated locally before being scattered.
+    splines : tuple
+        As long as the number of splines per axis that are not zero in a lattice cell.
+    samples : tuple
+        The places, directions and weights of `QuantisedSamples`.
+    cell : (q,) int32
+        The cell of each sample.
+    signs : (m,) float64
+        Orientation of each cell.
+    sums : (n, 4) float64
     """
     places, directions, weights = samples
     width, along, last = unknowns.shape[1], len(splines), len(places) - 1

@@ -160,7 +160,7 @@ class Resolution:
 
     def slow_convergence_reason(self, coarser: Resolution | None = None) -> str:
         """Return why the error may fall slowly, also by comparison with a coarser lattice; empty without a reason."""
-        reason, share = self.end_or_layer_reason(), self.normal_spread.share
+        reason, share = self.end_or_layer_reason(), self.normal_spread.unresolved_share
         if reason:
             return reason
         if share > FOLDED_SHARE:
@@ -172,6 +172,8 @@ class Resolution:
 
     def folds_persist(self, coarser: Resolution) -> bool:
         """Return whether hardly more of the area is folded on a coarser lattice."""
-        share = self.normal_spread.share
+        share = self.normal_spread.unresolved_share
         halvings = np.log2(coarser.spacing / self.spacing)
-        return bool(share > PERSISTING_AREA and share > PERSISTING_SHARE**halvings * coarser.normal_spread.share)
+        return bool(
+            share > PERSISTING_AREA and share > PERSISTING_SHARE**halvings * coarser.normal_spread.unresolved_share
+        )

@@ -100,13 +100,15 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
         return None
     geometry = resolution.sampled.geometry
     if geometry == "normals":
-        ratios = _interpolated_ratios(RESOLVED, _rough_share(spread.share, FOLDED_AREA))
+        ratios = _interpolated_ratios(RESOLVED, _rough_share(spread.unresolved_share, FOLDED_AREA))
     elif resolution.sampled.mesh.beyond_tip.any():
         ratios = ENDING
     elif geometry == "flat":
         ratios = FLAT
     else:
-        rough = max(_rough_share(spread.share, TURNED_AREA), _rough_share(spread.bent, SHARPLY_CURVED_AREA))
+        rough = max(
+            _rough_share(spread.unresolved_share, TURNED_AREA), _rough_share(spread.bending_share, SHARPLY_CURVED_AREA)
+        )
         ratios = _interpolated_ratios(SMOOTH, rough)
     rms, largest = np.sqrt(np.mean(third**2, axis=0)), np.abs(third).max(axis=0)
     even = min(ratios) > max(ROUGH + ENDING)

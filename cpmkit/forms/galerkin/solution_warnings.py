@@ -209,10 +209,10 @@ def resolution_warnings(
 
 def fold_warnings(spread: NormalSpread, lattice: Lattice) -> Iterator[str]:
     """Yield a warning where the manifold is thin, folded or creased on the lattice."""
-    if spread.share > FOLDED_SHARE:
+    if spread.unresolved_share > FOLDED_SHARE:
         yield (
             "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "
-            f"a smaller spacing. {spread.share:.0%} of it lies on splines that see it from several sides, most near "
-            f"{place(lattice.to_scene(spread.near))}; at a fold up to three spacings of the way along the manifold may "
-            "be missing."
+            f"a smaller spacing. {spread.unresolved_share:.0%} of it lies on splines that see it from several sides, "
+            f"most near {place(lattice.to_scene(spread.place))}; at a fold up to three spacings of the way along the "
+            "manifold may be missing."
         )

@@ -91,7 +91,7 @@ class Elements:
         mesh = with_midpoints(mesh) if degree == 2 else mesh
         if bent:
             mesh, off = curved(scene, mesh, cut)
-            cut = cut and replace(cut, told=(*cut.told, *_of_flat(mesh, off)))
+            cut = cut and replace(cut, warnings=(*cut.warnings, *_of_flat(mesh, off)))
         return _discretized(scene, mesh, cut, progress)
 
 

@@ -98,7 +98,7 @@ class FiniteElements(Equations):
 
     def warnings(self) -> tuple[str, ...]:
         """Return what the surface says of itself, and how boundaries came into the mesh or far from them pins are."""
-        of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.told
+        of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.warnings
         return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries, *self._small_boundaries())
 
     def _small_boundaries(self) -> tuple[str, ...]:

@@ -83,15 +83,15 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     a boundary, because one side of it may see little of a cell; for flat triangles in the plane of a neighbour, or with
     an edge that one triangle or more than two share; and for curved triangles that are not small as a whole.
     """
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turn, mark_small
+    from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turning_sine, mark_small_triangles
 
     cells = np.ascontiguousarray(mesh.cells)
     if mesh.midpoints is None:
-        sine = least_turn(mesh.vertices, cells, mesh.edges.of_cells)
+        sine = least_turning_sine(mesh.vertices, cells, mesh.edges.of_cells)
         limits: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
     else:
         limits = np.zeros(len(mesh.cells))  # untouched zeros take no memory
-        mark_small(mesh.vertices, cells, spacing, CURVED_SINGLE_MOMENT, limits)
+        mark_small_triangles(mesh.vertices, cells, spacing, CURVED_SINGLE_MOMENT, limits)
     if len(mesh.cut):
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
         on_boundary[mesh.cut] = True
@@ -161,21 +161,21 @@ def _all_samples(
 ) -> list[Any]:
     """Return the points, weights, normals and triangles of the samples, in the order of the triangles."""
     from cpmkit.forms.galerkin.quadrature.clipping_kernels import triangle_samples
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import nodes_of
+    from cpmkit.forms.galerkin.quadrature.whole_kernels import gather_nodes
 
-    return list(triangle_samples(nodes_of(vertices, cells, midpoints), spacing, clipped, limits, fine))
+    return list(triangle_samples(gather_nodes(vertices, cells, midpoints), spacing, clipped, limits, fine))
 
 
 def _samples_by_count(
     vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
 ) -> list[Any]:
     """Return the same; triangles that get a single point are sampled first, which is faster where they are many."""
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import single_samples
+    from cpmkit.forms.galerkin.quadrature.whole_kernels import one_point_samples
 
     count = len(cells)
     single: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
     remaining = np.empty(count, dtype=np.int64)
-    used, others = single_samples(vertices, cells, midpoints, spacing, clipped, limits, single, remaining)
+    used, others = one_point_samples(vertices, cells, midpoints, spacing, clipped, limits, single, remaining)
     if not others:
         return list(single)
     rows = remaining[:others]

@@ -1,4 +1,4 @@
-"""Compiled: samples of triangles, flat or quadratic: three each, or three and more a piece between knot planes."""
+"""Compiled: quadrature points of flat or quadratic triangles, whole or clipped at the knot planes of the lattice."""
 
 from __future__ import annotations
 
@@ -6,34 +6,34 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.polygon_rules import MOST_CORNERS, MOST_PLACES, fanned, rule
+from cpmkit.forms.galerkin.quadrature.polygon_rules import MOST_CORNERS, MOST_POINTS, fan_rule, polygon_rule
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats
 
-#: A piece that is past a knot plane by less than this, in spacings, is not split there.
+#: A piece that extends beyond a knot plane by less than this, in spacings, is not split there.
 ON_PLANE_SPACINGS = 1e-3
-#: A sample that is past a plane of its piece's cell by less than this, in spacings, is put back into the cell.
-PUT_BACK_SPACINGS = 2e-2
-#: How far inside, in spacings: more than rounding makes of a multiple of the spacing.
+#: A sample outside the lattice cell of its piece by less than this, in spacings, is moved into the cell,
+CLAMPED_SPACINGS = 2e-2
+#: to this distance from its faces, in spacings: more than the rounding of a multiple of the spacing.
 INSIDE_SPACINGS = 1e-9
-#: Pieces with no more than this of the triangle's area in its own coordinates, 1/2, are left out.
+#: Pieces with an area of no more than this in the barycentric coordinates of the triangle are omitted.
 LEAST_AREA = 1e-14
-#: A cross product shorter than this share of the squared length of what it is made of tells no direction.
+#: A cross product has no reliable direction below this share of the squared length of the longer factor.
 NO_DIRECTION_SHARE = 1e-14
-#: A piece whose area times the cube of its length, in spacings, is less than this has three samples, others four: 19 an
+#: A piece whose area times its cubed length, in spacings, is below this gets three points, others four: 19 samples an
 #: unknown in place of 22. With three everywhere, of degree 2, gradients on a sphere are a quarter worse at h = .05.
 THREE_SAMPLES_MOMENT = 2e-3
-#: Of flat triangles the same bound grows so many times as fast as that of pieces with one sample: to three for all.
+#: For flat triangles this bound is increased by so many times the limit for one point, up to three points for all.
 THREE_OVER_ONE = 1e3
-#: A triangle is split so often and no more: corners that a curved edge puts beyond a plane again need not end.
+#: Upper bound of the splits of a triangle: a curved edge may cross a plane again after each split.
 MOST_SPLITS = 100_000
-#: Newton's steps from the chord to the place where an edge crosses a knot plane.
+#: Newton steps from the chord to the point where an edge crosses a knot plane.
 CROSSING_STEPS = 3
 
 
 @compiled
 def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
-    """Fill ``point`` (3,) with the place of a triangle at (r, s), the shares of its first two corners."""
+    """Fill ``point`` (3,) with the position at the barycentric coordinates (r, s, 1 - r - s) of a triangle."""
     t = 1.0 - r - s
     if curved:
         a, b, c = r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1)
@@ -48,7 +48,7 @@ def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> 
 
 @compiled
 def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
-    """Fill ``first`` and ``second`` (3,) with the derivatives by r and by s."""
+    """Fill ``first`` and ``second`` (3,) with the derivatives of the position by r and by s."""
     t = 1.0 - r - s
     for i in range(3):
         if curved:
@@ -60,31 +60,34 @@ def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, secon
 
 
 @compiled
-def crossing(nodes: Floats, curved: bool, one: Floats, two: Floats, axis: int, plane: float, corner: Floats) -> None:
-    """Fill ``corner`` (5,) with the place between two corners of a piece where they cross a plane.
+def cross_plane(
+    nodes: Floats, curved: bool, start: Floats, end: Floats, axis: int, plane: float, corner: Floats
+) -> None:
+    """Fill ``corner`` (5,) with the point between end corners ``start``, ``end`` of a piece that lies in a plane.
 
-    Corners are (r, s, x, y, z). The coordinate is quadratic along the way, with the value at the middle read.
+    Corners are (r, s, x, y, z). Along the edge the coordinate is interpolated quadratically, with its value at the
+    middle.
     """
-    way = (plane - one[2 + axis]) / (two[2 + axis] - one[2 + axis])
+    share = (plane - start[2 + axis]) / (end[2 + axis] - start[2 + axis])
     if curved:
-        r, s = 0.5 * (one[0] + two[0]), 0.5 * (one[1] + two[1])
+        r, s = 0.5 * (start[0] + end[0]), 0.5 * (start[1] + end[1])
         position(nodes, curved, r, s, corner[2:])
-        bulge = 4 * (corner[2 + axis] - 0.5 * (one[2 + axis] + two[2 + axis]))
-        slope = two[2 + axis] - one[2 + axis]
+        bulge = 4 * (corner[2 + axis] - 0.5 * (start[2 + axis] + end[2 + axis]))
+        slope = end[2 + axis] - start[2 + axis]
         for _ in range(CROSSING_STEPS):
-            missed = plane - one[2 + axis] - way * (slope + bulge * (1 - way))
-            steep = slope + bulge * (1 - 2 * way)
-            if steep * slope > 0:
-                way = min(max(way + missed / steep, 0.0), 1.0)
-    corner[0] = one[0] + way * (two[0] - one[0])
-    corner[1] = one[1] + way * (two[1] - one[1])
+            error = plane - start[2 + axis] - share * (slope + bulge * (1 - share))
+            derivative = slope + bulge * (1 - 2 * share)
+            if derivative * slope > 0:
+                share = min(max(share + error / derivative, 0.0), 1.0)
+    corner[0] = start[0] + share * (end[0] - start[0])
+    corner[1] = start[1] + share * (end[1] - start[1])
     position(nodes, curved, corner[0], corner[1], corner[2:])
     corner[2 + axis] = plane
 
 
 @compiled
 def first_plane(piece: Floats, count: int) -> tuple[int, float]:
-    """Return the axis and the place of the lowest knot plane that has corners of the piece on both sides, or -1."""
+    """Return the axis and the coordinate of a knot plane that separates corners of the piece; axis -1 if none does."""
     for axis in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -96,13 +99,13 @@ def first_plane(piece: Floats, count: int) -> tuple[int, float]:
 
 
 @compiled
-def split(
+def split_at_plane(
     nodes: Floats, curved: bool, piece: Floats, count: int, axis: int, plane: float, below: Floats, above: Floats
 ) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the parts of a piece beside a plane; returns how many corners each has.
+    """Fill ``below`` and ``above`` with the two parts of a piece at a plane; return their numbers of corners.
 
-    No corner belongs to both but where the edges cross: a piece that lies nearly in the plane would count twice. Edges
-    cross the plane twice, see :func:`crosses_twice`: then both parts of a convex piece are convex, with its area.
+    Only the crossing points belong to both parts; otherwise a piece nearly in the plane would count twice. The
+    edges must cross the plane twice, see :func:`crosses_twice`: then both parts of a convex piece are convex.
     """
     lower = upper = 0
     for k in range(count):
@@ -115,7 +118,7 @@ def split(
             above[upper] = piece[k]
             upper += 1
         if (here < 0) != (there < 0):
-            crossing(nodes, curved, piece[k], piece[following], axis, plane, below[lower])
+            cross_plane(nodes, curved, piece[k], piece[following], axis, plane, below[lower])
             above[upper] = below[lower]
             lower, upper = lower + 1, upper + 1
     return lower, upper
@@ -123,7 +126,7 @@ def split(
 
 @compiled
 def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
-    """Return whether a piece's edges cross a plane twice, and not oftener, as those of curved triangles may."""
+    """Return whether the edges of a piece cross a plane exactly twice; those of curved triangles may more often."""
     crossings, before = 0, piece[count - 1, 2 + axis] < plane
     for k in range(count):
         here = piece[k, 2 + axis] < plane
@@ -133,10 +136,10 @@ def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
 
 
 @compiled
-def halve(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the parts of a piece beside a chord of it; returns how many corners each has.
+def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
+    """Fill ``below`` and ``above`` with the two parts of a piece at a chord of it; return their numbers of corners.
 
-    Both have fewer corners than the piece, and what has three crosses no plane oftener than twice.
+    Both have fewer corners than the piece, and a piece with three corners crosses any plane at most twice.
     """
     half = count // 2
     below[: half + 1] = piece[: half + 1]
@@ -146,16 +149,16 @@ def halve(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int,
 
 
 @compiled
-def whole(places: Floats, shares: Floats) -> float:
-    """Fill ``places`` and ``shares`` with the rule of degree 2 for a whole triangle; returns its area, 1/2."""
+def whole_triangle_rule(places: Floats, shares: Floats) -> float:
+    """Fill ``places`` and ``shares`` with the rule of degree 2 for a whole triangle; return its area, 1/2."""
     places[:], shares[:] = 1 / 6, 1 / 3
     places[0, 0] = places[1, 1] = 2 / 3
     return 0.5
 
 
 @compiled
-def directed(first: Floats, second: Floats, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the unit vector across two slopes, and return the area between them."""
+def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
+    """Fill ``normal`` (3,) with the unit normal of two tangents, and return the area that they span."""
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
     c = first[0] * second[1] - first[1] * second[0]
@@ -163,7 +166,7 @@ def directed(first: Floats, second: Floats, normal: Floats) -> float:
     one = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
     two = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
     if area <= NO_DIRECTION_SHARE * max(one, two):
-        # No area, so that the normal counts for nothing: any across the longer edge.
+        # Without area the weight is zero: any vector perpendicular to the longer tangent.
         u, v = (first[0], first[1]) if one >= two else (second[0], second[1])
         a, b, c = (1.0, 0.0, 0.0) if u == 0 and v == 0 else (-v, u, 0.0)
         size = np.sqrt(a * a + b * b + c * c)
@@ -172,11 +175,11 @@ def directed(first: Floats, second: Floats, normal: Floats) -> float:
 
 
 @compiled
-def needed(piece: Floats, count: int, curved: bool, single: float) -> int:
-    """Return how many samples a piece has.
+def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int:
+    """Return the number of quadrature points of a piece.
 
-    One misses what goes with its area and the square of its length, which is to stay below ``single``, and three what
-    goes with its area and the cube of its length.
+    The error of one point is proportional to the area times the squared length, which must stay below ``single``; the
+    error of three points to the area times the cubed length.
     """
     length = 0.0
     for i in range(3):
@@ -197,8 +200,8 @@ def needed(piece: Floats, count: int, curved: bool, single: float) -> int:
 
 
 @compiled
-def cell_of(piece: Floats, count: int, cell: Floats) -> None:
-    """Fill ``cell`` (3,) with the lattice cell that the corners of a piece lie in."""
+def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
+    """Fill ``cell`` (3,) with the lattice cell that contains the middle of the piece's box."""
     for i in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -207,10 +210,10 @@ def cell_of(piece: Floats, count: int, cell: Floats) -> None:
 
 
 @compiled
-def project(place: float, cell: float) -> float:
-    """Return a coordinate of a sample inside its cell, where it is hardly outside; else as it is."""
+def clamp_to_cell(place: float, cell: float) -> float:
+    """Return a coordinate of a sample, moved into its lattice cell if it is slightly outside."""
     past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
-    if 0 < past < PUT_BACK_SPACINGS:
+    if 0 < past < CLAMPED_SPACINGS:
         return place - past if place > cell else place + past
     return place
 
@@ -228,19 +231,19 @@ def triangle_samples(
     spacing : float
         h: knot planes lie at (k + 1/2) h.
     clipped : (m,) bool
-        Whether each triangle is clipped there; else it has the samples at (2/3, 1/6, 1/6), or its centroid.
+        Whether each triangle is clipped there; others get the points (2/3, 1/6, 1/6), or their centroid.
     single : (m,) float64
-        Pieces of each triangle have one sample where their area times the square of their length, in spacings, is less.
+        Pieces of each triangle get one point if their area times their squared length, in spacings, is below this.
     fine : bool
-        Whether pieces have the samples of a rule of degree 4, six for each triangle of them, as cubic splines need.
+        Whether pieces get a rule of degree 4 with six points for each triangle of a fan, as cubic splines need.
     """
     curved = nodes.shape[1] == 6
-    points, weights, normals = np.empty((MOST_PLACES, 3)), np.empty(MOST_PLACES), np.empty((MOST_PLACES, 1, 3))
-    triangle = np.empty(MOST_PLACES, dtype=np.int32)
+    points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))
+    triangle = np.empty(MOST_POINTS, dtype=np.int32)
     stack, sizes = np.empty((8, MOST_CORNERS + 2, 5)), np.empty(8, dtype=np.int64)
     piece = np.empty((MOST_CORNERS + 2, 5))
-    corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_PLACES)
-    places, first, second, point = np.empty((MOST_PLACES, 2)), np.empty(3), np.empty(3), np.empty(3)
+    corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_POINTS)
+    places, first, second, point = np.empty((MOST_POINTS, 2)), np.empty(3), np.empty(3), np.empty(3)
     own, cell = np.empty(nodes.shape[1:]), np.empty(3)
     frame, thirds, normal, across = np.empty(5), np.empty(4), np.empty(3), 0.0
     used = 0
@@ -250,7 +253,7 @@ def triangle_samples(
                 own[k, i] = nodes[m, k, i] / spacing
         if not curved:  # one normal for all samples
             slopes(own, curved, 1.0, 0.0, first, second)
-            across = directed(first, second, normal)
+            across = unit_normal(first, second, normal)
         sizes[0] = 3
         for k in range(3):
             stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
@@ -267,24 +270,24 @@ def triangle_samples(
                     stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
                 below, above = stack[waiting], stack[waiting + 1]
                 if crosses_twice(piece, count, axis, plane):
-                    lower, upper = split(own, curved, piece, count, axis, plane, below, above)
+                    lower, upper = split_at_plane(own, curved, piece, count, axis, plane, below, above)
                 else:
-                    lower, upper = halve(piece, count, below, above)
+                    lower, upper = split_at_chord(piece, count, below, above)
                 sizes[waiting], sizes[waiting + 1] = lower, upper
                 waiting += 2
                 continue
             if clipped[m] and fine:
-                taken, area = 6 * (count - 2), fanned(piece, count, places, shares)
+                taken, area = 6 * (count - 2), fan_rule(piece, count, places, shares)
             elif clipped[m]:
-                taken = needed(piece, count, curved, single[m])
-                area = rule(piece, count, taken, frame, thirds, corners, places, shares)
-            elif needed(piece, count, curved, single[m]) == 1:
-                taken, area = 1, rule(piece, count, 1, frame, thirds, corners, places, shares)
+                taken = points_needed(piece, count, curved, single[m])
+                area = polygon_rule(piece, count, taken, frame, thirds, corners, places, shares)
+            elif points_needed(piece, count, curved, single[m]) == 1:
+                taken, area = 1, polygon_rule(piece, count, 1, frame, thirds, corners, places, shares)
             else:
-                taken, area = 3, whole(places, shares)
+                taken, area = 3, whole_triangle_rule(places, shares)
             if area <= LEAST_AREA:
                 continue
-            cell_of(piece, count, cell)
+            lattice_cell(piece, count, cell)
             if used + taken > len(weights):
                 points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
@@ -292,11 +295,11 @@ def triangle_samples(
                 position(own, curved, places[k, 0], places[k, 1], point)
                 if curved:
                     slopes(own, curved, places[k, 0], places[k, 1], first, second)
-                    across = directed(first, second, normal)
+                    across = unit_normal(first, second, normal)
                 weights[used] = area * shares[k] * across * spacing**2
                 for i in range(3):
                     normals[used, 0, i] = normal[i]
-                    points[used, i] = spacing * (project(point[i], cell[i]) if clipped[m] else point[i])
+                    points[used, i] = spacing * (clamp_to_cell(point[i], cell[i]) if clipped[m] else point[i])
                 triangle[used] = m
                 used += 1
     return points[:used].copy(), weights[:used].copy(), normals[:used].copy(), triangle[:used].copy()

@@ -1,4 +1,4 @@
-"""Compiled: places and normals of samples to numbers of fixed point and back."""
+"""Compiled: encoding and decoding of quantised positions and normals of samples."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: Floats) -> None:
-    """Fill ``points`` (q, d) with those at ``places`` (q, d) from the nodes of ``cells`` (p, d), by ``patch`` (q,)."""
+    """Fill ``points`` (q, d) from ``places`` (q, d) relative to the nodes of ``cells`` (p, d), by ``patch`` (q,)."""
     for q in range(len(places)):
         for axis in range(places.shape[1]):
             points[q, axis] = spacing * (cells[patch[q], axis] + PLACE_UNIT * places[q, axis])
@@ -21,7 +21,7 @@ def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: 
 
 @compiled
 def encode_normals(normals: Floats, directions: Any) -> None:
-    """Fill ``directions`` (q, 1, 2) with the places of ``normals`` (q, 1, 3) on an octahedron."""
+    """Fill ``directions`` (q, 1, 2) with the positions of ``normals`` (q, 1, 3) on an unfolded octahedron."""
     for q in range(len(normals)):
         n = normals[q, 0]
         size = abs(n[0]) + abs(n[1]) + abs(n[2])
@@ -33,7 +33,7 @@ def encode_normals(normals: Floats, directions: Any) -> None:
 
 @compiled
 def decode_normals(directions: Any, normals: Floats) -> None:
-    """Fill ``normals`` (c, d) with those of a sample, out of its ``directions`` (c, e): orthonormal to rounding."""
+    """Fill ``normals`` (c, d) of a sample from its ``directions`` (c, e), orthonormalised."""
     codim, d = normals.shape
     for c in range(codim):
         if directions.shape[1] == d:
@@ -54,13 +54,13 @@ def decode_normals(directions: Any, normals: Floats) -> None:
         square = 0.0
         for i in range(d):
             square += normals[c, i] * normals[c, i]
-        shorter = 1.0 / np.sqrt(square)
+        scale = 1.0 / np.sqrt(square)
         for i in range(d):
-            normals[c, i] *= shorter
+            normals[c, i] *= scale
 
 
 @compiled
 def decode_all_normals(directions: Any, normals: Floats) -> None:
-    """Fill ``normals`` (q, c, d) with those of all samples, out of their ``directions`` (q, c, e)."""
+    """Fill ``normals`` (q, c, d) of all samples from their ``directions`` (q, c, e)."""
     for q in range(len(normals)):
         decode_normals(directions[q], normals[q])

@@ -1,6 +1,6 @@
-"""Compiled: the samples of triangles that lie between knot planes and need one alone.
+"""Compiled: samples of whole triangles with a single point, and the angles between neighbouring flat triangles.
 
-On lattices far coarser than a mesh these are all but a few, and nothing needs to be cut.
+On lattices far coarser than a mesh nearly all triangles need a single point, and none of them is clipped.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ import numpy as np
 
 from cpmkit.forms.galerkin.quadrature.clipping_kernels import (
     ON_PLANE_SPACINGS,
-    directed,
+    clamp_to_cell,
     position,
-    project,
     slopes,
+    unit_normal,
 )
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
 
-#: The centroid: shares of the first two corners, as the rule of one place makes them of a whole triangle.
+#: Barycentric coordinates of the centroid, rounded as the rule with one point rounds them on a whole triangle.
 FIRST_SHARE, SECOND_SHARE = 1.0 - (1.0 / 3.0) / 0.5, (0.5 / 3.0) / 0.5
 
 
 @compiled
-def nodes_of(vertices: Floats, cells: Ints, midpoints: Floats) -> Floats:
-    """Return (m, 3 or 6, 3) the corners of ``cells`` (m, 3), then their ``midpoints`` (m, 0 or 3, 3)."""
+def gather_nodes(vertices: Floats, cells: Ints, midpoints: Floats) -> Floats:
+    """Return the nodes (m, 3 or 6, 3) of triangles: corners of ``cells`` (m, 3), then ``midpoints`` (m, 0 or 3, 3)."""
     m, more = midpoints.shape[:2]
     nodes = np.empty((m, 3 + more, 3))
     for cell in range(m):
@@ -38,8 +38,8 @@ def nodes_of(vertices: Floats, cells: Ints, midpoints: Floats) -> Floats:
 
 
 @compiled
-def is_single(corners: Floats, clipped: bool, single: float, cell: Floats) -> bool:
-    """Tell whether a triangle has one sample and is not cut; fills ``cell`` (3,) with the lattice cell it lies in."""
+def needs_one_point(corners: Floats, clipped: bool, single: float, cell: Floats) -> bool:
+    """Tell whether a triangle gets one point and is not clipped; fill ``cell`` (3,) with its lattice cell."""
     if single <= 0:
         return False
     length = 0.0
@@ -57,30 +57,30 @@ def is_single(corners: Floats, clipped: bool, single: float, cell: Floats) -> bo
 
 
 @compiled
-def single_samples(
+def one_point_samples(
     vertices: Floats,
     cells: Ints,
     midpoints: Floats,
     spacing: float,
     clipped: Bools,
     single: Floats,
-    found: tuple[Floats, Floats, Floats, Any],
-    left: Ints,
+    samples: tuple[Floats, Floats, Floats, Any],
+    remaining: Ints,
 ) -> tuple[int, int]:
-    """Fill ``found`` with the points, weights, normals and triangles of the samples of those that need one alone.
+    """Fill ``samples`` with the points, weights, normals and triangles of triangles that get a single point.
 
-    And ``left`` (m,) with the numbers of all others; returns how many of both there are.
+    Fills ``remaining`` (m,) with the numbers of all other triangles; returns the numbers of both.
 
     Parameters
     ----------
     vertices, cells, midpoints
-        As of :func:`nodes_of`.
+        As of :func:`gather_nodes`.
     spacing, clipped, single
         As of ``triangle_samples``, whose samples these are.
-    found : (m, 3), (m,), (m, 1, 3) float64, (m,) int32
-    left : (m,) int64
+    samples : (m, 3), (m,), (m, 1, 3) float64, (m,) int32
+    remaining : (m,) int64
     """
-    points, weights, normals, triangle = found
+    points, weights, normals, triangle = samples
     curved = midpoints.shape[1] == 3
     own, cell, point = np.empty((3 + midpoints.shape[1], 3)), np.empty(3), np.empty(3)
     first, second, normal = np.empty(3), np.empty(3), np.empty(3)
@@ -89,8 +89,8 @@ def single_samples(
         for k in range(3):
             for i in range(3):
                 own[k, i] = vertices[cells[m, k], i] / spacing
-        if not is_single(own, clipped[m], single[m], cell):
-            left[others] = m
+        if not needs_one_point(own, clipped[m], single[m], cell):
+            remaining[others] = m
             others += 1
             continue
         for k in range(3, len(own)):
@@ -98,19 +98,19 @@ def single_samples(
                 own[k, i] = midpoints[m, k - 3, i] / spacing
         position(own, curved, FIRST_SHARE, SECOND_SHARE, point)
         slopes(own, curved, FIRST_SHARE, SECOND_SHARE, first, second)
-        across = directed(first, second, normal)
+        across = unit_normal(first, second, normal)
         weights[used] = 0.5 * across * spacing**2
         for i in range(3):
             normals[used, 0, i] = normal[i]
-            points[used, i] = spacing * (project(point[i], cell[i]) if clipped[m] else point[i])
+            points[used, i] = spacing * (clamp_to_cell(point[i], cell[i]) if clipped[m] else point[i])
         triangle[used] = m
         used += 1
     return used, others
 
 
 @compiled
-def normal_of(vertices: Floats, cell: Ints, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the vector across a triangle, and return its length, twice the area."""
+def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
+    """Fill ``normal`` (3,) with the normal of a triangle as long as twice its area, and return this length."""
     total = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -122,14 +122,14 @@ def normal_of(vertices: Floats, cell: Ints, normal: Floats) -> float:
 
 
 @compiled
-def least_turn(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
-    """Return (m,) the least sine of the angles to a neighbour over the edges ``of_cells`` (m, 3) of each triangle.
+def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
+    """Return the least sine (m,) of the angles of each triangle with its neighbours over the edges ``of_cells`` (m, 3).
 
-    Whichever way they are wound. 0 where an edge has one triangle or more than two, or a triangle no area.
+    Orientations do not matter. The sine is 0 where an edge has one triangle or more than two, or a triangle no area.
     """
     normals, sizes = np.empty((len(cells), 3)), np.empty(len(cells))
     for cell in range(len(cells)):
-        sizes[cell] = normal_of(vertices, cells[cell], normals[cell])
+        sizes[cell] = area_vector(vertices, cells[cell], normals[cell])
     edges = int(of_cells.max()) + 1 if len(cells) else 0
     first, sine = np.full(edges, -1, np.int64), np.zeros(edges)
     for cell in range(len(cells)):
@@ -155,8 +155,8 @@ def least_turn(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
 
 
 @compiled
-def mark_small(vertices: Floats, cells: Ints, spacing: float, most: float, found: Floats) -> None:
-    """Put ``most`` into ``found`` (m,) where a triangle's area times the square of its length, in spacings, is less."""
+def mark_small_triangles(vertices: Floats, cells: Ints, spacing: float, most: float, limits: Floats) -> None:
+    """Set ``limits`` (m,) to ``most`` where a triangle's area times its squared length, in spacings, is less."""
     a, b, c = np.empty(3), np.empty(3), np.empty(3)
     for cell in range(len(cells)):
         squared = 0.0
@@ -172,4 +172,4 @@ def mark_small(vertices: Floats, cells: Ints, spacing: float, most: float, found
             normal = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
             total += normal * normal
         if 0.5 * np.sqrt(total) * squared < most:
-            found[cell] = most
+            limits[cell] = most

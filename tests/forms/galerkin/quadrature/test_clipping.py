@@ -41,7 +41,7 @@ def test_pieces_are_integrated_from_within(taken, degree):
         piece, places, shares = np.zeros((34, 5)), np.empty((taken, 2)), np.empty(taken)
         piece[: len(corners), :2] = corners
         room = np.empty(5), np.empty(4), np.empty((34, 2))
-        area = polygon_rules.rule(piece, len(corners), taken, *room, places, shares)
+        area = polygon_rules.polygon_rule(piece, len(corners), taken, *room, places, shares)
 
         def powers_at(x, corners=corners):
             y = (x - corners.mean(axis=0)) / np.ptp(corners, axis=0)
