@@ -99,7 +99,7 @@ def find_defects(
     degree = np.bincount(edges.ends[edges.count > 2].ravel(), minlength=len(vertices))
     lone = (edges.count > 2) & (degree[edges.ends] == 1).all(axis=1)
     degree[edges.ends[edges.count == 1]] = 0  # a branch line may end at the border
-    degree[edges.ends[lone]] = 1  # but a line of one edge is none
+    degree[edges.ends[lone]] = 1  # a single edge is no branch line: both ends are defects
     areas = component_areas(vertices, cells)
     creases = CreasePoints.of(nodes).points
     return MeshDefects(

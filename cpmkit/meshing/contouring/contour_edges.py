@@ -167,6 +167,7 @@ def remove_components_at_vertices(vertices: Floats, cells: Ints, spacing: float)
 
 
 def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
+    """Return the triangles without components of hardly any area, and the number of those; see :func:`_components`."""
     component, areas = _components(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2
     if is_small.all():

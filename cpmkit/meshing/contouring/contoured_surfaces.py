@@ -137,6 +137,7 @@ class _Triangulation:
 def _contour_on(
     source: LocalSource, spacing: float, relative_spacing: float, offsets: tuple[float, ...]
 ) -> _Triangulation:
+    """Return the repaired triangulation on the lattice of that spacing, in spacings of the form's, and shift."""
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))
     dual = dual_vertices(source, nodes, edge_crossings(source, nodes))

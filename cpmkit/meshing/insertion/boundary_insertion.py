@@ -145,6 +145,7 @@ def _polylines(
 def _simplified_curves(
     search: TriangleSearch, boundary: LocalSource, number: int, spacing: float
 ) -> Iterator[SimplifiedCurve]:
+    """Yield the curves of a boundary, a ``number``, as simplified polylines."""
     for curve in boundary.members:
         if curve.manifold_dim == 1:
             lines = polylines_of_source(curve, 0.5 * spacing)

@@ -188,6 +188,7 @@ class CurveTracer:
         return points, False
 
     def _record(self, point: Floats, direction: Floats) -> None:
+        """Append a point (d,) of the trace and its direction (d,)."""
         if self.count == len(self._points):
             room = np.empty((max(256, self.count), len(point)))
             self._points = np.concatenate([self._points.reshape(-1, len(point)), room])

@@ -261,12 +261,14 @@ class SplitTriangulation:
         return Mesh.of(np.ascontiguousarray(vertices), cells)
 
     def _new_vertex(self, place: Vector) -> int:
+        """Return a new vertex at a point; no triangle has it yet."""
         new = self._vertex_count
         self._vertex_count += 1
         self._points[new], self._fans[new] = place, []
         return new
 
     def _new_cell(self, part_of: int, corners: tuple[int, int, int]) -> int:
+        """Return a new triangle, a part of the root of ``part_of``."""
         new, root = self._cell_count, self.root(part_of)
         self._cell_count += 1
         self._corners[new], self._root[new] = corners, root

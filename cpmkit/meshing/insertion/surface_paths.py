@@ -229,6 +229,7 @@ def erase_short_loops(
 def _without_loops(
     triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
 ) -> list[int]:
+    """Return a path without its short loops; a loop through the start of a closed path stays."""
     simple, lengths = path[:1], [0.0]
     place = {path[0]: 0}
     for vertex in path[1:]:

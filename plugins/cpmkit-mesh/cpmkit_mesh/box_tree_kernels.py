@@ -49,6 +49,7 @@ def build(lower, upper):
 
 @compiled
 def _bound(lower, upper, order, start, stop, box):
+    """Write the box around the primitives ``order[start:stop]``."""
     box[:3] = np.inf
     box[3:] = -np.inf
     for i in range(start, stop):

@@ -108,6 +108,7 @@ def _import_optional(module: str, distribution: str) -> Any:
 
 
 def _loading_error(distribution: str, message: str) -> str:
+    """Return the sentence for a library that is installed but does not load."""
     library = re.search(r"(lib[\w.+-]+?\.so(?:\.\d+)*): cannot open shared object file", message)
     if library is None:
         return f"{distribution} is installed but does not load: {message}; engine = 'own' needs no other library."

@@ -63,7 +63,7 @@ def checked_angle(value: Any, name: str) -> float:
     Raises
     ------
     InputError
-        If it is none.
+        If it is not such an angle.
     """
     angle = positive(value, name)
     if angle >= 180.0:

@@ -55,8 +55,8 @@ def path(
     Raises
     ------
     InputError
-        If none or several meshes are given, a number is none of a vertex of a triangle, a point is far from the mesh,
-        two vertices lie on different pieces, or there are too few.
+        If none or several meshes are given, a number is not that of a vertex of a triangle, a point is far from the
+        mesh, two vertices lie on different components, or there are too few.
     MissingDependencyError
         If potpourri3d, which traces geodesics, is not installed.
     """
@@ -97,6 +97,7 @@ def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
 
 
 def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
+    """Return the vertex (k,) nearest to each of ``points`` (k, 3), or refuse points far from the mesh."""
     from scipy.spatial import cKDTree
 
     distance, nearest = cKDTree(mesh.vertices).query(points)
@@ -110,6 +111,7 @@ def _nearest_vertices(mesh: TriangleMesh, points: Floats) -> Ints:
 
 
 def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
+    """Return the vertices (k,) without those that equal the one before."""
     before = np.roll(waypoints, 1)
     if not closed and len(waypoints):
         before[0] = -1
@@ -117,6 +119,7 @@ def _remove_repeats(waypoints: Ints, closed: bool) -> Ints:
 
 
 def _check_connected(mesh: TriangleMesh, waypoints: Ints) -> None:
+    """Refuse vertices on different components of the mesh."""
     edges = np.concatenate([mesh.faces[:, :2], mesh.faces[:, 1:]])
     component = components(edges, len(mesh.vertices))[waypoints]
     other = np.flatnonzero(component != component[0])

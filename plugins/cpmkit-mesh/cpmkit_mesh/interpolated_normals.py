@@ -80,6 +80,7 @@ def follow_normals(tree: BoxTree, field: InterpolatedNormals, x: Floats, nearest
 def _rim(
     vertices: Floats, adjacency: Topology, normals_at_corners: Floats, slot: Ints
 ) -> tuple[Floats, Floats, Floats, Ints, Ints]:
+    """Return the five arrays of the boundary edges; see :class:`InterpolatedNormals`."""
     ends = vertices[adjacency.boundary]
     face, edge = adjacency.boundary_face, adjacency.boundary_edge
     normals = np.stack([normals_at_corners[face, (edge + 1) % 3], normals_at_corners[face, (edge + 2) % 3]], axis=1)

@@ -51,6 +51,7 @@ def follow(x, start, stop, tiny, mesh, rim, slot, local, point, distance, doubtf
 
 @inlined
 def _mix(frames, face, v, w, k):
+    """Return coordinate k of the linear interpolant at v, w."""
     return frames[face, 0, k] + (v * frames[face, 1, k] + w * frames[face, 2, k])
 
 
@@ -89,6 +90,7 @@ def _walk(x, face, v, w, frames, normals, neighbours, rim):
 
 @compiled
 def _height(x, face, v, w, frames, normals):
+    """Return the height of ``x`` above the point v, w of a triangle, along the interpolated normal."""
     along, square = 0.0, 0.0
     for k in range(3):
         n = _mix(normals, face, v, w, k)

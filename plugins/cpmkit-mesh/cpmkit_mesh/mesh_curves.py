@@ -101,6 +101,7 @@ def feature_edges(
 
 
 def _curve(mesh: TriangleMesh, chains: Chains) -> Polyline:
+    """Return chains of a mesh's edges as a polyline."""
     vertices = chains.vertices
     return Polyline(
         vertices=mesh.vertices[vertices],

@@ -78,7 +78,7 @@ def as_mesh(vertices: Any, faces: Any) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If a shape or type is wrong, there is none of either, a face names a vertex that is
+        If a shape or type is wrong, there are no vertices or no faces, a face names a vertex that is
         not there or not finite, or crosses itself.
     """
     points = as_numbers(vertices, "vertices")

@@ -21,7 +21,7 @@ def read_off(data: bytes) -> tuple[Floats, Polygons]:
     Raises
     ------
     InputError
-        If it is none, or a line is damaged, lacks or is one too many.
+        If it is no OFF file, or a line is damaged, missing or superfluous.
     """
     rows = [(number, words) for number, line in enumerate(text_lines(data), 1) if (words := line.split())]
     first = FIRST_WORD.fullmatch(rows[0][1][0]) if rows else None
@@ -39,6 +39,7 @@ def read_off(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
+    """Return the vertices (n, 3) in the lines of an OFF file."""
     for number, words in rows:
         if len(words) < 3:
             raise InputError(f"line {number} holds no vertex of three coordinates.")
@@ -46,6 +47,7 @@ def _vertices(rows: list[tuple[int, list[str]]]) -> Floats:
 
 
 def _polygons(rows: list[tuple[int, list[str]]], vertices: int) -> Polygons:
+    """Return the faces in the lines of an OFF file."""
     lines = np.array([number for number, _ in rows], dtype=np.int64)
     counts = parse_ints([words[0] for _, words in rows], lines)
     for count, (number, words) in zip(counts, rows, strict=True):
@@ -70,7 +72,7 @@ def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
     Raises
     ------
     InputError
-        If it is none, is damaged, or a face names a vertex that is not there.
+        If it is no PLY file, is damaged, or a face names a vertex that is not there.
     """
     tables = read_ply(data)
     vertices, faces = ply_vertices(tables), tables.get("face", {})
@@ -87,7 +89,7 @@ def read_ply_mesh(data: bytes) -> tuple[Floats, Polygons]:
     good = (corners >= 0) & (corners < len(vertices)) & (corners == np.floor(corners))
     if not good.all():
         face = np.searchsorted(np.cumsum(lists.counts), np.argmin(good), side="right")
-        raise InputError(f"face {face + 1} names a vertex that is none of 0 to {len(vertices) - 1}.")
+        raise InputError(f"face {face + 1} names a vertex that is not one of 0 to {len(vertices) - 1}.")
     return vertices, Polygons(lists.counts, corners.astype(np.int64))
 
 
@@ -104,7 +106,7 @@ def read_stl(data: bytes) -> tuple[Floats, Polygons]:
     Raises
     ------
     InputError
-        If it is none, is cut off, or a line is damaged.
+        If it is no STL file, is cut off, or a line is damaged.
     """
     claimed = int.from_bytes(data[80:STL_HEAD_BYTES], "little") if len(data) >= STL_HEAD_BYTES else -1
     if claimed >= 0 and len(data) == STL_HEAD_BYTES + claimed * STL_RECORD.itemsize:
@@ -120,6 +122,7 @@ def read_stl(data: bytes) -> tuple[Floats, Polygons]:
 
 
 def _read_text_stl(data: bytes) -> Floats:
+    """Return the corners (n, 3) of the triangles in a text STL file."""
     rows = [(number, words) for number, line in enumerate(text_lines(data), 1) if (words := line.split())]
     first = [words[0].lower() for _, words in rows]
     if first[-1] != "endsolid" and first[-2:] != ["end", "solid"]:

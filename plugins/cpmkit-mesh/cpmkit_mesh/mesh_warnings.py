@@ -51,6 +51,7 @@ def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...
 
 
 def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
+    """Return a warning if two components touch or pass through each other."""
     approach = closest_approach(mesh.vertices, mesh.faces, mesh.component, TOUCHING_SPACINGS * spacing)
     if approach is None:
         return []
@@ -62,6 +63,7 @@ def _touching_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
 
 
 def _crease_warnings(mesh: TriangleMesh, spacing: float) -> list[str]:
+    """Return a warning if the mesh has long creases."""
     creases = mesh.inner_edges.take(mesh.inner_edges.angle > np.deg2rad(mesh.crease_angle))
     creases = creases.take(_connected_length(creases) > SHORT_CREASE_SPACINGS * spacing)
     areas = 0.5 * double_areas(mesh.vertices, mesh.faces)
@@ -117,6 +119,7 @@ def _crease_consequence(smooth: bool, creases: InnerEdges, spacing: float) -> st
 
 
 def _nonmanifold_warnings(mesh: TriangleMesh) -> list[str]:
+    """Return a warning if the mesh has edges of three triangles or more."""
     edges = nonmanifold_edges(mesh.faces, mesh.adjacency)
     if not len(edges):
         return []

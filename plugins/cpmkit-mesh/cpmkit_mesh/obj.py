@@ -109,7 +109,7 @@ def read_texture_coordinates(path: str | Path) -> tuple[Floats, Ints]:
     Raises
     ------
     InputError
-        If the file is none, is damaged, or a corner has no texture coordinates.
+        If the file is no OBJ file, is damaged, or a corner has no texture coordinates.
     """
     file = existing_file(path)
     if file.suffix.lower() != ".obj":

@@ -189,6 +189,7 @@ def distinct_minima(rows, points, distance, relative, absolute, is_first):
 
 @inlined
 def _write(x, i, s, v, w, frames, local, point, distance):
+    """Write the point at v, w of the primitive in slot ``s`` and its distance to row i."""
     local[i, 0] = v
     local[i, 1] = w
     square = 0.0
@@ -200,6 +201,7 @@ def _write(x, i, s, v, w, frames, local, point, distance):
 
 @inlined
 def _box_square(px, py, pz, boxes, node):
+    """Return the squared distance of p from the box of a node."""
     dx = max(max(boxes[node, 0] - px, px - boxes[node, 3]), 0.0)
     dy = max(max(boxes[node, 1] - py, py - boxes[node, 4]), 0.0)
     dz = max(max(boxes[node, 2] - pz, pz - boxes[node, 5]), 0.0)
@@ -224,7 +226,10 @@ def _measure(px, py, pz, frames, s, shape):
 
 @inlined
 def _closest_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
-    """Return the coordinates of the point nearest to q (Ericson, Real-Time Collision Detection, 2005, 5.1.5)."""
+    """Return v, w of the point v b + w c of the triangle with corners 0, b and c that is nearest to q.
+
+    Ericson, Real-Time Collision Detection (2005), section 5.1.5.
+    """
     bb = bx * bx + by * by + bz * bz
     bc = bx * cx + by * cy + bz * cz
     cc = cx * cx + cy * cy + cz * cz
@@ -254,6 +259,7 @@ def _closest_in_triangle(qx, qy, qz, bx, by, bz, cx, cy, cz):
 
 @compiled
 def _closest_on_edge(qx, qy, qz, ex, ey, ez):
+    """Return the share of the edge from 0 to e at which it is nearest to q."""
     square = ex * ex + ey * ey + ez * ez
     t = (qx * ex + qy * ey + qz * ez) / square if square > 0.0 else 0.0
     return min(max(t, 0.0), 1.0)
@@ -261,7 +267,7 @@ def _closest_on_edge(qx, qy, qz, ex, ey, ez):
 
 @compiled
 def _closest_in_sliver(qx, qy, qz, bx, by, bz, cx, cy, cz):
-    """Return the coordinates of the point nearest to q: on one of the edges, or inside, in an orthonormal frame.
+    """Return v, w of the point nearest to q: on one of the edges, or inside, in an orthonormal frame.
 
     The usual formulas divide by the squared area, which cancellation destroys in a sliver. The frame has an axis along
     the longer side.

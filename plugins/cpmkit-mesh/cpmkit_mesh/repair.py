@@ -109,6 +109,7 @@ def _has_area(points: Floats, faces: Ints) -> bool:
 
 
 def _note_unused(vertices: Floats) -> Iterator[str]:
+    """Yield a sentence about vertices that are not finite and not used."""
     lost = np.flatnonzero(~np.isfinite(vertices).all(axis=1))
     if len(lost):
         yield (
@@ -118,6 +119,7 @@ def _note_unused(vertices: Floats) -> Iterator[str]:
 
 
 def _note_left_out(count: int, total: int) -> Iterator[str]:
+    """Yield a sentence about repeated triangles."""
     if count:
         yield (
             f"{count} of {total} triangles of the mesh name a place twice or repeat an earlier triangle, and were left "
@@ -126,6 +128,7 @@ def _note_left_out(count: int, total: int) -> Iterator[str]:
 
 
 def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str]:
+    """Yield a sentence about merged vertices."""
     merged = np.flatnonzero(same != np.arange(len(same)))
     if len(merged):
         apart = np.linalg.norm(points[merged] - points[same[merged]], axis=1).max()
@@ -137,6 +140,7 @@ def _note_merged(points: Floats, same: Ints, weld: float | None) -> Iterator[str
 
 
 def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
+    """Yield a sentence about T-junctions."""
     if len(vertices):
         yield (
             f"{len(vertices)} vertices of the mesh lie on edges of other triangles, the first near "
@@ -145,6 +149,7 @@ def _note_on_edges(points: Floats, vertices: Ints) -> Iterator[str]:
 
 
 def _note_caps(points: Floats, caps: Ints) -> Iterator[str]:
+    """Yield a sentence about removed caps."""
     if len(caps):
         yield (
             f"{len(caps)} triangles of the mesh have their corners on a line, the first near "
@@ -153,6 +158,7 @@ def _note_caps(points: Floats, caps: Ints) -> Iterator[str]:
 
 
 def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[str]:
+    """Yield a sentence about flipped triangles."""
     flipped = np.flatnonzero(is_flipped)
     if len(flipped):
         yield (
@@ -163,6 +169,7 @@ def _note_flipped(points: Floats, faces: Ints, is_flipped: Bools) -> Iterator[st
 
 
 def _note_one_sided(points: Floats, faces: Ints, one_sided: Bools) -> Iterator[str]:
+    """Yield a sentence about a one-sided component."""
     rows = np.flatnonzero(one_sided)
     if len(rows):
         yield (

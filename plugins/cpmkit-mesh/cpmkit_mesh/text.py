@@ -23,7 +23,7 @@ def parse_floats(words: Sequence[str], per_line: int, lines: Sequence[int]) -> F
     Raises
     ------
     InputError
-        If a word is no number: the line is named, and its text not repeated.
+        If a word is no number. The message names the line without repeating its text.
     """
     try:
         if _plain(words):
@@ -39,7 +39,7 @@ def parse_ints(words: Sequence[str], lines: Ints) -> Ints:
     Raises
     ------
     InputError
-        If a word is none, or has too many digits: the line is named, and its text not repeated.
+        If a word is no whole number, or has too many digits. The message names the line without repeating its text.
     """
     try:
         if _plain(words):
@@ -62,6 +62,7 @@ def _short_int(word: str) -> int:
 
 
 def _first_bad(words: Sequence[str], read: type[float] | object) -> int:
+    """Return the position of the first word that is no number by ``read``."""
     for place, word in enumerate(words):
         try:
             if not _plain([word]):

@@ -265,6 +265,7 @@ class TriangleMesh:
         return follow_normals(self._tree, self._interpolated_normals, x, nearest) if self.smooth else None
 
     def _records(self, points: Nearest, doubtful: Bools | None) -> ClosestPoints:
+        """Return the answer to a query for its nearest points, by the user's numbers of triangles."""
         face = self._tree.order[points.slot]
         local = np.empty((len(face), 3))
         local[:, 1:] = points.local
