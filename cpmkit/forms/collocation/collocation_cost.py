@@ -204,31 +204,26 @@ class CollocationCost(CostModel[CollocationOptions]):
         return parts
 
     def _left_out(self, counts: Counts) -> list[str]:
-        scene, left_out = self.scene, []
-        if not scene.boundaries:
-            left_out.append("crossing tests and ghosts (no boundary)")
-        if self.options.own.order == 1:
-            left_out.append("mirror points (order 1)")
-        if not counts["past edge"]:
-            left_out.append("edge rows (no node past an edge)")
-        if scene.boundaries and isinstance(scene.surface, (HasNormals, HasTangents)):
-            left_out.append("normals by differences (the surface gives its own)")
-        if scene.problem.kind == "laplace":
-            left_out.append("right-hand side (Laplace)")
-        return left_out
+        scene, own_normals = self.scene, isinstance(self.scene.surface, (HasNormals, HasTangents))
+        steps = {
+            "crossing tests and ghosts (no boundary)": not scene.boundaries,
+            "mirror points (order 1)": self.options.own.order == 1,
+            "edge rows (no node past an edge)": not counts["past edge"],
+            "normals by differences (the surface gives its own)": bool(scene.boundaries) and own_normals,
+            "right-hand side (Laplace)": scene.problem.kind == "laplace",
+        }
+        return [step for step, is_left_out in steps.items() if is_left_out]
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:
     outer, twins = counts["nodes"] - counts["inner"], counts["twins"]
     why = f"unknowns: read by interpolation of degree {degree} at surface points"
-    parts = [
+    shared = "further unknowns at nodes that several sheets of the surface share, one a sheet"
+    return [
         Part("inner nodes", f"{counts['inner'] - twins:,}", why),
+        *([Part("twins", f"{twins:,}", shared)] if twins else []),
         Part("outer nodes", f"{outer:,}", "difference neighbours of inner nodes; only E u is needed there"),
     ]
-    if twins:
-        why = "further unknowns at nodes that several sheets of the surface share, one a sheet"
-        parts.insert(1, Part("twins", f"{twins:,}", why))
-    return parts
 
 
 def _query_noise(layout: Layout) -> float:

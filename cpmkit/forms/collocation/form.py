@@ -13,7 +13,7 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.components import components_without_flux
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
-from cpmkit.forms.collocation.layout_warnings import has_sharp_bends, layout_warnings
+from cpmkit.forms.collocation.layout_warnings import layout_warnings, sharp_bends
 from cpmkit.forms.collocation.mean_weights import correct_means, find_border, means_over, remove_constants
 from cpmkit.forms.collocation.nonlinear_fluxes import FluxRows, find_flux_rows, linearise_fluxes
 from cpmkit.forms.collocation.options import CollocationOptions
@@ -253,7 +253,7 @@ class Collocation(Reader):
 
     @cached_property
     def _has_sharp_bends(self) -> bool:
-        return has_sharp_bends(self.tables.layout)
+        return bool(sharp_bends(self.tables.layout, self.tables.layout.lattice.spacing))
 
     def diagnosis(
         self,

@@ -65,7 +65,7 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
     They are judged for ``spacing``, below that of the layout where this is a coarser rehearsal.
     """
     return [
-        *(_sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # beside a crease the other sheet is a flank
+        *(sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # beside a crease the other sheet is a flank
         *_facing_rims(layout, spacing),
         *_rim_strips(layout, spacing),
         *(one.warning(layout.boundaries.definitions[one.boundary].name, spacing) for one in layout.mixed_sides),
@@ -81,12 +81,8 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 # The surface
 
 
-def has_sharp_bends(layout: Layout) -> bool:
-    """Return whether the surface has creases, or bends more sharply than the band is wide."""
-    return bool(_sharp_bends(layout, layout.lattice.spacing))
-
-
-def _sharp_bends(layout: Layout, spacing: float) -> list[str]:
+def sharp_bends(layout: Layout, spacing: float) -> list[str]:
+    """Return a warning if the surface has creases, or bends more sharply than the band is wide."""
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
     band, directions = layout.band, foot_directions(layout.band)
@@ -202,9 +198,7 @@ def _snapped_boundaries(layout: Layout) -> list[str]:
 
 def _facing_rims(layout: Layout, spacing: float) -> list[str]:
     warnings = []
-    for rims in layout.facing_rims:
-        if rims.gap > WIDE_GAP_SPACINGS * spacing:
-            continue
+    for rims in (rims for rims in layout.facing_rims if rims.gap <= WIDE_GAP_SPACINGS * spacing):
         width = rims.gap / spacing
         gap = f"the manifold faces itself across a gap of {rims.gap:.3g}, {width:.2g} spacings"
         harm = "there the gap is as good as closed"

@@ -36,11 +36,11 @@ BENEATH = [
     "grid/lattice",
     "grid/stencils",
     "linear/operators",
-    "manifold/answers",
     "manifold/local_source",
-    "manifold/vectors",
+    "manifold/source",
+    "manifold/vector_algebra",
+    "manifold/walking",
 ]
-BENEATH += ["manifold/walking"]
 
 
 @pytest.fixture
