@@ -9,12 +9,13 @@ import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
-from cpmkit.forms.galerkin.mesh_warnings import check_insertion, insertion_warnings
+from cpmkit.forms.galerkin.scene_sampling import check_insertion
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
+from cpmkit.meshing.mesh_warnings import insertion_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Ints
 
@@ -100,5 +101,5 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
         samples.owner[first],
         left[first],
         {number: at[found] for number, found in insertion.point_vertices.items()},
-        tuple(insertion_warnings(insertion, scene.boundaries, length)),
+        tuple(insertion_warnings(insertion, [boundary.name for boundary in scene.boundaries], length)),
     )

@@ -102,8 +102,8 @@ class EquationAssembly:
         with u as it does inside.
         """
         matrix = convection_matrix(self.space.splines, self.coefficients.evaluate_at_state(field))
-        given = [condition.rows for _, condition in conditions_with_law(self.conditions, Flux, Mixed)]
-        rows = concatenate(given, np.int64)
+        slope_rows = [condition.rows for _, condition in conditions_with_law(self.conditions, Flux, Mixed)]
+        rows = concatenate(slope_rows, np.int64)
         if len(rows):
             boundary = self.sampled.boundary
             w = self.coefficients.beside_boundaries(field)(self.sampled.lattice.to_scene(boundary.points))
@@ -197,7 +197,7 @@ class EquationAssembly:
         stands for the derivative along A b / (b . A b), b the conormal.
         """
         sampled, samples = self.sampled, self.sampled.boundary
-        names = [one.name for one in self.scene.boundaries]
+        names = self.coefficients.reader.names
         if boundary in names:
             self.coefficients.reader.sides({str(boundary): side})  # type: ignore[dict-item]
             number = names.index(str(boundary))

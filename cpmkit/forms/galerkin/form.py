@@ -29,7 +29,6 @@ from cpmkit.forms.galerkin.error_orders import (
 )
 from cpmkit.forms.galerkin.galerkin_cost import GalerkinWork, check_unknowns_fit, factorised_share
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, levels_resolving_waves, multigrid_applies
-from cpmkit.forms.galerkin.mesh_warnings import NOISE_FACTOR
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
@@ -44,6 +43,7 @@ from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Border, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import integral_floor_of
+from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
 from cpmkit.runtime.caches import state_without_cached
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import Data
@@ -329,9 +329,11 @@ class Galerkin(Discretized):
         mesh, lattice = self.sampled.mesh, self.sampled.lattice
         source, resolved = self.lattice_resolution.warnings
         data = [
-            DataAtPoints(f"the {name} of {one.label}", data, lattice.to_scene(self.sampled.boundary.points[one.rows]))
-            for one in self.conditions
-            for name, data in data_of(one.law)
+            DataAtPoints(
+                f"the {name} of {condition.label}", data, lattice.to_scene(self.sampled.boundary.points[condition.rows])
+            )
+            for condition in self.conditions
+            for name, data in data_of(condition.law)
         ]
         layers = () if self.assembly.advection is None else outflow_layer_warnings(self.assembly.terms_of_scene)
         return (

@@ -35,55 +35,55 @@ from cpmkit.types import Progress
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin
 
-#: What of a matrix is factorised beside the multigrid's coarsest level.
+#: The part of a matrix that is factorised, beyond the coarsest level of multigrid.
 Factors = Literal["", "all", "blocks"]
 
-#: At the peak of a solve, by the manifold's dimension: bytes for each unknown, of the matrix, coarser ones and tables
-#: (measured on circles and knots, 1700 to 2900 with all samples; on surfaces as below).
+#: Bytes per unknown at the peak of a solve, by the dimension of the manifold: matrix, coarser matrices and tables
+#: (measured on circles and knots: 1700 to 2900 with all samples; on surfaces as below).
 BYTES_PER_UNKNOWN = {1: 2500.0, 2: 2100.0}
-#: How many times as many they are of splines of other degrees (measured on spheres of 78 and 156 thousand unknowns:
-#: 3230 and 6600 bytes, 930 and 1200 of them of samples).
+#: Factor of these bytes by the degree of the splines (measured on spheres of 78 and 156 thousand unknowns: 3230 and
+#: 6600 bytes, 930 and 1200 of them of samples).
 BYTES_FACTOR = {1: 1.1, 2: 1.0, 3: 2.6}
-#: The same beside factors: coarser matrices are not made then.
+#: The same bytes with a factorisation: then there are no coarser matrices.
 TABLE_BYTES_WITH_FACTORS = {1: 2500.0, 2: 1800.0}
-#: Bytes for each sample of a surface, places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7
+#: Bytes per sample of a surface: places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7
 #: samples each on Spot as it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown,
-#: 2390 from 490 thousand on, where the finest matrix has no rounded copy), and how many an unknown has where they are
-#: not counted.
+#: 2390 from 490 thousand on, where the finest matrix has no rounded copy). Samples per unknown, by degree, where they
+#: are not counted.
 BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3: 40.0}
-#: Of what a surface needs beside factors so much again is freed memory that the C library keeps, up to so many bytes,
-#: for it is handed back from 512 MiB on (measured with 2 to 140 thousand unknowns: .25 to .5 of it, 180 MB; hardly any
-#: with a million).
+#: Freed memory that the C library keeps, as a share of the need of a surface without factors, and at most so many
+#: bytes: it is returned from 512 MiB on (measured with 2 to 140 thousand unknowns: .25 to .5, 180 MB; hardly any with a
+#: million).
 ALLOCATOR_SHARE, MOST_ALLOCATOR_BYTES = 0.35, 180e6
-#: Bytes of any solve, and of each boundary that is laid into a surface's mesh: for each unknown, and at most (measured
-#: on up to three in surfaces of 500 to 50,000 unknowns).
+#: Bytes of any solve; bytes per unknown, and at most, of each boundary that is inserted into the mesh of a surface
+#: (measured on up to three in surfaces of 500 to 50,000 unknowns).
 LEAST_BYTES, BOUNDARY_BYTES_PER_UNKNOWN, MOST_BOUNDARY_BYTES = 1e6, 1e3, {1: 0.0, 2: 5e6}
-#: Where there are any, bytes for each unknown without factors: of their terms, and of the blocks along them that the
-#: multigrid factorises (measured with 2 to 56 thousand unknowns beside one and two boundaries: 1800 to 4700).
+#: Bytes per unknown, without factors, of the terms of boundaries and of the blocks along them that multigrid factorises
+#: (measured with 2 to 56 thousand unknowns and one and two boundaries: 1800 to 4700).
 BYTES_PER_UNKNOWN_WITH_BOUNDARIES = {1: 0.0, 2: 2000.0}
-#: Of steps in time, bytes for each unknown: of the mass matrix in its forms, and of what is shifted by it (measured:
-#: 2500 held, and more on the way); how many systems are factorised, that of the first steps and that of all others; and
-#: beside that of data, of few unknowns.
+#: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500 in the end, and more
+#: on the way). Number of systems that are factorised: that of the first steps and that of all others; of few unknowns
+#: also the projection of data.
 BYTES_OF_STEPS, SYSTEMS_OF_STEPS = 4000.0, 2
-#: Bytes of each sample that a mesh of small triangles has beside those of a sparse one: they are made before others
-#: are let go.
+#: Bytes per sample beyond the usual number: meshes of small triangles are sampled before other arrays are released.
 BYTES_PER_FURTHER_SAMPLE = {1: 0.0, 2: 150.0}
-#: Entries of the factors for each unknown of a surface, over the cube root of the unknowns' number (measured), and how
-#: many times as many there are of other degrees.
+#: Entries of the factors per unknown of a surface, over the cube root of the number of unknowns (measured), and the
+#: factor of other degrees.
 FILL_FACTOR, FILL_OF_DEGREE = 45.0, {1: 0.4, 2: 1.0, 3: 2.1}
-#: Bytes of such an entry.
+#: Bytes of an entry of the factors.
 ENTRY_BYTES = 12
-#: Bytes of the factors of overlapping blocks on all levels, for each unknown (measured at 300 thousand on a sphere).
+#: Bytes per unknown of the factors of overlapping blocks on all levels (measured at 300 thousand on a sphere).
 BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
-#: A manifold of so many times its box's surface is thought possible before it is looked at.
+#: The area of a manifold is assumed to be at most so many times that of the faces of its bounding box before it is
+#: measured.
 FOLDED_FACTOR = 10.0
-#: Unknowns for each square of the spacing on a surface, about, and more than those for each spacing on a curve.
+#: Unknowns per square of the spacing on a surface, about, by degree; more than per spacing on a curve.
 UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
-#: Bytes for each sample that a solution holds (measured: 66 to 73 in all, of 19 to 100 samples an unknown).
-BYTES_HELD_PER_SAMPLE = 50.0
+#: Bytes per sample of a finished solution (measured: 66 to 73 in all, of 19 to 100 samples an unknown).
+SOLUTION_BYTES_PER_SAMPLE = 50.0
 #: The spacing of a dry run is doubled while it is below this share of the largest side.
 COARSEST_DRY_RUN_SHARE = 1 / 16
-#: Rounds in which the number of unknowns whose factors fit is found: the error falls by 3 in each at least.
+#: Fixed-point iterations for the number of unknowns whose factors fit: the error falls by 3 or more in each.
 FITTING_ROUNDS = 30
 
 
@@ -116,7 +116,7 @@ class GalerkinWork:
 
 
 class SceneExtras(NamedTuple):
-    """What of a scene takes memory beside its surface: how many boundaries, and whether there are steps in time."""
+    """Parts of a scene that need memory in addition to the surface: the number of boundaries, and steps in time."""
 
     boundaries: int
     in_time: bool
@@ -126,14 +126,14 @@ NO_EXTRAS = SceneExtras(0, False)
 
 
 def scene_extras(scene: Scene) -> SceneExtras:
-    """Return what of a scene takes memory beside its surface."""
+    """Return the parts of a scene that need memory in addition to its surface."""
     return SceneExtras(len(scene.boundaries), isinstance(scene.problem, Evolution))
 
 
 def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> None:
     """Refuse a spacing whose samples and matrices need more memory than there is, or whose nodes cannot be numbered.
 
-    The manifold is looked at only where a much folded one in its box would not fit.
+    The manifold is measured only where one that is much folded in its bounding box would not fit.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> 
 
 
 def factorised_share(scene: Scene, solver: str) -> Factors:
-    """Return what a solver factorises of a scene's systems: all of them, blocks where a velocity is, or nothing."""
+    """Return what a solver factorises: the matrices, blocks of them where there is a velocity, or nothing."""
     if solver == "direct":
         return "all"
     return "blocks" if solver == "multigrid" and scene.problem.terms().velocity is not None else ""
@@ -196,7 +196,7 @@ def peak_bytes(
     factors: Factors = "",
     samples: float | None = None,
     degree: int = 2,
-    beside: SceneExtras = NO_EXTRAS,
+    extras: SceneExtras = NO_EXTRAS,
 ) -> float:
     """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
     m, usual = manifold_dim, SAMPLES_PER_UNKNOWN[degree] * unknowns
@@ -204,7 +204,7 @@ def peak_bytes(
     used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count
     used += min(ALLOCATOR_SHARE * used, MOST_ALLOCATOR_BYTES) if m > 1 and factors != "all" else 0.0
     used += BYTES_PER_FURTHER_SAMPLE[m] * max(count - usual, 0.0)
-    return LEAST_BYTES + used + _extra_bytes(unknowns, m, factors, degree, beside)
+    return LEAST_BYTES + used + _extra_bytes(unknowns, m, factors, degree, extras)
 
 
 def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> float:
@@ -215,17 +215,17 @@ def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> flo
 
 
 def _factors_bytes(unknowns: float, m: int, degree: int) -> float:
-    """Return the bytes of one matrix's factors; those of a curve's are a share of what is beside them."""
+    """Return the bytes of one matrix's factors; those of a curve's are counted with its tables."""
     fill = ENTRY_BYTES * FILL_FACTOR * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
     return unknowns * fill
 
 
-def _extra_bytes(unknowns: float, m: int, factors: Factors, degree: int, beside: SceneExtras) -> float:
-    """Return the bytes of boundaries, and of steps in time."""
-    used = beside.boundaries * min(BOUNDARY_BYTES_PER_UNKNOWN * unknowns, MOST_BOUNDARY_BYTES[m])
-    if beside.boundaries and factors != "all":
+def _extra_bytes(unknowns: float, m: int, factors: Factors, degree: int, extras: SceneExtras) -> float:
+    """Return the bytes of boundaries and of steps in time."""
+    used = extras.boundaries * min(BOUNDARY_BYTES_PER_UNKNOWN * unknowns, MOST_BOUNDARY_BYTES[m])
+    if extras.boundaries and factors != "all":
         used += BYTES_PER_UNKNOWN_WITH_BOUNDARIES[m] * unknowns
-    if beside.in_time:
+    if extras.in_time:
         used += BYTES_OF_STEPS * unknowns
         systems = (SYSTEMS_OF_STEPS - 1 if factors == "all" else 0) + (unknowns <= MOST_FACTORISED_PROJECTION)
         used += systems * _factors_bytes(unknowns, m, degree)
@@ -267,7 +267,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
 
     def held_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, samples included."""
-        return super().held_bytes(work) + BYTES_HELD_PER_SAMPLE * float(work.samples)
+        return super().held_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
 
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Refuse a solve that needs more memory than this process may have."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,57 +15,40 @@ from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, option
 
-#: The families of equations that the form carries.
+#: The families of equations that the form solves.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
-#: How the ends of boundaries inside a surface may be treated.
-TIPS = ("extended", "singular")
-#: Whether splines are finer where the solution asks for it.
-REFINEMENTS = ("off", "auto")
-#: How many times a lattice cell may be parted there.
-FEWEST_LEVELS, MOST_LEVELS = 1, 4
+#: Largest number of times that ``refine`` may halve the spacing.
+MOST_LEVELS = 4
 
 
-def _check_stabilisation(stabilisation: Any, what: str) -> Any:
-    if not isinstance(stabilisation, str) or stabilisation not in STABILISATIONS:
-        raise InputError(f"{what} must be {' or '.join(map(repr, STABILISATIONS))}, got {shown(stabilisation)}.")
-    return stabilisation
+def _one_of(*names: str) -> Callable[[Any, str], str]:
+    """Return the check of an option whose value is one of ``names``."""
+
+    def check(value: Any, label: str) -> str:
+        if not isinstance(value, str) or value not in names:
+            listed = f"{', '.join(map(repr, names[:-1]))} or {names[-1]!r}"
+            raise InputError(f"{label} must be {listed}, got {shown(value)}.")
+        return value
+
+    return check
 
 
-def _check_sampling(samples: Any, what: str) -> Any:
-    if not isinstance(samples, str) or samples not in SAMPLINGS:
-        raise InputError(
-            f"{what} must be {', '.join(map(repr, SAMPLINGS[:-1]))} or {SAMPLINGS[-1]!r}, got {shown(samples)}."
-        )
-    return samples
-
-
-def _check_tips(tips: Any, what: str) -> Any:
-    if not isinstance(tips, str) or tips not in TIPS:
-        raise InputError(f"{what} must be {' or '.join(map(repr, TIPS))}, got {shown(tips)}.")
-    return tips
-
-
-def _check_degree(degree: Any, what: str) -> Any:
+def _check_degree(degree: Any, label: str) -> int:
     if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or int(degree) not in DEGREES:
         raise InputError(
-            f"{what} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "
+            f"{label} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "
             f"{shown(degree)}; form='collocation' takes 2 to 5."
         )
     return int(degree)
 
 
-def _check_refinement(refine: Any, what: str) -> Any:
-    if not isinstance(refine, str) or refine not in REFINEMENTS:
-        raise InputError(f"{what} must be {' or '.join(map(repr, REFINEMENTS))}, got {shown(refine)}.")
-    return refine
-
-
-def _check_levels(levels: Any, what: str) -> int:
-    least, most = FEWEST_LEVELS, MOST_LEVELS
-    found = whole(levels, what, 1)
-    if not least <= found <= most:
-        raise InputError(f"{what} must be a whole number from {least} to {most}, got {found}; use a smaller spacing.")
-    return found
+def _check_levels(levels: Any, label: str) -> int:
+    number = whole(levels, label, 1)
+    if not 1 <= number <= MOST_LEVELS:
+        raise InputError(
+            f"{label} must be a whole number from 1 to {MOST_LEVELS}, got {number}; use a smaller spacing."
+        )
+    return number
 
 
 @dataclass(frozen=True)
@@ -89,7 +73,7 @@ class GalerkinOptions(DeclaredOptions):
         "``accurate`` takes 1.4 to 2 times the iterations of ``default`` and gains on coarse lattices alone: on smooth "
         "sources of degree 2 it leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where "
         "a smaller spacing buys more; of degree 1 it leaves .4 to .9.",
-        _check_stabilisation,
+        _one_of(*STABILISATIONS),
     )
     samples: str = option(
         "auto",
@@ -97,21 +81,21 @@ class GalerkinOptions(DeclaredOptions):
         "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface, or "
         "longer than half a spacing: half the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many "
         "samples more.",
-        _check_sampling,
+        _one_of(*SAMPLINGS),
     )
     tips: str = option(
         "extended",
         "What the Galerkin form does where a boundary ends inside a surface: ``extended`` lets u go on across its "
         "straight continuation; ``singular`` gives each end an unknown of its own besides, the root of the distance "
         "from it that u behaves like there.",
-        _check_tips,
+        _one_of("extended", "singular"),
     )
     refine: str = option(
         "off",
         "Whether the Galerkin form takes finer splines where the solution of a steady problem on a surface asks for "
         "them: ``auto`` solves, and parts lattice cells where the residual is large, as at the ends of boundaries, at "
         "spikes and in layers, if that is expected to save unknowns; ``off`` does not.",
-        _check_refinement,
+        _one_of("off", "auto"),
     )
     refine_levels: int = option(
         3,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples, boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
@@ -18,16 +19,6 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
 from cpmkit.forms.galerkin.galerkin_cost import check_samples_fit
-from cpmkit.forms.galerkin.mesh_warnings import (
-    check_insertion,
-    contouring_warnings,
-    insertion_warnings,
-    noise_warnings,
-    repair_warnings,
-    seam_warnings,
-    tracing_warnings,
-    with_noise_advice,
-)
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
     PLAIN_EDGE_SPACINGS,
@@ -48,12 +39,26 @@ from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.meshing.curved_from_normals import curve_cells
-from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
+from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
 from cpmkit.meshing.mesh_cache import repair_source_mesh
+from cpmkit.meshing.mesh_warnings import (
+    contouring_warnings,
+    insertion_warnings,
+    noise_warnings,
+    repair_warnings,
+    seam_warnings,
+    tracing_warnings,
+    with_noise_advice,
+)
 from cpmkit.meshing.source_cells import source_cells
+from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Bools, Ints, Progress
+from cpmkit.types import SIDES, Bools, Ints, Progress
+
+#: A boundary farther from the manifold than so many spacings is refused.
+AWAY_SPACINGS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,7 +187,7 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
         insertion = insert_boundaries(mesh, sources, spacing, movable=geometry == "closest_point")
         mesh, points = insertion.mesh, insertion.point_vertices
         check_insertion(insertion, scene.boundaries, spacing)
-        warnings += tuple(insertion_warnings(insertion, scene.boundaries, spacing))
+        warnings += tuple(insertion_warnings(insertion, [boundary.name for boundary in scene.boundaries], spacing))
     return InsertedScene(lattice, surface, sources, oriented, mesh, points, geometry, warnings)
 
 
@@ -270,3 +275,33 @@ def _repaired_cells(
         mesh, surface_report = contour_surface(surface, spacing, curved=False)
         contouring = contouring_warnings(surface_report, surface)
     return surface, mesh, "closest_point", warnings + with_noise_advice(contouring, surface, spacing)
+
+
+def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
+    """Refuse boundaries that are not in the mesh, that are far away, or that coincide with another of other conditions.
+
+    Raises
+    ------
+    SceneError
+        With the boundaries' names.
+    """
+    for number, gap in insertion.max_distances.items():
+        if gap > AWAY_SPACINGS * spacing:
+            raise SceneError(
+                f"boundary {boundaries[number].name!r} is up to {gap:.3g} away from the surface, more than "
+                f"{AWAY_SPACINGS:g} spacings, {AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its "
+                "unit of length."
+            )
+    for number, other in sorted(insertion.coincident):
+        first, second = boundaries[other], boundaries[number]
+        conditions = [boundary.condition(side) for boundary in (first, second) for side in SIDES]
+        if not all(same_condition(conditions[0], condition) for condition in conditions):
+            raise SceneError(
+                f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
+                "keep one of them there, with `left` and `right` where its sides differ."
+            )
+    for number in sorted({*insertion.empty} - {number for number, _ in insertion.coincident}):
+        raise SceneError(
+            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
+            "look where it lies."
+        )

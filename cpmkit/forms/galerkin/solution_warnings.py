@@ -162,7 +162,7 @@ def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
 
 
 def resolution_warnings(
-    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, bend: CellGeometry
+    dof_map: DofMap, pieces: tuple[int, Ints], lattice: Lattice, boundaries: Ints, geometry: CellGeometry
 ) -> Iterator[str]:
     """Yield warnings on isolated pieces of the manifold, and on many unknowns at equal nodes.
 
@@ -176,7 +176,7 @@ def resolution_warnings(
         Coordinates are relative to its origin.
     boundaries : (b,) int64
         The patches of the samples on boundaries: nodes there have several unknowns by construction.
-    bend : "flat", "closest_point" or "normals"
+    geometry : "flat", "closest_point" or "normals"
         The geometry of the mesh cells.
     """
     count, piece = pieces
@@ -199,7 +199,7 @@ def resolution_warnings(
     copies[number[dof_map.unknowns[boundaries]]] = 0
     if copies.sum() > COPIES_SHARE * len(copies):
         cause = "seams of the mesh that are not welded act as cuts; check the mesh, or"
-        if bend == "closest_point":
+        if geometry == "closest_point":
             cause = "sheets of it are near each other, or its triangulation is torn;"
         yield (
             f"{copies.sum()} of {dof_map.size} splines are copies at nodes that several parts of the "

@@ -21,7 +21,7 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     """
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:
-        raise SceneError(f"the form {options.form!r} does not yet carry {problem.kind!r}; use form='collocation'.")
+        raise SceneError(f"the form {options.form!r} does not yet solve {problem.kind!r}; use form='collocation'.")
     if problem.terms().velocity is not None and options.own.tips == "singular":
         raise SceneError(
             "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "

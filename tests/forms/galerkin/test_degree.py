@@ -161,7 +161,7 @@ def test_a_mesh():
         assert solution.report.iterations < 45
 
 
-def test_what_is_told_and_saved(tmp_path):
+def test_what_is_described_and_saved(tmp_path):
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(xyz, c=1.0))
     solution = solve(scene, 0.3, 3)
     assert solution.discretized.describe()["degree"] == 3
@@ -174,7 +174,7 @@ def test_what_is_told_and_saved(tmp_path):
 
 
 @pytest.mark.parametrize("degree", [1, 3])
-def test_the_error_that_is_told(degree):
+def test_the_error_that_gives_a_warning(degree):
     scene, h = ck.Scene(SPHERE, ck.ScreenedPoisson(lambda x: 13 * xyz(x), c=1.0)), 0.2
     told = ck.estimate_error(scene, h, form="galerkin", degree=degree)
     true = rms(solve(scene, h, degree).evaluate(POINTS).ravel() - xyz(POINTS))

@@ -87,7 +87,7 @@ def test_what_is_not_sound_does_no_harm(made):
     assert area[1] == pytest.approx(area[0], rel=1e-6)
 
 
-def test_a_seam_that_is_not_welded_is_told():
+def test_a_seam_that_is_not_welded_gives_a_warning():
     with pytest.warns(ck.CpmkitWarning, match=r"edges of rims lie on other rims, the first near .*weld the vertices"):
         solution = solved(*torn(1e-4))
     assert connected_pieces(solution.discretized.space.dof_map)[0] == 2
@@ -124,7 +124,7 @@ def test_spheres_that_touch_at_a_vertex_share_nothing():
 
 
 @pytest.mark.parametrize("solver", ["direct", "multigrid"])
-def test_fifty_specks_are_told_and_do_no_harm(solver):
+def test_fifty_specks_give_a_warning_and_do_no_harm(solver):
     tiny, centres = icosphere(1), RNG.normal(size=(50, 3))
     centres *= 1.6 / np.linalg.norm(centres, axis=1)[:, None]
     vertices = np.concatenate([VERTICES, *(one + 0.02 * tiny.vertices for one in centres)])
@@ -140,11 +140,11 @@ def test_fifty_specks_are_told_and_do_no_harm(solver):
 
 
 @pytest.mark.parametrize("mesh", [*(plate(0.05 * share) for share in (1, 0.4, 0.1)), *map(fold, (45, 20, 5, 2))])
-def test_thin_plates_and_folds_are_told(mesh):
+def test_thin_plates_and_folds_gives_a_warning(mesh):
     form = form_of(*mesh, spacing=0.05).discretized
     assert any("is thin, folded or creased on this lattice" in told for told in form.warnings())
     assert form.diagnosis().order < 1.0
 
 
-def test_a_right_angle_is_not_told():
+def test_a_right_angle_gives_no_warning():
     assert not form_of(*fold(90), spacing=0.05).discretized.warnings()

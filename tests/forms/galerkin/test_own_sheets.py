@@ -88,7 +88,7 @@ def test_lips_of_a_slit_are_read_on_their_own_side(gap, bend, spacing, place):
 
 @pytest.mark.parametrize("place", [as_they_are, turned])
 @pytest.mark.parametrize("gap", [1e-3, 1e-5])
-def test_the_faces_of_a_thin_box_are_told_apart(gap, place):
+def test_the_faces_of_a_thin_box_are_distinguished(gap, place):
     vertices, faces, sides = thin_box(gap)
     solution = sharp(place(vertices), faces, sides, "faceted", 0.13)
     far = (np.abs(vertices[:, :2]) < 1 - FAR).all(axis=1)
@@ -100,7 +100,7 @@ def test_the_faces_of_a_thin_box_are_told_apart(gap, place):
 
 @pytest.mark.parametrize("count", [4, 20])
 @pytest.mark.parametrize("gap", [1e-3, 1e-5])
-def test_close_sheets_that_bend_are_told_apart_by_the_triangle_that_holds_a_point(gap, count):
+def test_close_sheets_that_bend_are_distinguished_by_the_triangle_that_holds_a_point(gap, count):
     """Their samples stand off the triangles by up to a hundred gaps."""
     vertices, faces, sides = two_sheets(count, gap, bend=0.3)
     source = ck.source("mesh.triangles", vertices=turned(vertices), faces=faces)
@@ -119,7 +119,7 @@ def test_close_sheets_that_bend_are_told_apart_by_the_triangle_that_holds_a_poin
 
 
 @pytest.mark.parametrize("gap", [1e-2, 1e-3, 1e-5])
-def test_the_strands_of_a_hairpin_are_told_apart(gap):
+def test_the_strands_of_a_hairpin_are_distinguished(gap):
     x = np.linspace(-1, 1, 41)
     strands = [np.stack([one, np.full_like(one, at)], axis=1) for one, at in ((x, gap / 2), (x[::-1], -gap / 2))]
     sides = np.repeat([1.0, -1.0], len(x))

@@ -55,7 +55,7 @@ def test_it_goes_with_the_solution_and_not_with_the_unit():
 
 
 @pytest.mark.parametrize(("width", "unresolved"), [(0.05, True), (0.5, False)])
-def test_a_peak_that_is_not_resolved_is_told(width, unresolved):
+def test_a_peak_that_is_not_resolved_gives_a_warning(width, unresolved):
     peak = ck.ScreenedPoisson(lambda x: np.exp(-np.sum((x - [0.6, 0, 0.8]) ** 2, axis=1) / (2 * width**2)))
     estimate = ck.estimate_error(ck.Scene(SPHERE, peak), 0.2, form="galerkin")
     told = estimate.solution.discretized.estimate(estimate.solution.values)
@@ -70,7 +70,7 @@ def test_colours_that_jump_at_curves_are_no_peaks():
     assert not solution.discretized.estimate(solution.values).unresolved
 
 
-def test_a_wave_that_is_not_resolved_is_told():
+def test_a_wave_that_is_not_resolved_gives_a_warning():
     """sin 6z: a wave of an arc of 1.05."""
     told = []
     for spacing in (0.3, 0.1):
@@ -80,7 +80,7 @@ def test_a_wave_that_is_not_resolved_is_told():
     assert told == [True, False]
 
 
-def test_where_nothing_was_measured_nothing_is_told():
+def test_where_nothing_was_measured_there_is_no_estimate():
     for options in ({"form": "galerkin", "degree": 1}, {"form": "galerkin", "degree": 3}, {"form": "collocation"}):
         solution = ck.solve(SCENE, 0.3, estimate=False, **options)
         assert solution.discretized.estimate(solution.values) is None

@@ -130,7 +130,7 @@ def test_gradients_and_integrals():
     assert solution.integrate(lambda x, u: u**2) == pytest.approx(4 * np.pi / 15, rel=1e-3)
 
 
-def test_it_is_saved_loaded_and_told(tmp_path):
+def test_it_is_saved_loaded_and_described(tmp_path):
     solution = solve(SCREENED, 0.3)
     solution.save(tmp_path / "a.npz")
     solution.save(tmp_path / "a.vtp")
@@ -139,7 +139,7 @@ def test_it_is_saved_loaded_and_told(tmp_path):
     np.testing.assert_array_equal(loaded.evaluate(at), solution.evaluate(at))
     assert loaded.work == solution.work
     told = solution.summary()["discretization"]
-    assert (told["form"], told["form_reason"], told["stabilisation"]) == ("galerkin", "as asked", "default")
+    assert (told["form"], told["form_reason"], told["stabilisation"]) == ("galerkin", "as given", "default")
     other = ck.Scene(ck.source("analytic.sphere", radius=1.3), SCREENED.problem)
     with pytest.raises(ck.InputError, match="another scene"):
         ck.load(tmp_path / "a.npz", other)
@@ -158,7 +158,7 @@ def test_a_forecast_is_right_to_a_fifth():
     assert not told.exact
     assert told.unknowns == pytest.approx(work.unknowns, rel=0.2)
     assert told.closest_point_queries == pytest.approx(work.closest_point_queries, rel=0.2)
-    assert "form 'galerkin': as asked" in str(told)
+    assert "form 'galerkin': as given" in str(told)
 
 
 def test_an_estimate_is_near_the_error():
@@ -169,7 +169,7 @@ def test_an_estimate_is_near_the_error():
 
 def test_forms_are_chosen_with_a_reason():
     reason = lambda **given: ck.discretize(SCREENED, 0.3, **given).describe()["form_reason"]  # noqa: E731
-    assert reason(form="galerkin") == "as asked"
+    assert reason(form="galerkin") == "as given"
     assert reason(stabilisation="accurate") == "the only one with the option 'stabilisation'"
     assert reason(order=2) == "the only one with the option 'order'"
     heat = ck.Scene(SPHERE, ck.Heat(xy, until=0.1, step=0.05))

@@ -228,7 +228,10 @@ class ConditionTerms:
         a, widths = [self.a[left], self.a[right]], [self.widths[left], self.widths[right]]
         resistance = concatenate([np.full(len(condition.rows), law.resistance) for law, condition in laws])
         penalty = concatenate(
-            [np.full(len(one.rows), TIP_PENALTY if one.beyond_tip else COUPLING_PENALTY) for _, one in laws]
+            [
+                np.full(len(condition.rows), TIP_PENALTY if condition.beyond_tip else COUPLING_PENALTY)
+                for _, condition in laws
+            ]
         )
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left], penalty)
         jumps, fluxes = [], []
@@ -249,17 +252,20 @@ class ConditionTerms:
         from scipy.sparse import hstack
 
         assert self.outward_speed is not None
-        given = conditions_with_law(self.conditions, Value)
+        prescribed = conditions_with_law(self.conditions, Value)
         coupled = [pair for pair in conditions_with_law(self.conditions, Interface) if pair[0].resistance == 0]
-        rows = concatenate([condition.rows for _, condition in given], np.int64)
+        rows = concatenate([condition.rows for _, condition in prescribed], np.int64)
         left = concatenate([condition.rows for _, condition in coupled], np.int64)
         right = concatenate([condition.across for _, condition in coupled], np.int64)
         speed, weights = self.outward_speed, self.samples.weights
         inflow, by_value = inflow_terms(speed[rows], weights[rows], self.values[rows])
         speeds = speed[left], speed[right]
         passing, by_jump = advection_jump_terms(speeds, weights[left], self.values[left], self.values[right])
-        values = [(law.datum, self._scene_points(one.rows), one.label) for law, one in given]
-        jumps = [(law.jump, self._scene_points(one.rows), f"the jump of {one.label}") for law, one in coupled]
+        values = [(law.datum, self._scene_points(condition.rows), condition.label) for law, condition in prescribed]
+        jumps = [
+            (law.jump, self._scene_points(condition.rows), f"the jump of {condition.label}")
+            for law, condition in coupled
+        ]
         return AddedTerms((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
 
     @cached_property
@@ -324,7 +330,9 @@ def condition_terms(
     """
     values, slopes = rows
     constrained = np.zeros(len(samples), dtype=bool)
-    constrained[concatenate([one.all_rows for one in conditions if one.constrains_value], np.int64)] = True
+    constrained[
+        concatenate([condition.all_rows for condition in conditions if condition.constrains_value], np.int64)
+    ] = True
     spacing = np.broadcast_to(lattice.spacing if spacings is None else spacings, len(samples))
     widths = local_widths(values, areas, samples, (left, ~left), spacing)
     around = (values @ logarithms) / (values @ areas)

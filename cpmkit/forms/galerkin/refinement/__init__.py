@@ -1,1 +1,1 @@
-"""Splines that are finer where a solution asks for it: truncated hierarchical splines on the patches of all levels."""
+"""Truncated hierarchical splines, and their adaptive refinement by the residual."""

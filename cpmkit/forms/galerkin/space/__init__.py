@@ -1,1 +1,1 @@
-"""Splines on the lattice over samples of the manifold: which unknowns there are, and the matrices of their energies."""
+"""The function space: dof map, splines and their energy over the samples."""

@@ -66,7 +66,7 @@ def test_a_curved_edge_of_a_thin_triangle(height, unit):
     )
 
 
-def test_rims_are_sampled_where_they_are_asked_for():
+def test_rims_are_sampled_where_conditions_need_them():
     mesh = hexagon()
     samples = sampled(mesh, rims=True)
     rim = samples.owner < 0

@@ -66,7 +66,7 @@ def test_a_value_at_a_point_of_a_curve_has_a_limit_at_any_scale(radius):
     assert not ck.solve(scene, 0.1 * radius, form="galerkin").warnings
 
 
-def held_on(length):
+def imposed_on(length):
     return ck.Scene(SPHERE, ck.ScreenedPoisson(1.0), [ck.Boundary("arc", arc(length), both=ck.Dirichlet(0.0))])
 
 
@@ -76,7 +76,7 @@ def of_curves(solution):
 
 @pytest.mark.parametrize("length", [0.05, 0.01, 0.005])
 def test_an_arc_far_below_the_spacing(length):
-    solution = ck.solve(held_on(length), 0.25, form="galerkin")
+    solution = ck.solve(imposed_on(length), 0.25, form="galerkin")
     assert 0.8 < solution.evaluate([[0.0, 0.0, -1.0]])[0] < 1.0
     assert of_curves(solution)
 
@@ -87,5 +87,5 @@ def test_an_arc_far_below_the_spacing(length):
     ids=["collocation", "fem", "galerkin"],
 )
 def test_each_method_names_curves_that_it_takes_for_larger_ones(options, short, long):
-    assert of_curves(ck.solve(held_on(short), 0.25, **options))
-    assert not of_curves(ck.solve(held_on(long), 0.25, **options))
+    assert of_curves(ck.solve(imposed_on(short), 0.25, **options))
+    assert not of_curves(ck.solve(imposed_on(long), 0.25, **options))

@@ -231,7 +231,7 @@ def test_robin_with_nothing_of_u_is_refused():
         plain(ck.Scene(SURFACE, ck.Laplace(), [nothing]))
 
 
-def test_materials_are_told_apart_beside_a_boundary_that_is_off():
+def test_materials_are_distinguished_beside_a_boundary_that_is_off():
     """The diffusivity jumps a tenth of the spacing beside the curve: each side still has its own."""
     spacing = 0.2
 

@@ -22,14 +22,14 @@ SCENES = {
 }
 
 
-def parted(name):
+def points_and_dof_map(name):
     drawn = SCENES[name]()
     return drawn.samples.points, build_dof_map(drawn.samples.points, drawn.contacts, H)
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_coarser_spline_is_a_finer_one(name):
-    points, fine = parted(name)
+    points, fine = points_and_dof_map(name)
     for _ in range(4):
         coarse, prolongation = coarsen(fine)
         u = np.random.default_rng(1).standard_normal(coarse.size)
@@ -44,7 +44,7 @@ def test_a_coarser_spline_is_a_finer_one(name):
 
 @pytest.mark.parametrize("name", SCENES)
 def test_all_patches_that_read_an_unknown_agree_on_its_parents(name):
-    fine = parted(name)[1]
+    fine = points_and_dof_map(name)[1]
     coarse, prolongation = coarsen(fine)
     parent = np.empty(len(fine.cells), dtype=np.int64)
     parent[fine.patch] = coarse.patch
@@ -58,12 +58,12 @@ def test_all_patches_that_read_an_unknown_agree_on_its_parents(name):
 
 
 def test_what_does_not_touch_stays_apart():
-    cut, whole = parted("circle with a cut")[1], parted("circle")[1]
+    cut, whole = points_and_dof_map("circle with a cut")[1], points_and_dof_map("circle")[1]
     for _ in range(4):
         (cut, _), (whole, _) = coarsen(cut), coarsen(whole)
         assert len(cut.cells) > len(np.unique(cut.cells, axis=0))
         assert len(whole.cells) == len(np.unique(whole.cells, axis=0))
-    squares = parted("two slit squares")[1]
+    squares = points_and_dof_map("two slit squares")[1]
     for _ in range(3):
         squares = coarsen(squares)[0]
         assert len(squares.nodes) > 2 * len(np.unique(squares.nodes, axis=0))  # two sheets, and more along the slits
@@ -89,7 +89,7 @@ def test_a_piece_within_two_cells_has_one_unknown():
 
 
 def test_levels_end_at_a_few_hundred_unknowns_and_tell_the_strip():
-    points, fine = parted("sphere")
+    points, fine = points_and_dof_map("sphere")
     beside = np.unique(fine.patch[abs(points[:, 2] - 0.3) < H / 3])
     levels = coarser_levels(fine, beside)
     assert levels[-1].prolongation.shape[1] <= COARSEST_UNKNOWNS < levels[-1].prolongation.shape[0]

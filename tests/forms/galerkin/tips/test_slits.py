@@ -106,7 +106,7 @@ def test_gradients_beside_an_end():
     assert found[-1] < 5e-3
 
 
-def test_an_end_too_near_to_the_rim_is_told():
+def test_an_end_too_near_to_the_rim_gives_a_warning():
     scene = ck.Scene(PLATE, ck.Poisson(1.0), [ck.Boundary("slit", segment([-1, 0], [0.93, 0]), both=ck.Dirichlet(0.0))])
     with pytest.warns(ck.CpmkitWarning, match="no singular unknown"):
         solution = solved(scene, 0.1, tips="singular")

@@ -44,7 +44,7 @@ def around(speed):
     return lambda x: speed * np.stack([-x[:, 1], x[:, 0]], axis=1)
 
 
-def carried(speed):
+def advected(speed):
     """An equation on the sphere that ``u`` solves."""
     v = about_an_axis(speed)
     return ck.Elliptic(lambda x: -laplacian(x) + np.sum(v(x) * slope(x), axis=1) + u(x), velocity=v, c=1.0)
@@ -67,7 +67,7 @@ SPACINGS = (0.4, 0.28, 0.2)
 @pytest.mark.parametrize("cell_number", [0.1, 1, 10, 100])
 def test_a_smooth_solution_at_every_cell_number(cell_number):
     """The speed grows as the spacing falls, so that the cell number stays."""
-    errors = [error(carried(cell_number / h), h) for h in SPACINGS]
+    errors = [error(advected(cell_number / h), h) for h in SPACINGS]
     assert errors[-1] <= 1.2e-3
     assert order_of(SPACINGS, errors) >= 2.2
 
@@ -75,7 +75,7 @@ def test_a_smooth_solution_at_every_cell_number(cell_number):
 @pytest.mark.slow
 @pytest.mark.parametrize("cell_number", [0.1, 1, 10, 100])
 def test_a_smooth_solution_at_a_tenth(cell_number):
-    assert error(carried(cell_number / 0.1), 0.1) <= 2e-4
+    assert error(advected(cell_number / 0.1), 0.1) <= 2e-4
 
 
 def test_a_diffusivity_that_varies_is_felt_beyond_a_cell_number_of_one():
@@ -110,7 +110,7 @@ def test_a_layer_at_the_outflow_is_left_out_without_overshoot(cell_number):
         assert np.abs(found - t)[t < 2 * np.pi - 3 * h].max() <= 0.01 * 2 * np.pi
 
 
-def test_a_layer_that_the_spacing_resolves_is_not_told():
+def test_a_layer_that_the_spacing_resolves_gives_no_warning():
     cut = ck.Boundary("cut", CUT, both=ck.Dirichlet(0.0))
     resolved = ck.solve(ck.Scene(CIRCLE, ck.Elliptic(5.0, velocity=around(5.0)), [cut]), 0.1)
     t = np.linspace(0.01, 2 * np.pi - 0.01, 500)
@@ -208,7 +208,7 @@ def test_what_is_not_carried_is_refused():
     with pytest.raises(ck.SceneError, match="not div"):
         ck.solve(ck.Scene(SPHERE, fast), 0.3, form="collocation")
     with pytest.raises(ck.SceneError, match="takes no velocity"):
-        ck.solve(ck.Scene(SPHERE, carried(1.0)), 0.3, tips="singular")
+        ck.solve(ck.Scene(SPHERE, advected(1.0)), 0.3, tips="singular")
     arc = ck.source("analytic.arc", center=(0, 0), radius=1.0, start=0.0, end=3.0)
     without = ck.prepare(ck.Scene(arc, ck.ScreenedPoisson(1.0)), 0.2)
     with pytest.raises(ck.SceneError, match="prepare it with this problem"):

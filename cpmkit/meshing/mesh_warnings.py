@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from cpmkit.errors import SceneError, place
+from cpmkit.errors import place
 from cpmkit.grid.spacings import rounded_up
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import CellGeometry
@@ -15,12 +15,10 @@ from cpmkit.meshing.contouring.contour_checks import MeshDefects
 from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
-from cpmkit.scene.boundary import BoundarySet
-from cpmkit.scene.conditions import same_condition
-from cpmkit.types import SIDES, Floats
+from cpmkit.types import Floats
 
-#: A boundary farther from the manifold than so many spacings is refused, and one farther than so many is warned of.
-AWAY_SPACINGS, OFF_SPACINGS = 3.0, 0.5
+#: A boundary farther from the manifold than so many spacings is warned of.
+OFF_SPACINGS = 0.5
 #: Closest points whose noise is a larger share of the spacing are warned of,
 NOISE_SHARE = 1e-3
 #: with this advice.
@@ -163,48 +161,18 @@ def _in_scene(point: Floats, source: LocalSource) -> str:
     return place(point + source.scene_origin)
 
 
-def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
-    """Refuse boundaries that are not in the mesh, that are far away, or that coincide with another of other conditions.
-
-    Raises
-    ------
-    SceneError
-        With the boundaries' names.
-    """
-    for number, gap in insertion.max_distances.items():
-        if gap > AWAY_SPACINGS * spacing:
-            raise SceneError(
-                f"boundary {boundaries[number].name!r} is up to {gap:.3g} away from the surface, more than "
-                f"{AWAY_SPACINGS:g} spacings, {AWAY_SPACINGS * spacing:.3g}; move it onto the surface, or check its "
-                "unit of length."
-            )
-    for number, other in sorted(insertion.coincident):
-        first, second = boundaries[other], boundaries[number]
-        conditions = [one.condition(side) for one in (first, second) for side in SIDES]
-        if not all(same_condition(conditions[0], condition) for condition in conditions):
-            raise SceneError(
-                f"boundaries {first.name!r} and {second.name!r} lie at the same place and hold different conditions; "
-                "keep one of them there, with `left` and `right` where its sides differ."
-            )
-    for number in sorted({*insertion.empty} - {number for number, _ in insertion.coincident}):
-        raise SceneError(
-            f"boundary {boundaries[number].name!r} left no trace in the mesh of the manifold and would act on nothing; "
-            "look where it lies."
-        )
-
-
-def insertion_warnings(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> Iterator[str]:
+def insertion_warnings(insertion: Insertion, names: Sequence[str], spacing: float) -> Iterator[str]:
     """Yield warnings on the insertion of boundaries."""
     for number, other in sorted(insertion.coincident):
         if number in insertion.empty:
             yield (
-                f"Boundaries {boundaries[other].name!r} and {boundaries[number].name!r} lie at the same place and hold "
+                f"Boundaries {names[other]!r} and {names[number]!r} lie at the same place and hold "
                 "the same; one of them is enough."
             )
     for number, gap in insertion.max_distances.items():
         if gap > OFF_SPACINGS * spacing:
             yield (
-                f"Boundary {boundaries[number].name!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
+                f"Boundary {names[number]!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
                 "spacings; it was snapped to the closest points."
             )
     counts = insertion.counts
