@@ -1,4 +1,4 @@
-"""The command ``cpmkit``. Whatever a command needs is imported when that command runs."""
+"""The command ``cpmkit``; what a subcommand needs is imported when it runs."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ def main() -> None:
     "--backend",
     default="cpm",
     metavar="NAME",
-    help="What solves: cpm, the closest point method, or a back end of a plugin, such as fem. Of the file's "
+    help="The method: cpm, the closest point method, or a back end of a plugin, such as fem. Of the file's "
     "[discretization] and [solver], another back end takes the spacing and the tolerance, fem the degree too.",
 )
-@click.option("--degree", type=int, metavar="NUMBER", help="Of the polynomials; overrides the file's.")
+@click.option("--degree", type=int, metavar="NUMBER", help="Degree of the polynomials; overrides the file's.")
 @click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),
@@ -67,13 +67,13 @@ def main() -> None:
     "--checkpoint",
     type=click.Path(dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Of a problem in time: an .npz file in which the state of the run is kept, every 100 steps.",
+    help="For a problem in time: an .npz file in which the state of the run is saved every 100 steps.",
 )
 @click.option(
     "--resume",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     metavar="FILE",
-    help="Go on from the checkpoint of an earlier run of the same scene.",
+    help="Continue from the checkpoint of an earlier run of the same scene.",
 )
 @click.option(
     "--field",
@@ -110,10 +110,10 @@ def solve(
     as_json: bool,
     quiet: bool,
 ) -> None:
-    """Solve a scene and write what it asks for: files, a picture, a summary.
+    """Solve a scene and write the files of its [output]: solutions, a picture, a summary.
 
-    The output folder is made once the scene is solved, so a scene that fails leaves nothing behind. Results of
-    the same names that are there already are replaced, each by a whole file.
+    The output folder is created once the scene is solved, so that a scene that fails leaves no files. Existing files of
+    the same names are replaced, each by a whole file.
     """
     from cpmkit import load_scene
     from cpmkit import solve as solve_scene
@@ -121,7 +121,7 @@ def solve(
     from cpmkit.saving.results import check_request, solution_channels, write_results
     from cpmkit.solving import for_any_backend
 
-    with collected_warnings() as heard, progress_callback(scene, quiet) as progress:
+    with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
         try:
             loaded = load_scene(scene)
             folder, request = output or loaded.output.folder, as_shown(loaded.output, field, look, estimate)
@@ -134,9 +134,9 @@ def solve(
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
             solution = with_error(solution, estimate, request.wants_error)
         except Exception:
-            _warn(heard, err=True)
+            _warn(issued, err=True)
             raise
-        warnings = list(dict.fromkeys([*heard, *solution.warnings]))
+        warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings)
     if as_json:
         click.echo(json.dumps(written.summary, indent=2))
@@ -154,7 +154,7 @@ def _warn(sentences: Iterable[str], err: bool = False) -> None:
 
 
 def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
-    """Return the summary of a solve for people."""
+    """Return the printed summary of a solve."""
     work, report, seconds = solution.work, solution.report, summary["seconds"]
     stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
     ghosts = f", of which ghosts {work.ghosts:,}" if hasattr(work, "ghosts") else ""
@@ -166,9 +166,8 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
     lines += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
     lines += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
     lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
-    if summary["picture"]:
-        drawn = summary["picture"]
-        lines.append(f"written    {Path(summary['folder'], drawn['file'])} ({drawn['camera']})")
+    if picture := summary["picture"]:
+        lines.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")
     return "\n".join(lines)
 
 
@@ -181,9 +180,9 @@ def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
 @json_option
 @traceback_option
 def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, seconds: bool, as_json: bool) -> None:
-    """Say what solving a scene would build, why, and at what cost: an estimate in a second, or counts by a dry run.
+    """Show the discretisation of a scene and its cost without solving: an estimate in a second, or counts by a dry run.
 
-    Nothing is solved, unless seconds are asked for, and nothing is written.
+    Nothing is written, and nothing is solved unless --seconds is given.
     """
     from cpmkit import explain as explain_scene
     from cpmkit import load_scene
@@ -191,17 +190,17 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
 
     if rehearse:
         click.echo("--rehearse is now called --dry-run; the old name goes with the next release.", err=True)
-    with collected_warnings() as heard, progress_callback(scene) as progress:
+    with collected_warnings() as issued, progress_callback(scene) as progress:
         try:
             loaded = load_scene(scene)
             spacing, options = how_fine(loaded, spacing or loaded.spacing)
             options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
             explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
-            _warn(heard, err=True)
+            _warn(issued, err=True)
             raise
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
-    _warn(heard, err=as_json)
+    _warn(issued, err=as_json)
 
 
 @main.command()
@@ -211,8 +210,8 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
 def plugins(kind: str | None, as_json: bool) -> None:
     """List the kinds that scenes can name, or the keys of one KIND or family of kinds.
 
-    Names are read from the metadata of installed distributions, and no plugin is imported, unless a KIND is asked for,
-    such as `analytic.torus`, `analytic` or `heat`: then its keys, what they accept and their defaults are told.
+    Names are read from the metadata of installed distributions without importing plugins. For a KIND, such as
+    `analytic.torus`, `analytic` or `heat`, its keys, their accepted values and their defaults are listed.
     """
     from dataclasses import asdict
 
@@ -220,8 +219,8 @@ def plugins(kind: str | None, as_json: bool) -> None:
         from cpmkit.scenefile.kinds import kinds as documented
 
         target = documented(kind)
-        told = json.dumps([asdict(one) for one in target], indent=2, default=str)
-        click.echo(told if as_json else "\n\n".join(map(str, target)))
+        text = json.dumps([asdict(documented_kind) for documented_kind in target], indent=2, default=str)
+        click.echo(text if as_json else "\n\n".join(map(str, target)))
         return
 
     from cpmkit.plugins import installed_kinds
@@ -229,13 +228,13 @@ def plugins(kind: str | None, as_json: bool) -> None:
 
     kinds = installed_kinds()
     if as_json:
-        click.echo(json.dumps([asdict(one) for one in kinds], indent=2))
+        click.echo(json.dumps([asdict(installed) for installed in kinds], indent=2))
         return
     if not kinds:
         click.echo(f"No plugin is installed; {install_command('all')} adds them.")
-    width = max((len(one.kind) for one in kinds), default=0) + 2
-    for one in kinds:
-        click.echo(f"{one.kind:<{width}}{one.distribution} {one.version}")
+    width = max((len(installed.kind) for installed in kinds), default=0) + 2
+    for installed in kinds:
+        click.echo(f"{installed.kind:<{width}}{installed.distribution} {installed.version}")
 
 
 @main.command()

@@ -1,4 +1,4 @@
-"""Reading back what :meth:`Solution.save` wrote as .npz: with its scene a whole solution, without it the mesh."""
+"""Solutions read from .npz files: with their scene whole solutions, without it the mesh with values."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ from cpmkit.forms.choice import RENAMED_OPTIONS, module_of, options_of
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.saving.saved_solutions import check_same_scene, of_another_scene, read_solution
+from cpmkit.saving.saved_solutions import check_same_scene, other_scene_error, read_solution
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
-#: No inner node of a band is farther from the bounds of the surface than so many spacings.
+#: Largest distance, in spacings, of inner nodes of a band from the bounds of the surface.
 MOST_BAND_SPACINGS = 12
 
 
 @dataclass(frozen=True, eq=False)
 class SavedSolution:
-    """What a .npz holds without its scene: the mesh with the values at its vertices, and the summary.
+    """A saved solution without its scene: the mesh with values at its vertices, and the summary.
 
     Attributes
     ----------
     points : (v, d) float64
-        Vertices of the display mesh; a vertex on a boundary appears once a side. Empty where the surface had no mesh.
+        Vertices of the display mesh; a vertex on a boundary appears once a side. Empty if the surface had no mesh.
     cells : (m, k) int64
         Its triangles, segments and points; shorter rows end in -1.
     values : (v, channels) float64
         The solution at the vertices.
     summary : mapping
-        What was solved, what it cost and what it reached.
+        The problem, its cost and its result.
     arrays : mapping
         The arrays of the file, such as ``lattice_frames`` and ``lattice_frame_times`` of a problem in time.
     """
@@ -49,7 +49,7 @@ class SavedSolution:
     arrays: Mapping[str, Any]
 
     def evaluate(self, *_points: Any, **_side: Any) -> NoReturn:
-        """Raise: without its scene a solution is known at the mesh's vertices only."""
+        """Raise an InputError: without its scene a solution is known only at the mesh's vertices."""
         raise InputError("A solution loaded without its scene cannot be evaluated; give scene= to cpmkit.load.")
 
 
@@ -63,12 +63,12 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     Parameters
     ----------
     path : path
-        Of the file.
+        The file.
     scene : Scene or path, optional
-        The scene that was solved, or the scene file it came from. Its tables are built again, as long as that
-        takes, and filled with the saved values: the solution reads as it did, to the last bit. That the scene is the
-        one that was solved is checked by its nodes, by its ghosts with their sides, and by its equation and its
-        conditions, on the edge too, with the numbers in them; functions are not saved and not compared.
+        The scene that was solved, or its scene file. It is discretised again and filled with the saved values: the
+        solution evaluates as before, to the last bit. The scene is compared with the saved one by its nodes, by its
+        ghosts with their sides, and by its equation and conditions with their numbers, also on the edge; functions are
+        not saved and not compared.
 
     Returns
     -------
@@ -79,8 +79,8 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     Raises
     ------
     InputError
-        If the file is missing, is not whole, was not written by cpmkit or by a later format of it, holds what does
-        not belong in it, or belongs to another scene.
+        If the file is missing, is not whole, was not written by cpmkit or has a later format, holds unexpected
+        arrays, or belongs to another scene.
 
     Examples
     --------
@@ -120,16 +120,16 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     where = f"the summary of {shown(path.name)}"
     check_same_scene(path, summary["scene"], scene)
     if lattice["origin"].shape != (scene.surface.dim,):
-        raise of_another_scene(path, f"it lies in {len(lattice['origin'])} dimensions")
+        raise other_scene_error(path, f"it lies in {len(lattice['origin'])} dimensions")
     if not _is_near(lattice, scene):
-        raise of_another_scene(path, "its nodes are elsewhere")
-    given = {
+        raise other_scene_error(path, "its nodes are elsewhere")
+    values = {
         RENAMED_OPTIONS.get(name, name): array.item() if array.ndim == 0 else array for name, array in lattice.items()
     }
-    if given.get("balance") == 0:  # of a release that had this option
-        del given["balance"]
+    if values.get("balance") == 0:  # of a release that had this option
+        del values["balance"]
     try:
-        options, _ = options_of(scene, given["spacing"], given)
+        options, _ = options_of(scene, values["spacing"], values)
     except InputError as error:
         raise InputError(f"{shown(path.name)} is damaged: {error}") from error
     options = replace(options, reason=str(summary["discretization"].get("form_reason", "")))
@@ -137,7 +137,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     channels = getattr(scene.problem, "count", scene.channels)
     differs = form.differs_from(lattice)
     if differs or lattice["unknowns"].shape != (form.size, channels):
-        raise of_another_scene(path, differs or "its nodes are others")
+        raise other_scene_error(path, differs or "its nodes are others")
     return Solution(
         form,
         lattice["unknowns"],
@@ -146,13 +146,13 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         summary["seconds"],
         warnings=tuple(summary["warnings"]),
         imbalances=tuple(
-            record_from_table(Imbalance, one, f"an imbalance in {where}") for one in summary.get("imbalances", ())
+            record_from_table(Imbalance, table, f"an imbalance in {where}") for table in summary.get("imbalances", ())
         ),
     )
 
 
 def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
-    """Tell, before anything is built, whether the nodes lie around the scene's surface."""
+    """Return whether the nodes lie around the scene's surface, before anything is built."""
     bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
     with np.errstate(over="ignore", invalid="ignore"):
         nodes = lattice["origin"] + spacing * lattice["nodes"]

@@ -1,4 +1,4 @@
-"""A window in which a line is drawn on a surface by clicks."""
+"""Lines that a user draws on a surface by clicks in a window."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.types import Floats
 from cpmkit.view.drawing import in_space
 
-#: Neighbouring points of a line that are farther apart than so many steps are not on one stretch of the surface.
+#: Neighbouring points of a line that are farther apart, in steps, jump to another part of the surface.
 LARGEST_GAP_STEPS = 4.0
-#: A click nearer to the last one than this share of a step is the same again.
+#: A click nearer to the last one than this share of a step is a repeated click.
 SAME_CLICK_STEPS = 1e-6
 #: Files that the kind mesh.polyline reads.
 LINE_SUFFIXES = (".csv", ".obj", ".npy")
@@ -31,17 +31,17 @@ LINE_SUFFIXES = (".csv", ".obj", ".npy")
 
 @dataclass(frozen=True, eq=False)
 class DrawnLine:
-    """The points that were clicked on a surface, in the order of travel.
+    """A line on a surface through the points of clicks, in order.
 
     Attributes
     ----------
     surface : ClosestPointSource
     step : float
-        How far apart neighbouring points of the line are at most, where the surface is flat.
+        Largest distance of neighbouring points of the line where the surface is flat.
     clicks : (k, d) float64
-        On the surface.
+        Points of the surface.
     closed : bool
-        Whether the last leads back to the first.
+        Whether the last click is connected to the first.
     """
 
     surface: ClosestPointSource
@@ -61,43 +61,43 @@ class DrawnLine:
         chords = ends[start] + share[:, None] * (ends[start + 1] - ends[start])
         return np.concatenate([self.surface.closest_point(chords).points, ends[-1:]])
 
-    def clicked(self, point: Floats) -> DrawnLine:
-        """Return the line with one point more, the surface's nearest to ``point`` (d,) or, in the plane, (3,).
+    def with_click(self, point: Floats) -> DrawnLine:
+        """Return the line with a further click, the surface point nearest to ``point`` (d,) or, in the plane, (3,).
 
         Raises
         ------
         InputError
-            If the way there from the last point leaves the surface: between the two it would jump.
+            If the line from the last click to the new one leaves the surface, so that it would jump.
         """
         place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
         foot = self.surface.closest_point(np.ascontiguousarray(place)).points
         if len(self.clicks) and np.linalg.norm(foot[0] - self.clicks[-1]) <= SAME_CLICK_STEPS * self.step:
             return self
-        check_way(replace(self, clicks=np.concatenate([self.clicks[-1:], foot]), closed=False))
+        check_no_jump(replace(self, clicks=np.concatenate([self.clicks[-1:], foot]), closed=False))
         return replace(self, clicks=np.concatenate([self.clicks, foot]))
 
     def without_last(self) -> DrawnLine:
         """Return the line without its last click."""
         return replace(self, clicks=self.clicks[:-1])
 
-    def finished(self) -> Floats:
-        """Return its points (n, d).
+    def checked_points(self) -> Floats:
+        """Return the points (n, d) of the finished line.
 
         Raises
         ------
         InputError
-            If it has fewer than two clicks, or three where it is closed, or its end does not lead back to its start.
+            If it has fewer than two clicks (three if it is closed), or its end cannot be connected to its start.
         """
         least = 3 if self.closed else 2
         if len(self.clicks) < least:
-            sort = "a closed line" if self.closed else "a line"
-            raise InputError(f"{sort} needs {least} points at least, and {len(self.clicks)} were picked.")
-        check_way(self)
+            kind = "a closed line" if self.closed else "a line"
+            raise InputError(f"{kind} needs {least} points at least, and {len(self.clicks)} were picked.")
+        check_no_jump(self)
         return self.points
 
 
 def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -> DrawnLine:
-    """Return a line on ``surface`` without a point.
+    """Return a line on ``surface`` without clicks.
 
     Raises
     ------
@@ -105,18 +105,18 @@ def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -
         If it is no surface.
     """
     if surface.manifold_dim not in (2, None):
-        what = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
-        raise InputError(f"lines are drawn on surfaces, and this is {what}.")
+        kind = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
+        raise InputError(f"lines are drawn on surfaces, and this is {kind}.")
     return DrawnLine(surface, step, np.zeros((0, surface.dim)), closed)
 
 
-def check_way(line: DrawnLine) -> None:
-    """Refuse a line that jumps."""
+def check_no_jump(line: DrawnLine) -> None:
+    """Refuse a line that jumps from one part of the surface to another."""
     gaps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
     if len(gaps) and gaps.max() > LARGEST_GAP_STEPS * line.step:
-        near = ", ".join(f"{x:.4g}" for x in line.points[int(gaps.argmax())])
+        place = ", ".join(f"{x:.4g}" for x in line.points[int(gaps.argmax())])
         raise InputError(
-            f"the straight way between two points leaves the surface near ({near}); pick one between them."
+            f"the straight line between two points leaves the surface near ({place}); pick one between them."
         )
 
 
@@ -137,7 +137,7 @@ def check_line_file(path: str | Path, surface: ClosestPointSource) -> Path:
 
 
 def write_line(points: Floats, path: Path) -> None:
-    """Write points (n, d) so that the kind ``mesh.polyline`` reads them: a file that is there is replaced."""
+    """Write points (n, d) to a file that the kind ``mesh.polyline`` reads; an existing file is replaced."""
     rows = [[f"{x:.17g}" for x in point] for point in points.tolist()]
     with written_whole(path) as unfinished:
         if path.suffix.lower() == ".npy":
@@ -147,34 +147,35 @@ def write_line(points: Floats, path: Path) -> None:
             unfinished.write_text("".join(",".join(row) + "\n" for row in rows), encoding="utf-8")
         else:
             closed = len(points) > 1 and bool((points[0] == points[-1]).all())
-            kept = rows[:-1] if closed else rows
-            numbers = [*range(1, len(kept) + 1), *([1] if closed else [])]
-            text = "".join("v " + " ".join(row) + "\n" for row in kept) + "l " + " ".join(map(str, numbers)) + "\n"
+            vertices = rows[:-1] if closed else rows
+            numbers = [*range(1, len(vertices) + 1), *([1] if closed else [])]
+            text = "".join("v " + " ".join(row) + "\n" for row in vertices) + "l " + " ".join(map(str, numbers)) + "\n"
             unfinished.write_text(text, encoding="utf-8")
 
 
-#: Triangles of a source that is shown, and steps of the line, along the longest side of the surface.
+#: Number of triangles of a shown source, and of steps of the line, along the longest side of the surface.
 SHOWN_CELLS, LINE_STEPS = 100, 200
-#: Of the line in the window in its steps, and of the clicks in pixels.
+#: Radius of the line in the window, in steps, and size of the clicks in pixels.
 TUBE_RADIUS_STEPS, POINT_SIZE = 0.8, 12
-TOLD = "right click: a point,  BackSpace: take it back,  q: done"
+#: Text in the window.
+HELP = "right click: add a point,  BackSpace: remove it,  q: done"
 
 
 def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:
     """Show a surface or a solution in a window, in which clicks draw a line, and return the line.
 
-    The right button puts a point under the mouse, the key BackSpace takes the last one back, q or closing the window
-    ends it; the left button and the wheel turn and zoom. Between the points the line follows the surface. Left of it is
-    at your left hand as you walk in the order of the clicks, the surface's outside up.
+    The right button adds a point under the mouse, the key BackSpace removes the last one, q or closing the window ends
+    the line; the left button and the wheel turn and zoom. Between the points the line follows the surface. Its left is
+    at the left hand of a walker in the order of the clicks on the outside of the surface.
 
     Parameters
     ----------
     shown : ClosestPointSource or Solution
-        What to draw on; also a mesh of another library, as for :class:`cpmkit.Scene`.
+        The surface to draw on; also a mesh of another library, as for :class:`cpmkit.Scene`.
     path : path, optional
-        A ``.csv``, ``.obj`` or ``.npy`` file, which the kind ``mesh.polyline`` reads; one that is there is replaced.
+        A ``.csv``, ``.obj`` or ``.npy`` file, which the kind ``mesh.polyline`` reads; an existing file is replaced.
     closed : bool
-        Whether the last point leads back to the first.
+        Whether the last point is connected to the first.
 
     Returns
     -------
@@ -184,8 +185,8 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
     Raises
     ------
     InputError
-        If it is no surface or has no mesh, the file is of another kind, or fewer than two points were picked, three of
-        a closed line.
+        If it is no surface or has no mesh, the file has another suffix, or fewer than two points were picked (three of
+        a closed line).
     MissingDependencyError
         If pyvista, which shows the window, is not installed.
     """
@@ -193,19 +194,19 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
     place = None if path is None else check_line_file(path, surface)
     canvas = Canvas(start_line(surface, _size(surface) / LINE_STEPS, closed), shown_mesh(shown, surface))
     canvas.plotter.show()
-    points = canvas.line.finished()
+    points = canvas.line.checked_points()
     if place is not None:
         write_line(points, place)
     return points
 
 
 class Canvas:
-    """The window: what is clicked becomes a point of the line, and the line is drawn anew.
+    """The window: a click adds a point to the line, and the line is drawn again.
 
     Attributes
     ----------
     line : DrawnLine
-        So far.
+        The line so far.
     plotter : pyvista.Plotter
     """
 
@@ -217,24 +218,24 @@ class Canvas:
         self.plotter.enable_surface_point_picking(
             callback=self.click, show_message=False, show_point=False, clear_on_no_selection=False
         )
-        self.plotter.add_key_event("BackSpace", self.take_back)
-        self.say(TOLD)
+        self.plotter.add_key_event("BackSpace", self.remove_last)
+        self.say(HELP)
 
     def click(self, point: Any) -> None:
-        """Add the surface's point nearest to the one (3,) under the mouse, or say why the line cannot go there."""
+        """Add the surface point nearest to ``point`` (3,) under the mouse, or show why the line cannot go there."""
         try:
-            self.line = self.line.clicked(point)
+            self.line = self.line.with_click(point)
         except InputError as error:
             return self.say(str(error))
         self.draw()
 
-    def take_back(self) -> None:
+    def remove_last(self) -> None:
         """Remove the last point."""
         self.line = self.line.without_last()
         self.draw()
 
     def draw(self) -> None:
-        """Draw the line as it is."""
+        """Draw the line."""
         pyvista = _pyvista()
         self.plotter.remove_actor(["clicks", "line"])
         if len(self.line.clicks):
@@ -243,13 +244,13 @@ class Canvas:
             self.plotter.add_mesh(clicks, name="clicks", point_size=POINT_SIZE, **balls, **marks)
             if len(self.line.points) > 1:
                 curve = pyvista.lines_from_points(in_space(self.line.points))
-                tube = curve.tube(radius=TUBE_RADIUS_STEPS * self.line.step)  # a thin one is half hidden by triangles
+                tube = curve.tube(radius=TUBE_RADIUS_STEPS * self.line.step)  # a thin tube is half hidden by triangles
                 self.plotter.add_mesh(tube, name="line", **marks)
-        self.say(TOLD)
+        self.say(HELP)
 
     def say(self, sentence: str) -> None:
         """Write a sentence at the window's upper edge."""
-        self.plotter.add_text(sentence, name="told", font_size=9, position="upper_left")
+        self.plotter.add_text(sentence, name="sentence", font_size=9, position="upper_left")
 
 
 def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:

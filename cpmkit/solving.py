@@ -145,8 +145,8 @@ def solve(
         else:
             solution = solve_scene(scene, spacing, backend=backend, progress=shown, **rest)
             solution = with_estimate(solution, target.estimate, {"backend": backend, **rest})
-    told = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
-    logger.info("Solved %s: %d unknowns by %s in %.1f s.", *told)
+    figures = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
+    logger.info("Solved %s: %d unknowns by %s in %.1f s.", *figures)
     warn_each(solution.warnings)
     return cast("Solution", solution)  # the class that records are constructed as
 

@@ -1,4 +1,4 @@
-"""NumPy files from anywhere: what they claim is compared with what there is before anything is allocated."""
+"""Untrusted NumPy files: sizes in headers are compared with the file and the memory before anything is allocated."""
 
 from __future__ import annotations
 
@@ -22,37 +22,38 @@ from cpmkit.runtime.memory import available_bytes
 READ_KINDS = "biufUS"
 #: Kinds that are numbers.
 NUMBER_KINDS = "iuf"
-#: What NumPy, zip and Python's tokenizer raise on damaged files.
+#: Exceptions that NumPy, zipfile and Python's tokenizer raise on damaged files.
 DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, OverflowError, RecursionError, MemoryError,
            NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
 
 
-def read_array(path: Path, what: str = "an array of numbers") -> np.ndarray:
+def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
     """Read an ``.npy`` file of numbers.
 
     Parameters
     ----------
     path : Path
-        Of the file.
-    what : str
-        Named in errors: what the file should hold.
+        The file.
+    label : str
+        Description of the expected contents, for errors.
 
     Raises
     ------
     InputError
-        If the file cannot be opened, is no ``.npy`` file, holds other things than numbers, or is shorter than it says.
+        If the file cannot be opened, is no ``.npy`` file, holds other data than numbers, or is
+        shorter than its header says.
     """
     with explain_system_error(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
-        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {what}", NUMBER_KINDS)
+        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {label}", NUMBER_KINDS)
 
 
 def read_bytes(path: Path) -> bytes:
-    """Return what is in a file.
+    """Return the contents of a file.
 
     Raises
     ------
     InputError
-        If it is larger than the memory that is left.
+        If the file is larger than the available memory.
     OSError
         If it cannot be read.
     """
@@ -61,18 +62,18 @@ def read_bytes(path: Path) -> bytes:
 
 
 def read_arrays(
-    path: Path, names: Container[str], what: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None]
+    path: Path, names: Container[str], label: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None]
 ) -> dict[str, np.ndarray]:
     """Read those arrays of an ``.npz`` file whose names are in ``names``.
 
-    Others are not looked at. ``what`` says what the file should be, such as "a solution that was saved". ``check`` is
-    told the name, shape and type that each array's header says, before any array itself is read, and may raise.
+    Other arrays are not read. ``label`` describes the expected file in errors, such as "a saved solution". ``check`` is
+    called with the name, shape and type in each array's header before any array is read, and may raise.
 
     Raises
     ------
     InputError
-        If the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the memory
-        that is left.
+        If the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the
+        available memory.
     """
     try:
         with explain_system_error(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
@@ -86,12 +87,12 @@ def read_arrays(
             read = {}
             for name, entry in members.items():
                 with archive.open(entry) as opened:
-                    read[name] = _member(opened, entry.file_size, path.name, what, READ_KINDS)
+                    read[name] = _member(opened, entry.file_size, path.name, label, READ_KINDS)
             return read
     except InputError:
         raise
     except DAMAGE_ERRORS as error:
-        raise InputError(f"{shown(path.name)} is damaged or not {what}.") from error
+        raise InputError(f"{shown(path.name)} is damaged or not {label}.") from error
 
 
 def _check_size(needed: int, name: str) -> None:
@@ -102,14 +103,14 @@ def _check_size(needed: int, name: str) -> None:
         )
 
 
-def _member(opened: IO[bytes], length: int, name: str, what: str, kinds: str) -> np.ndarray:
-    """Read one array whose bytes, header included, are ``length``."""
+def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
+    """Read an array of ``length`` bytes, header included."""
     try:
         shape, fortran, dtype, header = _header(opened)
     except DAMAGE_ERRORS as error:
-        raise InputError(f"{shown(name)} is not {what}, or its header is damaged.") from error
+        raise InputError(f"{shown(name)} is not {label}, or its header is damaged.") from error
     if dtype.kind not in kinds:
-        raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {what} was expected.")
+        raise InputError(f"{shown(name)} holds {shown(dtype.name)} where {label} was expected.")
     needed = prod(shape) * dtype.itemsize
     if needed > length - header:
         raise InputError(f"{shown(name)} says that it holds {shape} numbers and ends before: it is damaged.")
@@ -130,9 +131,9 @@ def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], in
     return shape, fortran, dtype, opened.tell()
 
 
-#: What arrays of each kind of NumPy type are made on reading.
+#: Type to which arrays of each kind of NumPy type are converted.
 DTYPE_OF_KIND = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
-#: Bytes of a text.
+#: Most bytes of a text.
 MOST_TEXT_BYTES = 1 << 26
 KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
 
@@ -147,7 +148,7 @@ class SavedArray:
     kinds : str
         Kinds of NumPy types that it may have, such as ``"f"``.
     shape : tuple of str or int
-        A name stands for one size wherever it appears in the table.
+        Sizes; a name is one size wherever it appears in the table.
     needed : bool
         Whether the file is refused without it.
     """
@@ -159,11 +160,11 @@ class SavedArray:
 
 
 def read_saved(
-    path: Path, table: Iterable[SavedArray], what: str, sizes: Mapping[str, int] | None = None
+    path: Path, table: Iterable[SavedArray], label: str, sizes: Mapping[str, int] | None = None
 ) -> dict[str, np.ndarray]:
     """Read the arrays that ``table`` names from an ``.npz`` file, floats as float64 and whole numbers as int64.
 
-    Shapes are compared before an array is read: those that ``sizes`` fixes beforehand, and others with one another.
+    Shapes are compared before an array is read: with the known ``sizes``, and with each other.
 
     Raises
     ------
@@ -177,7 +178,7 @@ def read_saved(
         row = rows[name]
         expected = tuple(known.get(size, size) if isinstance(size, str) else size for size in row.shape)
         fits = len(shape) == len(expected) and all(
-            isinstance(size, str) or size == given for size, given in zip(expected, shape, strict=True)
+            isinstance(size, str) or size == actual for size, actual in zip(expected, shape, strict=True)
         )
         if dtype.kind == "U" and dtype.itemsize > MOST_TEXT_BYTES:
             raise InputError(f"{shown(path.name)} holds {dtype.itemsize} bytes of text as {name}; it is damaged.")
@@ -185,22 +186,22 @@ def read_saved(
             kinds = " or ".join(KIND_WORDS[kind] for kind in row.kinds)
             raise InputError(
                 f"{shown(path.name)} holds {name} as {dtype.name} of shape {shape}, where {kinds} of shape "
-                f"({', '.join(map(str, expected))}) belong in {what}; it is damaged, or not one."
+                f"({', '.join(map(str, expected))}) belong in {label}; it is damaged, or not one."
             )
-        known.update((size, given) for size, given in zip(row.shape, shape, strict=True) if isinstance(size, str))
+        known.update((size, actual) for size, actual in zip(row.shape, shape, strict=True) if isinstance(size, str))
 
-    arrays = read_arrays(path, rows, what, check)
+    arrays = read_arrays(path, rows, label, check)
     lacking = [row.name for row in rows.values() if row.needed and row.name not in arrays]
     if lacking:
-        raise InputError(f"{shown(path.name)} is not {what}: it lacks the array {lacking[0]!r}.")
+        raise InputError(f"{shown(path.name)} is not {label}: it lacks the array {lacking[0]!r}.")
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
-            raise InputError(f"{shown(path.name)} is not {what} as it was written: {name} holds NaN or infinity.")
+            raise InputError(f"{shown(path.name)} is not {label} as it was written: {name} holds NaN or infinity.")
     return {name: array.astype(DTYPE_OF_KIND[array.dtype.kind], copy=False) for name, array in arrays.items()}
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:
-    """Return the table of plain values that a text array holds.
+    """Return the table of plain values in an array of text.
 
     Raises
     ------

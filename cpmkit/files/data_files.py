@@ -1,4 +1,4 @@
-"""Finding the files that a scene names."""
+"""Search for the files that a scene names, and the cache of example meshes."""
 
 from __future__ import annotations
 
@@ -29,35 +29,35 @@ def cache_folder() -> Path:
     return Path(os.environ.get("CPMKIT_CACHE") or Path(base) / "cpmkit")
 
 
-def existing_file(path: Any, what: str = "file") -> Path:
+def existing_file(path: Any, label: str = "file") -> Path:
     """Return ``path`` if it is the path of a file.
 
     Raises
     ------
     InputError
-        If it is not; ``what`` names the key that gave it.
+        If it is not; ``label`` names its key in the error.
     """
     if not isinstance(path, (str, Path)):
-        raise InputError(f"{what} must be the path of a file, got {shown(path)}.")
+        raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
     if not _is_file(Path(path)):
         raise InputError(f"There is no file {shown(str(path))}; give the path of an existing one.")
     return Path(path)
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether there is such a file; False where names are too long, or folders may not be searched."""
+    """Return whether there is such a file; False if the name is too long or a folder is not searchable."""
     try:
         return path.is_file()
     except (OSError, ValueError):
         return False
 
 
-def find_file(name: str | Path, beside: Path | None = None) -> Path:
+def find_file(name: str | Path, folder_of_scene: Path | None = None) -> Path:
     """Return the path of a file named in a scene.
 
-    Looked for beside the scene (or in the working directory), in the folder that ``CPMKIT_DATA``
-    names, in the user's cache; a mesh of the examples is fetched into the cache, its checksum
-    verified, where the extra `data` is installed and ``CPMKIT_FETCH`` is not ``0``.
+    The search covers the folder of the scene (or the working directory), the folder of ``CPMKIT_DATA`` and the user's
+    cache. An example mesh is downloaded into the cache, with its checksum verified, if the extra `data` is installed
+    and ``CPMKIT_FETCH`` is not ``0``.
 
     Raises
     ------
@@ -66,7 +66,7 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
     """
     if not isinstance(name, (str, Path)) or not str(name):
         raise InputError(f"file must be the name of a file, got {shown(name)}.")
-    folders = [beside or Path.cwd()]
+    folders = [folder_of_scene or Path.cwd()]
     if os.environ.get("CPMKIT_DATA"):
         folders.append(Path(os.environ["CPMKIT_DATA"]))
     folders.append(cache_folder())
@@ -79,12 +79,12 @@ def find_file(name: str | Path, beside: Path | None = None) -> Path:
         if fetched is not None:
             return fetched
         hint = f"; {name} is one of the meshes at {MESHES_URL}, download it into one of these folders"
-    places = ", ".join(_described(folder) for folder in folders)
+    places = ", ".join(_folder_text(folder) for folder in folders)
     raise InputError(f"no file {shown(str(name))}; looked in {places}{hint}.")
 
 
-def _described(folder: Path) -> str:
-    """Return the name of a folder, and that it may not be searched where that is so."""
+def _folder_text(folder: Path) -> str:
+    """Return the name of a folder, with a note if it is not searchable."""
     text = str(folder)
     text = text if len(text) <= ECHOED_CHARACTERS else text[:ECHOED_CHARACTERS] + "..."
     try:
@@ -94,7 +94,7 @@ def _described(folder: Path) -> str:
 
 
 def _fetch(name: str) -> Path | None:
-    """Return a mesh of the examples fetched into the cache, None where that is not possible."""
+    """Return an example mesh, downloaded into the cache; None if that is not possible."""
     try:
         import pooch
     except ImportError:
@@ -103,8 +103,8 @@ def _fetch(name: str) -> Path | None:
     path, checksum = KNOWN_MESHES[name]
     url = f"{os.environ.get('CPMKIT_ORIGIN', MESHES_URL)}/{path}"
     try:
-        kept = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download)
-        return Path(kept)
+        file = pooch.retrieve(url, f"sha256:{checksum}", fname=name, path=cache_folder(), downloader=_download)
+        return Path(file)
     except OSError:
         return None
     except ValueError as error:

@@ -1,4 +1,4 @@
-"""Plain values that come from files: each is checked for its type and its range before anything uses it."""
+"""Plain values from JSON and TOML files, checked for type and range before they are used."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Kind:
-    """What a value may be.
+    """A kind of values.
 
     Attributes
     ----------
     words : str
-        For errors: "a whole number of at least 0".
+        Its name in errors: "a whole number of at least 0".
     accepts : callable
-        Tells whether a value is one.
+        Returns whether a value is of the kind.
     """
 
     words: str
@@ -33,7 +33,7 @@ class Kind:
 
 
 def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
-    """Return the kind of finite numbers from ``least`` to ``most``; true and false are none."""
+    """Return the kind of finite numbers from ``least`` to ``most``, without true and false."""
 
     def accepts(value: Any) -> bool:
         try:
@@ -86,12 +86,12 @@ def table_of(kind: Kind) -> Kind:
 def check_fields(
     table: Any, needed: Mapping[str, Kind], where: str, optional: Mapping[str, Kind] | None = None
 ) -> Mapping[str, Any]:
-    """Return ``table`` if it is one, has what is ``needed``, and all of that and of ``optional`` is of its kind.
+    """Return ``table`` if it has the fields ``needed``, and these and the ``optional`` ones are of their kinds.
 
     Raises
     ------
     InputError
-        Naming ``where`` and the first field that is missing or not of its kind.
+        With ``where`` and the first field that is missing or not of its kind.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -104,13 +104,12 @@ def check_fields(
 
 
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
-    """Return a dataclass of plain fields from the table that it was saved as; keys that it does not know are left out.
+    """Return a dataclass of plain fields from the table that it was saved as; unknown keys are ignored.
 
     Raises
     ------
     InputError
-        If a field without a default is missing, or one is not of the type that the class says; counts are not below
-        zero.
+        If a field without a default is missing, or a field is not of its type; integers must not be negative.
     """
     hints = get_type_hints(record)
     kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
@@ -126,7 +125,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> Kind:
-    """Return the kind of values that an annotation stands for."""
+    """Return the kind of values of a type annotation."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
@@ -149,27 +148,27 @@ def _range(least: float, most: float) -> str:
 
 Parsed = TypeVar("Parsed")
 
-#: Bytes of a file; more belong into array files that it names.
+#: Most bytes of a TOML file; larger data belong into array files.
 MOST_TOML_BYTES = 16 * 2**20
-#: Tables and lists inside tables and lists.
+#: Deepest nesting of tables and lists.
 DEEPEST_NESTING = 40
 #: TOML's own bound on whole numbers.
 WHOLE_NUMBER_BOUND = 2**63
 
 
-def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], what: str, like: str) -> Parsed:
-    """Return what ``make`` makes of a file's tables and path.
+def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
+    """Return the result of ``make`` for the tables and the path of a TOML file.
 
     Parameters
     ----------
     path : path
-        Of the file.
+        The file.
     make : callable
-        What it raises as SceneError is told with the file's name.
-    what : str
-        Named in the error if there is no file, such as "scene file".
+        Called with tables and path; its SceneErrors are raised with the file's name.
+    label : str
+        Kind of file in the error if there is none, such as "scene file".
     like : str
-        Which file to give then.
+        Description of an accepted file for that error.
 
     Raises
     ------
@@ -178,7 +177,7 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
         whole number beyond 64 bits, or of ``make``.
     """
     path = Path(path)
-    tables = _tables(path, what, like)
+    tables = _tables(path, label, like)
     try:
         _check_values(tables)
         return make(tables, path)
@@ -186,15 +185,15 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
         raise SceneError(f"{path.name}: {error}") from error
 
 
-def _tables(path: Path, what: str, like: str) -> dict[str, Any]:
+def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
     try:
         if not path.is_file():
-            raise SceneError(f"no {what} {shown(str(path))}; give the path of a TOML file{like}.")
+            raise SceneError(f"no {label} {shown(str(path))}; give the path of a TOML file{like}.")
         with path.open("rb") as file:
             content = file.read(MOST_TOML_BYTES + 1)
     except (OSError, ValueError) as error:
         reason = error.strerror if isinstance(error, OSError) else error
-        raise SceneError(f"the {what} {shown(str(path))} cannot be read: {reason}.") from error
+        raise SceneError(f"the {label} {shown(str(path))} cannot be read: {reason}.") from error
     if len(content) > MOST_TOML_BYTES:
         raise SceneError(f"{path.name} has more than {MOST_TOML_BYTES // 2**20} MiB; write long lists into .npy files.")
     try:
@@ -207,7 +206,7 @@ def _tables(path: Path, what: str, like: str) -> dict[str, Any]:
 
 
 def _check_values(tables: dict[str, Any]) -> None:
-    """Refuse what no key accepts."""
+    """Refuse values that no key accepts."""
     waiting: list[tuple[str, Any, int]] = [("the file", tables, 0)]
     while waiting:
         where, value, depth = waiting.pop()

@@ -1,4 +1,4 @@
-"""Writing files so that nobody ever finds half of one."""
+"""Atomic writing of files, checks of their names, and PNG images."""
 
 from __future__ import annotations
 
@@ -18,27 +18,27 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 
-#: Bytes of a folder's name, and of a file's: what is unfinished and the frames of a series have longer names.
+#: Most bytes of a folder's and of a file's name: unfinished files and frames of a series have longer names.
 MOST_FOLDER_BYTES, MOST_FILE_NAME_BYTES = 255, 200
-#: Bytes of a path with all its folders.
+#: Most bytes of a path.
 MOST_PATH_BYTES = 4000
 
 
 @contextmanager
-def explain_system_error(what: str) -> Iterator[None]:
-    """Raise what the system refuses within as an InputError: ``what`` cannot be done, and the system's reason."""
+def explain_system_error(failure: str) -> Iterator[None]:
+    """Raise OSErrors of the block as InputErrors: the ``failure`` in words, and the system's reason."""
     try:
         yield
     except OSError as error:
-        raise InputError(f"{what}: {error.strerror or error}.") from error
+        raise InputError(f"{failure}: {error.strerror or error}.") from error
 
 
 @contextmanager
 def written_whole(path: Path) -> Iterator[Path]:
-    """Yield a name beside ``path`` to write to; on leaving, the file is on the disk and takes its own name.
+    """Yield a temporary name beside ``path`` to write to; after the block the file is renamed to ``path``.
 
-    If the block raises, ``path`` is left as it was and the unfinished file is removed. What earlier processes left
-    unfinished of this file, because they were killed, is removed too.
+    If the block raises, ``path`` is unchanged and the unfinished file is removed. Unfinished files of earlier processes
+    that were killed are removed, too.
 
     Raises
     ------
@@ -52,7 +52,7 @@ def written_whole(path: Path) -> Iterator[Path]:
             remove_leftovers(path)
             yield unfinished
             with unfinished.open("rb+") as written:
-                os.fsync(written.fileno())  # else a machine that goes down may leave an empty file of the final name
+                os.fsync(written.fileno())  # else a crash of the machine may leave an empty file of the final name
             os.replace(unfinished, path)
     finally:
         with suppress(OSError):
@@ -60,25 +60,25 @@ def written_whole(path: Path) -> Iterator[Path]:
 
 
 def unfinished_name(path: Path) -> Path:
-    """Return the name that ``path``, a file or a folder, has in this process and thread until it is finished.
+    """Return the temporary name of ``path``, a file or a folder, in this process and thread.
 
-    Its suffix is in lower case: writers that know a format by its suffix add their own to any other.
+    Its suffix is in lower case, as writers that recognise formats by suffix append their own to others.
     """
     return path.with_name(f".{path.stem}.{os.getpid()}-{threading.get_native_id()}{path.suffix.lower()}")
 
 
 def remove_leftovers(path: Path) -> None:
-    """Remove what processes that no longer run left unfinished of ``path``."""
+    """Remove temporary files of ``path`` of processes that no longer run."""
     named = re.compile(re.escape(f".{path.stem}.") + r"(\d{1,10})(-\d{1,10})?" + re.escape(path.suffix.lower()))
-    for found in path.parent.iterdir():
-        match = named.fullmatch(found.name)
+    for entry in path.parent.iterdir():
+        match = named.fullmatch(entry.name)
         if match and not _runs(int(match[1])):
             with suppress(OSError):
-                shutil.rmtree(found) if found.is_dir() and not found.is_symlink() else found.unlink()
+                shutil.rmtree(entry) if entry.is_dir() and not entry.is_symlink() else entry.unlink()
 
 
 def _runs(process: int) -> bool:
-    """Return whether a process of this number runs; True where that cannot be asked."""
+    """Return whether a process of this number runs; True if that cannot be determined."""
     if os.name == "nt":  # there `os.kill` would end it
         return True
     try:
@@ -91,13 +91,12 @@ def _runs(process: int) -> bool:
 
 
 def check_place(path: Path) -> None:
-    """Check that a file ``path`` can be written, its folders made if need be; nothing stays behind.
+    """Check that a file ``path`` can be written and its folders created, without leaving anything.
 
     Raises
     ------
     InputError
-        If its name or that of a folder is none, a folder is a file or the other way round, or nothing can be written
-        there.
+        If a name is not valid, a folder is a file or the reverse, or the folder is not writable.
     """
     check_name(path)
     with explain_system_error(f"{path} cannot be written"):
@@ -116,7 +115,7 @@ def check_name(path: Path) -> None:
     Raises
     ------
     InputError
-        If one is too long, or the file system's encoding lacks its characters.
+        If a name is too long, or the file system's encoding lacks its characters.
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
@@ -136,7 +135,7 @@ def check_encoding(path: Path) -> None:
     Raises
     ------
     InputError
-        If it lacks some; with what to set.
+        If it lacks some; the message names a setting that helps.
     """
     try:
         os.fsencode(path)
@@ -147,8 +146,9 @@ def check_encoding(path: Path) -> None:
         ) from error
 
 
+#: First bytes of a PNG file.
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Of the header: eight bits a channel, red, green and blue, and no further choices.
+#: Header of a PNG file: eight bits a channel, red, green and blue, default compression, no interlacing.
 FORMAT = bytes([8, 2, 0, 0, 0])
 
 

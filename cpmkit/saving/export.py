@@ -1,4 +1,4 @@
-"""Saving a solution: the suffix of the file decides what is written."""
+"""Solutions written to files, in the format of the suffix, and frames of problems in time."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Of the arrays in a .npz; :func:`cpmkit.load` reads no other.
+#: Version of the arrays in a .npz; :func:`cpmkit.load` reads no other.
 FORMAT_VERSION = 1
-#: Suffixes of films, of interactive pages, and all that are accepted.
+#: Suffixes of films, of interactive pages, and all accepted suffixes.
 FILMS, PAGE = (".gif", ".mp4"), ".html"
 SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 
@@ -44,7 +44,7 @@ SUFFIXES = (*MESH_WRITERS, ".json", ".pvd", *FILMS, PAGE)
 def save(
     solution: SolutionRecord, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]
 ) -> None:
-    """Write ``solution`` to ``path``, whole or not at all; a file that is there already is replaced.
+    """Write ``solution`` to ``path``, whole or not at all; an existing file is replaced.
 
     ========= ==================================================================================
     suffix    contents
@@ -59,7 +59,7 @@ def save(
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
               estimated, ``error``, the lattice and its unknowns under names that begin with
               ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
-    ``.json`` the summary: what was solved, what it cost, what it reached
+    ``.json`` the summary: the problem, its cost and its result
     ``.html`` one page that shows the solution in any browser, to be turned and zoomed
     ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` a frame in a
               folder beside it
@@ -71,17 +71,16 @@ def save(
     solution : Solution
     path : path
     vertices : "display" or "own"
-        Of meshes: that of the pictures, as fine as the lattice and cut along the boundaries, or that from which the
-        surface was made, as it was given, its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
+        The mesh to write: that of pictures, as fine as the lattice and cut along the boundaries, or the mesh from which
+        the surface was made, with its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
         holds ``points``, ``cells`` and ``values`` alone.
     **options
-        Of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
+        Options of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
 
     Raises
     ------
     InputError
-        If the suffix is none of these, the surface has no mesh to write, or the file cannot be
-        written.
+        If the suffix is not accepted, the surface has no mesh, or the file cannot be written.
     MissingDependencyError
         If the format needs pyvista or imageio and that is not installed.
     """
@@ -103,8 +102,8 @@ def save(
         if suffix == PAGE:
             from cpmkit.view.page import page_of
 
-            seen: Any = options  # what a page has none of, such as fps, is refused
-            unfinished.write_text(page_of(solution, **seen), encoding="utf-8")
+            of_page: Any = options  # options that pages do not have, such as fps, are refused
+            unfinished.write_text(page_of(solution, **of_page), encoding="utf-8")
             return
         if suffix == ".npz" and vertices == "display":
             return _save_npz(solution, unfinished)
@@ -170,19 +169,19 @@ def _save_npz(solution: SolutionRecord, path: Path) -> None:
 
 
 def _known_error(solution: SolutionRecord) -> Floats | None:
-    """Return the estimated error (v, channels) at the mesh's vertices; None where it was not estimated."""
+    """Return the estimated error (v, channels) at the mesh's vertices; None if it was not estimated."""
     return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
 
 
-#: Of the folder beside the index.
+#: Suffix of the folder of frames beside the index.
 FRAMES_SUFFIX = "_frames"
 
 
 def save_series(solution: SolutionRecord, path: Path) -> None:
     """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp a frame.
 
-    All frames are written before the first takes its place, and the index is written last: what an index names is
-    there. Frames of an earlier series that are more in number are removed.
+    All frames are written before the first one is moved to its place, and the index is written last, so that all files
+    of an index exist. Surplus frames of an earlier series are removed.
 
     Raises
     ------
@@ -193,7 +192,7 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
     assert isinstance(solution, EvolvedRecord)
     folder = frames_folder(path)
     unfinished = unfinished_name(folder)
-    names = [_numbered(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
+    names = [_numbered_path(Path("frame.vtp"), number, len(frames)).name for number in range(len(frames))]
     try:
         with explain_system_error(f"{folder} cannot be written"):
             remove_leftovers(folder)
@@ -218,7 +217,7 @@ def frames_folder(path: Path) -> Path:
 
 
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
-    """Draw each frame into ``<name>-0000.png`` and so on, all in the same colours, and return these paths.
+    """Draw the frames into ``<name>-0000.png`` and so on, with one colour bar, and return the paths.
 
     Raises
     ------
@@ -226,15 +225,15 @@ def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
         If the solution has no frames.
     """
     count = len(frames_of(solution, "a picture of each frame"))
-    files = [_numbered(path, number, count) for number in range(count)]
+    files = [_numbered_path(path, number, count) for number in range(count)]
     for file, image in zip(files, frame_images(solution, look), strict=True):
         with written_whole(file) as unfinished:
             write_png(image, unfinished)
     return files
 
 
-def _numbered(path: Path, number: int, count: int) -> Path:
-    """Return ``path`` with a number of at least four digits, as many as the last of ``count`` needs."""
+def _numbered_path(path: Path, number: int, count: int) -> Path:
+    """Return ``path`` with a number of at least four digits, and as many as ``count`` - 1 has."""
     digits = max(4, len(str(count - 1)))
     return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")
 

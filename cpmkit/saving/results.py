@@ -1,4 +1,4 @@
-"""Writing what a scene file asks for: the files, the picture, and last the summary that names them."""
+"""The files of a scene file's [output]: solutions, the picture, and last the summary that lists them."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WrittenResults:
-    """What became of the results.
+    """The outcome of writing results.
 
     Attributes
     ----------
     summary : dict
-        Of the solution, with the keys ``folder``, ``files`` (those that are written), ``unwritten`` (why others are
-        not), ``picture`` (the file, and what its camera shows), and the seconds that writing took.
+        Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of others),
+        ``picture`` (its file and the description of its camera), and the seconds of writing.
     failures : mapping
-        What was raised for each file that could not be written.
+        The exception of each file that could not be written.
     """
 
     summary: dict[str, Any]
@@ -48,7 +48,7 @@ class WrittenResults:
         Raises
         ------
         InputError
-            With the files that are not there, why, and those that are. A defect of cpmkit is raised as it is.
+            With the missing files, the reasons, and the written files. A defect of cpmkit is raised unchanged.
         """
         for error in self.failures.values():
             if not isinstance(error, (CpmkitError, MemoryError)):
@@ -64,7 +64,7 @@ class WrittenResults:
 def check_request(
     request: OutputRequest, surface: ClosestPointSource, folder: Path, channels: int | None = None
 ) -> None:
-    """Check, before anything is solved, that everything asked for can be written into ``folder``.
+    """Check, before anything is solved, that all requested files can be written into ``folder``.
 
     Parameters
     ----------
@@ -72,12 +72,12 @@ def check_request(
     surface : ClosestPointSource
     folder : Path
     channels : int, optional
-        Of the solution, where their number is known: a picture of another channel is refused.
+        Number of channels of the solution, if it is known; a picture of another channel is refused.
 
     Raises
     ------
     InputError, MissingDependencyError
-        If a file or the picture cannot be made of a solution on ``surface`` here, or not be written there.
+        If a file or the picture cannot be made of a solution on ``surface``, or cannot be written there.
     """
     for file in request.files:
         check_file(file, surface, _vertices_of(file, request))
@@ -97,7 +97,7 @@ def check_request(
 
 
 def solution_channels(scene: Scene) -> int:
-    """Return how many channels a solution of the scene has: one a mode, where it is an eigenvalue problem."""
+    """Return the number of channels of a solution of the scene; of an eigenvalue problem the number of modes."""
     return scene.problem.count if isinstance(scene.problem, Eigen) else scene.channels
 
 
@@ -109,11 +109,10 @@ def write_results(
     warnings: Sequence[str] | None = None,
     drawn_as: SolutionRecord | None = None,
 ) -> WrittenResults:
-    """Write all that ``request`` asks for into ``folder``, made if need be; what is there already is replaced.
+    """Write all files of ``request`` into ``folder``, which is created; existing files are replaced.
 
-    A file that cannot be written keeps none of the others from being written, the summary last. Every file there is
-    whole. ``warnings`` take the place of the solution's in the summary, and ``drawn_as`` that of the solution in
-    pictures and pages, where what it means is drawn in another way.
+    A failure of a file does not prevent the others, and every written file is whole. The summary is written last, with
+    ``warnings`` in place of the solution's. Pictures and pages show ``drawn_as`` in place of the solution if given.
     """
     summaries = [file for file in request.files if file.lower().endswith(".json")]
     others = [file for file in request.files if file not in summaries]
@@ -125,8 +124,8 @@ def write_results(
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            what = shown if Path(file).suffix.lower() == PAGE else solution
-            save(what, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
+            saved = shown if Path(file).suffix.lower() == PAGE else solution
+            save(saved, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
@@ -153,7 +152,7 @@ def write_results(
 
 @contextmanager
 def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
-    """Note what is raised in the block; a solution that took hours is not lost because one of its files is."""
+    """Collect the exception of the block, so that the failure of a file does not prevent others."""
     try:
         yield
     except Exception as error:
@@ -167,12 +166,12 @@ def _sentence(file: Path, error: Exception) -> str:
 
 
 def _vertices_of(file: str, request: OutputRequest) -> str:
-    """Return of which mesh a file is: what a solution is loaded from, and what is no mesh file, have no choice."""
+    """Return the mesh of a file: only mesh files have the choice of ``request.vertices``."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
 
 
 def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
-    """Return how a film or a page looks: as the picture, where there is one."""
+    """Return the look of a film or a page: that of the picture, if there is one."""
     drawn = Path(file).suffix.lower() in (*FILMS, PAGE) and request.picture is not None
     return request.picture.look if drawn and request.picture is not None else {}
 
@@ -188,7 +187,7 @@ def _draw(solution: SolutionRecord, target: PictureRequest, folder: Path) -> dic
 
 
 def _with_folder(path: Path) -> Path:
-    """Return ``path``, whose folder exists afterwards."""
+    """Create the folder of ``path``, and return ``path``."""
     with explain_system_error(f"The folder {path.parent} cannot be made"):
         path.parent.mkdir(parents=True, exist_ok=True)
     return path

@@ -1,4 +1,4 @@
-"""What a saved solution holds: its arrays and its summary, checked before anything is made of them."""
+"""Saved solutions: their arrays and their summary, checked before they are used."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import describe_scene
 from cpmkit.types import SIDES
 
-#: Channels that a summary may tell of.
+#: Most channels in a summary.
 MOST_CHANNELS = 1_000_000
 SAVED_SOLUTION_WORDS = "a solution that was saved as .npz"
-#: The arrays of a display mesh, and of the lattice: what is saved beside them is not read.
+#: The arrays of the format, the display mesh and the lattice; other arrays are not read.
 FORMAT_ARRAYS = (SavedArray("format", "i"),)
 MESH_ARRAYS = (
     SavedArray("summary", "U"),
@@ -41,17 +41,17 @@ LATTICE_ARRAYS = (
     SavedArray("lattice_sides", "f", ("boundaries", "dim", "moments"), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
 )
-#: What solutions of some families have beside their unknowns, on a lattice or on a mesh.
-FURTHER = (
+#: Further arrays of some families of equations, on a lattice or on a mesh.
+FAMILY_ARRAYS = (
     SavedArray("lattice_time", "f", needed=False),
     SavedArray("lattice_frame_times", "f", ("frames",), needed=False),
     SavedArray("lattice_frames", "f", ("frames", "unknowns", "channels"), needed=False),
     SavedArray("lattice_eigenvalues", "f", ("channels",), needed=False),
     SavedArray("lattice_laplacian", "f", ("unknowns", "channels"), needed=False),
 )
-#: An option's own check says what it accepts; one that is not in the file has its default.
+#: An option of the lattice, checked by its own check; an option that is not in the file has its default.
 OPTION_ARRAY = SavedArray("", "bifU", needed=False)
-#: What of a summary is read.
+#: Keys of a summary that are read.
 ANY_TABLE = table_of(ANYTHING)
 SUMMARY_KEYS = {"discretization": ANY_TABLE}
 REBUILT_KEYS = {
@@ -64,21 +64,21 @@ REBUILT_KEYS = {
 LISTED_KEYS = {"imbalances": list_of(ANY_TABLE)}
 BOUNDARY_TABLE = Kind(
     "a table with a name and its conditions",
-    lambda one: (
-        ANY_TABLE.accepts(one) and "name" in one and all(isinstance(text, str) and text for text in one.values())
+    lambda table: (
+        ANY_TABLE.accepts(table) and "name" in table and all(isinstance(text, str) and text for text in table.values())
     ),
 )
-PROBLEM_TABLE = Kind("a table with a kind", lambda one: ANY_TABLE.accepts(one) and TEXT.accepts(one.get("kind")))
+PROBLEM_TABLE = Kind("a table with a kind", lambda table: ANY_TABLE.accepts(table) and TEXT.accepts(table.get("kind")))
 SCENE_KEYS = {"problem": PROBLEM_TABLE, "boundaries": list_of(BOUNDARY_TABLE)}
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arrays of a file that cpmkit wrote, of the lattice all or none, and its summary.
+    """Return the arrays of a file that cpmkit wrote, with all arrays of the lattice or none, and its summary.
 
     Raises
     ------
     InputError
-        If it is no such file, is damaged, of another format, or an array in it is not what belongs there.
+        If it is no such file, is damaged or of another format, or an array is not of the expected kind.
     """
     try:
         exists = path.is_file()
@@ -96,7 +96,7 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     rows = {row.name: row for row in (*options, *LATTICE_ARRAYS)}
     numbers_of_lattice = [replace(row, needed=False) for row in rows.values() if not row.shape]
     on_lattice = bool(read_saved(path, numbers_of_lattice, SAVED_SOLUTION_WORDS))
-    table = (*FORMAT_ARRAYS, *MESH_ARRAYS, *FURTHER, *(rows.values() if on_lattice else ()))
+    table = (*FORMAT_ARRAYS, *MESH_ARRAYS, *FAMILY_ARRAYS, *(rows.values() if on_lattice else ()))
     arrays = read_saved(path, table, SAVED_SOLUTION_WORDS)
     mesh = [arrays[name] for name in ("points", "values", "cells") if name in arrays]
     if mesh and (len(mesh) < 3 or np.any((mesh[-1] < -1) | (mesh[-1] >= len(mesh[0])))):
@@ -113,38 +113,41 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     return arrays, summary
 
 
-def of_another_scene(path: Path, differs: str) -> InputError:
-    """Return the error that says in what the scene of a file ``differs`` from the one given."""
+def other_scene_error(path: Path, differs: str) -> InputError:
+    """Return the error of a file that was saved from another scene; ``differs`` describes the difference."""
     return InputError(
         f"{shown(path.name)} was saved from another scene than the one given: {differs}; give the one that was solved."
     )
 
 
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
-    """Refuse another scene by its equation, its boundaries and its edge, as far as they are plain values.
+    """Refuse a scene whose equation, boundaries or edge differ from the saved ones, as far as these are plain values.
 
-    Files of before the edge was saved tell the kinds of their conditions only.
+    Files from before the edge was saved hold only the kinds of conditions.
     """
-    given = json.loads(json.dumps(describe_scene(scene)))
+    described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:
-        saved, given = _kinds(saved), _kinds(given)
-    for what in ("problem", "boundaries", "edge"):
-        if saved.get(what) != given.get(what):
-            raise of_another_scene(path, f"its {_differing(what, saved[what], given[what])}")
+        saved, described = _kinds(saved), _kinds(described)
+    for key in ("problem", "boundaries", "edge"):
+        if saved.get(key) != described.get(key):
+            raise other_scene_error(path, f"its {_difference(key, saved[key], described[key])}")
 
 
-def _differing(what: str, saved: Any, given: Any) -> str:
-    """Return where two plain values differ, in words."""
-    if isinstance(saved, Mapping) and isinstance(given, Mapping) and saved.keys() == given.keys():
-        key = next(key for key in saved if saved[key] != given[key])
-        return _differing(f"{what}, {key}", saved[key], given[key])
-    if isinstance(saved, list) and isinstance(given, list) and len(saved) == len(given):
-        number = next(number for number, pair in enumerate(zip(saved, given, strict=True)) if pair[0] != pair[1])
-        return _differing(f"{what}, number {number + 1}", saved[number], given[number])
-    return f"{what}: {shown(saved)}, and here it is {shown(given)}"
+def _difference(place: str, saved: Any, described: Any) -> str:
+    """Return the place of the first difference of two plain values, and both values, in words."""
+    if isinstance(saved, Mapping) and isinstance(described, Mapping) and saved.keys() == described.keys():
+        key = next(key for key in saved if saved[key] != described[key])
+        return _difference(f"{place}, {key}", saved[key], described[key])
+    if isinstance(saved, list) and isinstance(described, list) and len(saved) == len(described):
+        number = next(number for number, pair in enumerate(zip(saved, described, strict=True)) if pair[0] != pair[1])
+        return _difference(f"{place}, number {number + 1}", saved[number], described[number])
+    return f"{place}: {shown(saved)}, and here it is {shown(described)}"
 
 
 def _kinds(scene: Mapping[str, Any]) -> dict[str, Any]:
     """Return the equation's kind, and the names of the boundaries with the kinds of their conditions."""
-    kinds = [[one["name"], *(one[side].split()[0] for side in SIDES if side in one)] for one in scene["boundaries"]]
+    kinds = [
+        [boundary["name"], *(boundary[side].split()[0] for side in SIDES if side in boundary)]
+        for boundary in scene["boundaries"]
+    ]
     return {"problem": scene["problem"]["kind"], "boundaries": kinds}

@@ -14,24 +14,24 @@ CLICKS = np.array([[1.0, 0.0, 0.2], [0.1, 1.0, 0.2], [-1.0, 0.1, 0.2], [0.0, -1.
 def drawn(surface=SPHERE, clicks=CLICKS, closed=False, step=0.02):
     line = start_line(surface, step, closed)
     for click in clicks:
-        line = line.clicked(click)
+        line = line.with_click(click)
     return line
 
 
 def test_clicks_are_put_on_the_surface_and_the_line_follows_it():
     line = drawn()
     np.testing.assert_allclose(line.clicks, CLICKS / np.linalg.norm(CLICKS, axis=1, keepdims=True), atol=1e-12)
-    points = line.finished()
+    points = line.checked_points()
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1, atol=1e-12)
     assert np.linalg.norm(np.diff(points, axis=0), axis=1).max() < 2 * line.step
     apart = np.linalg.norm(points[:, None] - line.clicks, axis=2).min(axis=0)
     np.testing.assert_allclose(apart, 0, atol=1e-12)
-    assert np.linalg.norm(drawn(closed=True).finished()[[0, -1]] - line.clicks[0], axis=1).max() < 1e-12
+    assert np.linalg.norm(drawn(closed=True).checked_points()[[0, -1]] - line.clicks[0], axis=1).max() < 1e-12
 
 
 def test_the_last_click_is_taken_back_and_the_same_one_counts_once():
     line = drawn()
-    assert line.clicked(CLICKS[-1]) is line
+    assert line.with_click(CLICKS[-1]) is line
     np.testing.assert_array_equal(line.without_last().clicks, line.clicks[:-1])
     assert len(start_line(SPHERE, 0.1).without_last().clicks) == 0
 
@@ -39,7 +39,7 @@ def test_the_last_click_is_taken_back_and_the_same_one_counts_once():
 @pytest.mark.parametrize("name", ["line.csv", "line.obj", "line.npy"])
 @pytest.mark.parametrize("closed", [False, True])
 def test_what_is_written_is_read_as_the_same_polyline(tmp_path, name, closed):
-    points = drawn(closed=closed, step=0.2).finished()
+    points = drawn(closed=closed, step=0.2).checked_points()
     write_line(points, tmp_path / name)
     read = ck.source("mesh.polyline", file=tmp_path / name)
     np.testing.assert_array_equal(read.vertices, points[: len(points) - closed])
@@ -49,14 +49,14 @@ def test_what_is_written_is_read_as_the_same_polyline(tmp_path, name, closed):
 def test_a_line_that_jumps_is_refused():
     apart = ck.source("union", members=[SPHERE, ck.source("analytic.sphere", center=[5, 0, 0])])
     line = drawn(apart, CLICKS[:1])
-    with pytest.raises(InputError, match="the straight way between two points leaves the surface near"):
-        line.clicked([6.0, 0.0, 0.0])
+    with pytest.raises(InputError, match="the straight line between two points leaves the surface near"):
+        line.with_click([6.0, 0.0, 0.0])
     with pytest.raises(InputError, match="leaves the surface near"):
         drawn(clicks=[[1, 0, 0], [-1, 1e-9, 0]])
     with pytest.raises(InputError, match="a closed line needs 3 points at least, and 2 were picked"):
-        drawn(clicks=CLICKS[:2], closed=True).finished()
+        drawn(clicks=CLICKS[:2], closed=True).checked_points()
     with pytest.raises(InputError, match="a line needs 2 points at least, and 1 were picked"):
-        drawn(clicks=CLICKS[:1]).finished()
+        drawn(clicks=CLICKS[:1]).checked_points()
     with pytest.raises(InputError, match="lines are drawn on surfaces, and this is a curve"):
         start_line(ck.source("analytic.circle"), 0.1)
 
@@ -113,10 +113,10 @@ def test_a_window_shows_a_solution_and_its_line_is_a_boundary(clicking, monkeypa
 
 
 @pytest.mark.parametrize(
-    ("name", "told"), [("line.txt", "saved as .csv, .obj, .npy, got 'line.txt'"), ("line", "got 'line'")]
+    ("name", "sentence"), [("line.txt", "saved as .csv, .obj, .npy, got 'line.txt'"), ("line", "got 'line'")]
 )
-def test_other_files_are_refused_before_a_window_opens(name, told):
-    with pytest.raises(InputError, match=told):
+def test_other_files_are_refused_before_a_window_opens(name, sentence):
+    with pytest.raises(InputError, match=sentence):
         ck.pick_line(SPHERE, name)
     square = ck.source("solid", of=ck.source("analytic.circle"))
     with pytest.raises(InputError, match="OBJ files hold points of space"):

@@ -56,7 +56,7 @@ def mass_over(vertices: Floats, cells: Ints, weight: Floats, manifold_dim: int, 
     return _summed(vertices, cells, _shape(manifold_dim, degree, weight), weight, False)
 
 
-def lumped(mass: csr_array) -> csr_array:
+def lump(mass: csr_array) -> csr_array:
     """Return the diagonal matrix of the row sums of a mass matrix."""
     from scipy.sparse import diags_array
 

@@ -1,4 +1,4 @@
-"""The form ``fem``: from a scene to its vertices, on a triangulation."""
+"""The forms ``fem`` and ``fem-pinned``: a scene discretised on a triangulation."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from cpmkit.plugin import (
 )
 from cpmkit_fem.assembly import stiffness_and_mass
 from cpmkit_fem.cell_mesh import CellMesh
-from cpmkit_fem.flips import flipped
+from cpmkit_fem.flips import flip_boundary_chords
 from cpmkit_fem.form import FiniteElements
 from cpmkit_fem.on_nodes import conditions_of
 from cpmkit_fem.pins import pins_of
-from cpmkit_fem.quadratic import curved, with_midpoints
+from cpmkit_fem.quadratic import curve_mesh, with_midpoints
 from cpmkit_fem.ties import ties_of
 from cpmkit_fem.triangulation import own_mesh, triangulate
 
@@ -31,22 +31,22 @@ def fem() -> Backend:
     """Return the form ``solve(scene, spacing, backend="fem")``, whose one option is the ``degree``.
 
     A surface that is itself a mesh is solved on its own triangles and needs no spacing; any other that
-    can be drawn is triangulated with edges of about the spacing. The triangles are cut along the boundaries, and
-    segments of a curve at points of it.
+    can be drawn is triangulated with edges of about the spacing. Triangles are cut along the boundaries, and
+    segments of a curve at boundary points.
     """
     return Elements()
 
 
 def fem_pinned() -> Backend:
-    """Return the form ``solve(scene, spacing, backend="fem-pinned")``: as ``fem``, on triangles that nothing cuts.
+    """Return the form ``solve(scene, spacing, backend="fem-pinned")``: as ``fem``, on triangles that are not cut.
 
-    The vertices nearest to a boundary get its value, as mesh methods commonly do, and as King et al. (2024), section
-    6.4, compare with. Boundaries hold Dirichlet conditions, the same on both sides.
+    The vertices nearest to a boundary get its value, a common method on meshes with which King et al. (2024), section
+    6.4, compare. Boundaries have Dirichlet conditions, the same on both sides.
     """
     return PinnedElements()
 
 
-#: Nodes farther from where they belong than this share of an edge are told of.
+#: Distance of nodes from the surface or boundary, as a share of an edge, above which a warning is given.
 OFF_EDGE_SHARE = 2e-3
 
 
@@ -62,19 +62,19 @@ class Elements:
         Parameters
         ----------
         scene : Scene
-            A surface or a curve; its boundaries and its edge hold any conditions; a point of a surface holds a value.
+            A surface or a curve; its boundaries and its edge have any conditions, a point of a surface a value.
         spacing : float, optional
             About the length of an edge, in the scene's unit; a mesh needs none and keeps its own.
         degree : int
-            Of the polynomials on each cell: 1, or 2 with cells that follow a surface which is no mesh.
+            Degree of the polynomials on each cell: 1, or 2 with curved cells on a surface that is no mesh.
         progress : callable, optional
             ``progress(stage, fraction)``.
 
         Raises
         ------
         InputError, SceneError
-            If there are no cells, the degree is another, a boundary lies off them, or what couples two sides has one
-            alone.
+            If there are no cells, the degree is another, a boundary lies off the cells, or a condition that couples two
+            sides has only one.
         ResolutionError
             If all vertices are pinned.
         """
@@ -82,17 +82,17 @@ class Elements:
             raise InputError(f"backend='fem' has elements of degree 1 and 2, got degree={degree!r}; use degree=2.")
         progress("build", 0.0)
         mesh, cut = triangulate(scene, spacing), None
-        bent = degree == 2 and own_mesh(scene.surface) is None
+        curves_cells = degree == 2 and own_mesh(scene.surface) is None
         if scene.boundaries:
             cut = cut_along_boundaries(scene, mesh.nodes, mesh.cells, mesh.mean_edge)
             mesh = CellMesh(cut.vertices, cut.faces, mesh.manifold_dim)
-            if bent and mesh.manifold_dim == 2:
-                mesh = flipped(mesh, cut.edges)
+            if curves_cells and mesh.manifold_dim == 2:
+                mesh = flip_boundary_chords(mesh, cut.edges)
         mesh = with_midpoints(mesh) if degree == 2 else mesh
-        if bent:
-            mesh, off = curved(scene, mesh, cut)
-            cut = cut and replace(cut, warnings=(*cut.warnings, *_of_flat(mesh, off)))
-        return _discretized(scene, mesh, cut, progress)
+        if curves_cells:
+            mesh, off = curve_mesh(scene, mesh, cut)
+            cut = cut and replace(cut, warnings=(*cut.warnings, *_flat_cell_warnings(mesh, off)))
+        return _discretize(scene, mesh, cut, progress)
 
 
 @dataclass(frozen=True)
@@ -106,20 +106,21 @@ class PinnedElements:
         if scene.surface.manifold_dim == 1:
             raise InputError("backend='fem-pinned' pins vertices of surfaces, got a curve; use backend='fem'.")
         progress("build", 0.0)
-        return _discretized(scene, triangulate(scene, spacing), None, progress)
+        return _discretize(scene, triangulate(scene, spacing), None, progress)
 
 
-def _of_flat(mesh: CellMesh, off: Floats) -> Iterator[str]:
-    """Tell of nodes that could not be put where they belong."""
+def _flat_cell_warnings(mesh: CellMesh, off: Floats) -> Iterator[str]:
+    """Yield a warning of nodes that could not be moved onto the surface or the boundary."""
     if off.max() > OFF_EDGE_SHARE * mesh.mean_edge:
         flat = int((off > OFF_EDGE_SHARE * mesh.mean_edge)[mesh.cells].any(axis=1).sum())
         yield (
-            f"{flat} of {len(mesh.cells)} cells, beside boundaries, are too thin to be bent, and up to {off.max():.2g} "
-            "off the surface or the boundary: the answer is of second order there; another spacing may avoid them."
+            f"{flat} of {len(mesh.cells)} cells, beside boundaries, are too thin to be curved, and up to "
+            f"{off.max():.2g} off the surface or the boundary: the answer is of second order there; another "
+            "spacing may avoid them."
         )
 
 
-def _discretized(scene: Scene, mesh: CellMesh, cut: CutMesh | None, progress: Progress) -> FiniteElements:
+def _discretize(scene: Scene, mesh: CellMesh, cut: CutMesh | None, progress: Progress) -> FiniteElements:
     parts, ties = conditions_of(scene, mesh, cut), ties_of(scene, mesh, cut)
     pins = pins_of(parts, ties, scene.channels)
     if len(pins.vertices) == len(mesh.nodes):

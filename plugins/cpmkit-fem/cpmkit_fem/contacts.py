@@ -1,8 +1,8 @@
-"""Contacts without resistance at points of a curve: what u jumps by is an unknown of its own there, and given.
+"""Contacts without resistance at points of a curve: the jump of u is a prescribed unknown there.
 
-With ``w = u_left - u_right`` in the place of ``u_right``, u is ``T w`` with a T that is its own inverse. Along a curve
-of a surface the jump is held by a large conductance instead (``ties.py``), since seams may meet; at points of a curve,
-where b is as small as an edge, the rounding of that would be felt.
+With ``w = u_left - u_right`` in place of ``u_right``, u is ``T w`` with a T that is its own inverse. Along a curve of a
+surface a large conductance imposes the jump instead (``ties.py``), since curves may meet; at points of a curve, where b
+is as small as an edge, the rounding errors of a large conductance would matter.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def change_of(ties: Sequence[Tie], size: int) -> csr_array | None:
-    """Return T (n, n), n the ``size``; None where no contact holds its jump so."""
+    """Return T (n, n), n the ``size``; None if no contact prescribes its jump as an unknown."""
     from scipy.sparse import csr_array
 
     left, right = sides_of_jumps(ties)
@@ -34,6 +34,7 @@ def change_of(ties: Sequence[Tie], size: int) -> csr_array | None:
 
 
 def sides_of_jumps(ties: Sequence[Tie]) -> tuple[Ints, Ints]:
-    """Return the nodes (k,) on the left and on the right of the contacts that hold their jumps so."""
-    none, held = np.zeros(0, dtype=np.int64), [tie for tie in ties if tie.holds_jump]
-    return np.concatenate([none, *(tie.left for tie in held)]), np.concatenate([none, *(tie.right for tie in held)])
+    """Return the nodes (k,) on the left and on the right of the contacts that prescribe their jumps as unknowns."""
+    none, contacts = np.zeros(0, dtype=np.int64), [tie for tie in ties if tie.prescribes_jump]
+    left = np.concatenate([none, *(contact.left for contact in contacts)])
+    return left, np.concatenate([none, *(contact.right for contact in contacts)])

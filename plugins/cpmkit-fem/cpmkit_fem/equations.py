@@ -23,7 +23,7 @@ from cpmkit.plugin import (
     Terms,
     Value,
 )
-from cpmkit_fem.assembly import lumped, stiffness_and_mass
+from cpmkit_fem.assembly import lump, stiffness_and_mass
 from cpmkit_fem.on_nodes import OnNodes
 from cpmkit_fem.operator import VertexOperator, diagonal_matrix, pinned_operator, without
 from cpmkit_fem.rim import RimPart
@@ -57,17 +57,17 @@ class Equations(OnNodes):
         matrix, mass = a[0] * self.laplacian, c[0] * self.mass_matrix
         if callable(terms.diffusivity) or callable(terms.c):
             matrix, mass = stiffness_and_mass(self.mesh.nodes, self.mesh.cells, a, c, self.mesh.degree)
-        matrix = (matrix + (lumped(mass) if terms.lumped else mass)).tocsr()
+        matrix = (matrix + (lump(mass) if terms.lumped else mass)).tocsr()
         for tie in self.ties:
-            if not tie.holds_jump:
+            if not tie.prescribes_jump:
                 matrix = (matrix + tie.stiffness(a)).tocsr()
         rims = [part.mass(a / part.law.alpha) for part in self._flows]
         for part in self._flows:
             if isinstance(part.law, Mixed):
-                beta = part.given(part.law.beta, 1, None)[:, 0]
+                beta = part.data_at_vertices(part.law.beta, 1, None)[:, 0]
                 matrix = (matrix + part.mass(a * beta / part.law.alpha)).tocsr()
         fixed = not callable(terms.c) and bool(terms.c)
-        return pinned_operator(self.changed(matrix), self.pins.vertices, rims, fixed, a)
+        return pinned_operator(self.change_matrix(matrix), self.pins.vertices, rims, fixed, a)
 
     @property
     def _flows(self) -> list[RimPart]:
@@ -76,7 +76,9 @@ class Equations(OnNodes):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals of f v, f linear between the vertices; none at pinned vertices."""
-        b = self.tested(self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.scene.channels))
+        b = self.change_load(
+            self.mass_matrix @ self.data_at_points(f, "the right-hand side f", time, self.scene.channels)
+        )
         b[self.pins.vertices] = 0.0
         return b
 
@@ -86,10 +88,10 @@ class Equations(OnNodes):
         assert isinstance(stiffness, VertexOperator)
         b = np.zeros((self.size, self.scene.channels))
         for part, rim in zip(self._flows, stiffness.rims, strict=True):
-            b += rim @ part.given(part.law.datum, self.scene.channels, time)
+            b += rim @ part.data_at_vertices(part.law.datum, self.scene.channels, time)
         for tie in self.ties:
             b += tie.load(stiffness.diffusivity, self.scene.channels, time)
-        b = self.tested(b)
+        b = self.change_load(b)
         b[self.pins.vertices] = 0.0
         return np.asarray(b - stiffness.coupling @ self.pins.values(time))
 
@@ -101,7 +103,8 @@ class Equations(OnNodes):
         if not spectral:
             return None
         return CsrOperator(
-            without(self.changed(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True), symmetric=True
+            without(self.change_matrix(sum(spectral[1:], spectral[0])), self.pins.vertices, columns=True),
+            symmetric=True,
         )
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:

@@ -15,7 +15,7 @@ THIN_SHARE = 0.05
 ROUNDS = 6
 
 
-def flipped(mesh: CellMesh, kept: Ints) -> CellMesh:
+def flip_boundary_chords(mesh: CellMesh, kept: Ints) -> CellMesh:
     """Return triangles with longest edges of thin ones exchanged for the other diagonal, but for ``kept`` (e, 2).
 
     Edges of the rim, and so those on cuts, have no other diagonal.

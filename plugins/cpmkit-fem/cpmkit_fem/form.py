@@ -1,4 +1,4 @@
-"""A scene on the nodes of a mesh: the values of finite elements, and what is told of them."""
+"""The finite-element form: values at nodes, evaluation at points, and warnings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cpmkit_fem.contacts import sides_of_jumps
 from cpmkit_fem.equations import Equations
 from cpmkit_fem.nearest import pin_warnings
 from cpmkit_fem.reading import on_curved, reading_matrix
-from cpmkit_fem.sides import located
+from cpmkit_fem.sides import locate_points
 from cpmkit_fem.work import FemWork
 
 if TYPE_CHECKING:
@@ -42,43 +42,45 @@ class FiniteElements(Equations):
     # Values
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values at nodes: u, but where a jump is an unknown of its own."""
-        values = self.exchanged(u)
+        """Return the values at nodes: u, except where a jump is an unknown."""
+        values = self.change_variables(u)
         return values if rows is None else values[rows]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return ``values``, with those that are given at ``time`` where they are."""
+        """Return ``values`` with the prescribed values at ``time``."""
         del start
-        return self._with_given(values, self.pins.values(self.scene.problem.start_time if time is None else time))
+        return self._with_prescribed(values, self.pins.values(self.scene.problem.start_time if time is None else time))
 
     def interpolate(
         self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
     ) -> Floats:
-        """Return ``data`` at the vertices; at pinned ones the given values, or their rates over a ``step``."""
+        """Return ``data`` at the vertices; at pinned ones the prescribed values, or their rates over a ``step``."""
         del in_range
-        given = self.pins.values(time)
+        prescribed = self.pins.values(time)
         if step:
-            given = (self.pins.values(time + step) - given) / step
-        return self._with_given(self.data_at_points(data, label, time, self.scene.channels), given)
+            prescribed = (self.pins.values(time + step) - prescribed) / step
+        return self._with_prescribed(self.data_at_points(data, label, time, self.scene.channels), prescribed)
 
-    def _with_given(self, values: Floats, given: Floats) -> Floats:
-        u = self.exchanged(values).copy()
+    def _with_prescribed(self, values: Floats, prescribed: Floats) -> Floats:
+        u = self.change_variables(values).copy()
         left, right = sides_of_jumps(self.ties)
         before = u[right]
-        u[self.pins.vertices] = given
-        if len(left):  # a jump that is new parts the sides by their masses: together they gain no heat by it
+        u[self.pins.vertices] = prescribed
+        if len(left):  # a new jump moves both sides in inverse proportion to their masses: the total heat is kept
             mass = np.asarray(self.mass_matrix.sum(axis=1)).ravel()
             u[left] += (mass[right] / (mass[left] + mass[right]))[:, None] * (u[right] - before)
         return u
 
     def inner(self, u: Floats, v: Floats) -> Floats:
         """Return the means (k, m) over the mesh of the products of u's columns with v's."""
-        return np.asarray(self.exchanged(u).T @ (self.mass_matrix @ self.exchanged(v)) / self.mass_matrix.sum())
+        return np.asarray(
+            self.change_variables(u).T @ (self.mass_matrix @ self.change_variables(v)) / self.mass_matrix.sum()
+        )
 
     def rows(self, points: Floats, side: Side | Mapping[str, Side] | None = None) -> csr_array:
-        """Return the matrix (k, v) that reads u at the nearest points of the mesh, on the points' own side.
+        """Return the matrix (k, v) that evaluates u at the nearest points of the mesh, on the points' own side.
 
-        Of points on a boundary it is the left one unless ``side`` says so.
+        On a boundary the side is ``side``, or left.
 
         Raises
         ------
@@ -88,33 +90,33 @@ class FiniteElements(Equations):
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:
             queries = self.scene.surface.closest_point(queries).points
-        cell, local = located(self.scene, self.mesh, self.cut, queries, named_sides(self.scene, side))
+        cell, local = locate_points(self.scene, self.mesh, self.cut, queries, named_sides(self.scene, side))
         if self.mesh.curved:
             local = on_curved(self.mesh, cell, local, queries)
         rows = reading_matrix(self.mesh, cell, local)
         return rows if self.change is None else (rows @ self.change).tocsr()
 
-    # Telling
+    # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
-        """Return what the surface says of itself, and how boundaries came into the mesh or far from them pins are."""
+        """Return the warnings of the surface, of the insertion of boundaries and of distances of pins."""
         of_boundaries = pin_warnings(self.rim) if self.cut is None else self.cut.warnings
         return (*warnings_of(self.scene.surface, self.spacing), *of_boundaries, *self._small_boundaries())
 
     def _small_boundaries(self) -> tuple[str, ...]:
-        """Name values on points of a surface, and on curves far smaller than an edge."""
+        """Return warnings of values at points of a surface, and on curves far smaller than an edge."""
         if self.mesh.manifold_dim != 2:
             return ()
-        cutting = [one.name for one in self.scene.boundaries if one.source.manifold_dim != 0]
+        cutting = [boundary.name for boundary in self.scene.boundaries if boundary.source.manifold_dim != 0]
         return small_boundary_warnings(self.scene, cutting, self.spacing, SMALL_EDGES * self.mesh.mean_edge)
 
     def work(self, operator: Operator, report: SolveReport | None) -> FemWork:
-        """Return what the mesh holds and what the solve did."""
+        """Return the sizes of the mesh and the counts of the solve."""
         free, done = self.size - len(self.pins.vertices), report.operator_applications if report else 0
         return FemWork(free, self.size, len(self.mesh.cells), operator.nonzeros, done)
 
     def describe(self) -> dict[str, Any]:
-        """Return that these are finite elements, and their degree."""
+        """Return the name of the form and the degree of its elements."""
         pinned = self.cut is None and bool(self.scene.boundaries)
         return {"backend": "fem-pinned" if pinned else "fem", "degree": self.mesh.degree}
 
@@ -124,4 +126,4 @@ class FiniteElements(Equations):
 
         drawn = self.scene.surface.dim == 3 and self.mesh.manifold_dim == 2
         normals = vertex_normals(self.vertices, self.faces) if drawn else None
-        return DisplayMesh(self.vertices, self.faces, self.exchanged(u), normals, self.size)
+        return DisplayMesh(self.vertices, self.faces, self.change_variables(u), normals, self.size)

@@ -1,4 +1,4 @@
-"""Where the curves of a union meet: u is one there only if their meshes have a vertex in common."""
+"""Junctions of the curves of a union: u is continuous there only if their meshes have a common vertex."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ def check_junctions(surface: ClosestPointSource, mesh: CellMesh) -> None:
         return
     member = surface.closest_point(mesh.nodes[mesh.corners].mean(axis=1)).element
     assert member is not None
-    for own, other in permutations(range(len(surface.members)), 2):
-        cells = mesh.corners[member == own]
+    for first, other in permutations(range(len(surface.members)), 2):
+        cells = mesh.corners[member == first]
         shared = np.intersect1d(cells, mesh.corners[member == other])
         for point, reach in zip(*_meetings(mesh.nodes, cells, surface.members[other]), strict=True):
             if not np.any(np.linalg.norm(mesh.nodes[shared] - point, axis=1) <= reach):
                 raise InputError(
-                    f"members {own} and {other} of the union meet near {place(point)}, where their segments have no "
-                    "common vertex, so backend='fem' would part them; end the members there, or use backend='cpm'."
+                    f"members {first} and {other} of the union meet near {place(point)}, where their segments have no "
+                    "common vertex, so backend='fem' would separate them; end the members there, or use backend='cpm'."
                 )
 
 
@@ -42,9 +42,9 @@ def _meetings(nodes: Floats, cells: Ints, other: ClosestPointSource) -> tuple[Fl
     """Return the points (k, d) of segments at which another curve meets them, and the lengths (k,) of these."""
     length = lengths(nodes, cells)
     centres = nodes[cells].mean(axis=1)
-    near = other.closest_point(centres).distance <= length if len(cells) else np.zeros(0, dtype=bool)
-    start, way, length = nodes[cells[near, 0]], (nodes[cells[near, 1]] - nodes[cells[near, 0]]), length[near]
-    points = centres[near]
+    nearby = other.closest_point(centres).distance <= length if len(cells) else np.zeros(0, dtype=bool)
+    start, way, length = nodes[cells[nearby, 0]], (nodes[cells[nearby, 1]] - nodes[cells[nearby, 0]]), length[nearby]
+    points = centres[nearby]
     if not len(points):
         return points, length
     for _ in range(ROUNDS):

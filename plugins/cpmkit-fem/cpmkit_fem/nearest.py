@@ -1,6 +1,6 @@
-"""Boundaries held by the vertices nearest to them, as mesh methods commonly do; King et al. (2024), section 2.3.
+"""Dirichlet data imposed at the vertices nearest to boundaries, as is common on meshes; King et al. (2024), sec. 2.3.
 
-Of first order in the length of an edge, of second where the boundary runs along edges of the mesh.
+The error is of first order in the length of an edge, of second order where the boundary follows edges of the mesh.
 """
 
 from __future__ import annotations
@@ -14,34 +14,34 @@ from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import RimPart
 
-#: Points a side of each triangle near a boundary whose feet sample the boundary.
+#: Points along a side of each triangle near a boundary whose closest points sample the boundary.
 TRIANGLE_SIDE_SAMPLES = 3
 #: A boundary passes through a vertex if it is nearer than this share of an edge.
 THROUGH_VERTEX_SHARE = 1e-6
 
 
 def pinned_vertices(scene: Scene, mesh: CellMesh) -> Sequence[RimPart]:
-    """Return the vertices that each boundary pins, with its law.
+    """Return the vertices nearest to each boundary, with its law.
 
     Raises
     ------
     SceneError
-        If a boundary holds anything but one Dirichlet condition on both sides, or lies off the mesh.
+        If a boundary has other conditions than one Dirichlet condition on both sides, or lies off the mesh.
     """
-    return [_held(boundary, mesh) for boundary in scene.boundaries]
+    return [_nearest_part(boundary, mesh) for boundary in scene.boundaries]
 
 
 def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
-    """Tell how far from their boundaries the pinned vertices lie."""
+    """Return warnings of pinned vertices that are not on their boundaries, with the distances."""
     return tuple(
-        f"The {part.what} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "
+        f"The {part.label} pins {len(part.on)} vertices up to {part.off.max():.3g} away from it (a mean edge is "
         f"{part.mesh.mean_edge:.3g}): the answer is of first order there."
         for part in parts
         if part.place is not None and part.off.max() > THROUGH_VERTEX_SHARE * part.mesh.mean_edge
     )
 
 
-def _held(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
+def _nearest_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
     left, right = (boundary.condition(side) for side in SIDES)
     if left is not right or not isinstance(left.law, Value):
         raise SceneError(
@@ -53,7 +53,7 @@ def _held(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
 
 
 def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
-    """Return the vertices nearest to some point of the boundary, without gaps."""
+    """Return the vertices nearest to some point of the boundary, without gaps along edges."""
     from scipy.spatial import cKDTree
 
     nearest = np.unique(cKDTree(mesh.nodes).query(_samples(boundary, mesh))[1])
@@ -61,10 +61,10 @@ def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
 
 
 def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
-    """Return points of the boundary, closer together than vertices: feet of points all over the triangles near it."""
+    """Return points of the boundary, denser than vertices: closest points of samples of the triangles near it."""
     corners = mesh.nodes[mesh.corners]
-    near = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
-    if not near.any():
+    nearby = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
+    if not nearby.any():
         raise SceneError(
             f"boundary {boundary.name!r} is farther than an edge from every triangle of the mesh; move it onto the "
             "surface."
@@ -72,6 +72,6 @@ def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
     i, j = np.divmod(np.arange((TRIANGLE_SIDE_SAMPLES + 1) ** 2), TRIANGLE_SIDE_SAMPLES + 1)
     inside = i + j <= TRIANGLE_SIDE_SAMPLES
     weights = np.stack([i, j, TRIANGLE_SIDE_SAMPLES - i - j], axis=1)[inside] / TRIANGLE_SIDE_SAMPLES
-    spread = np.einsum("wc,mcd->mwd", weights, corners[near]).reshape(-1, mesh.nodes.shape[1])
+    spread = np.einsum("wc,mcd->mwd", weights, corners[nearby]).reshape(-1, mesh.nodes.shape[1])
     points: Floats = boundary.source.closest_point(spread).points
     return points

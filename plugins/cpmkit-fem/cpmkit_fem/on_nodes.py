@@ -1,4 +1,4 @@
-"""A scene on the nodes of a mesh: what is unknown there, and what is held."""
+"""A scene on the nodes of a mesh: its unknowns, its conditions and its mass matrix."""
 
 from __future__ import annotations
 
@@ -32,17 +32,17 @@ class OnNodes(Discretized):
     Attributes
     ----------
     scene : Scene
-        What is discretised.
+        The scene.
     mesh : CellMesh
-        Of the surface or curve.
+        The mesh of the surface or curve.
     cut : CutMesh or None
-        What lies on boundaries; None where there are none, or vertices near them are pinned.
+        The mesh with its edges on boundaries; None without boundaries, and where vertices near them are pinned.
     rim : sequence of RimPart
         Its rim and the sides of boundaries, by condition.
     ties : sequence of Tie
         The boundaries that couple their sides.
     pins : Pins
-        The vertices whose values are given.
+        The vertices with prescribed values.
     laplacian, mass_matrix : csr_array (v, v)
         The integrals of grad u . grad v and of u v.
     """
@@ -114,22 +114,22 @@ class OnNodes(Discretized):
 
     @cached_property
     def _mass(self) -> csr_array:
-        return self.changed(self.mass_matrix)
+        return self.change_matrix(self.mass_matrix)
 
     @cached_property
     def change(self) -> csr_array | None:
         """T (n, n), with values at nodes ``T u`` and T its own inverse; None where unknowns are these values."""
         return change_of(self.ties, self.size)
 
-    def changed(self, matrix: csr_array) -> csr_array:
-        """Return ``T' matrix T``: a form of values at nodes as one of unknowns."""
+    def change_matrix(self, matrix: csr_array) -> csr_array:
+        """Return ``T' matrix T``: a bilinear form of values at nodes, as one of unknowns."""
         return matrix if self.change is None else (self.change.T @ matrix @ self.change).tocsr()
 
-    def tested(self, b: Floats) -> Floats:
-        """Return ``T' b``: what is tested by functions at nodes, as by the unknowns'."""
+    def change_load(self, b: Floats) -> Floats:
+        """Return ``T' b``: a load of the functions of nodes, as one of the unknowns."""
         return b if self.change is None else np.asarray(self.change.T @ b)
 
-    def exchanged(self, values: Floats) -> Floats:
+    def change_variables(self, values: Floats) -> Floats:
         """Return ``T values``: the unknowns of values at nodes, and the reverse."""
         return values if self.change is None else np.asarray(self.change @ values)
 

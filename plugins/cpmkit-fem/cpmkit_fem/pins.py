@@ -1,4 +1,4 @@
-"""Vertices with given values: those on sides of boundaries and on the edge where Dirichlet conditions hold."""
+"""Vertices with prescribed values: those with Dirichlet conditions, on sides of boundaries and on the edge."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from cpmkit_fem.ties import Tie
 
 @dataclass(frozen=True, eq=False)
 class Pins:
-    """Vertices with given values; one that several conditions hold takes the value of the nearest, then of the first.
+    """Vertices with prescribed values; of several conditions at a vertex the nearest holds, then the first.
 
     Attributes
     ----------
     vertices : (p,) int64
     parts : sequence of RimPart and Tie
-        Those with values, and those that hold a jump.
+        Parts with values, and ties with a prescribed jump.
     picked : (p,) int64
-        The row of the joined parts that each vertex takes.
+        The row of each vertex in the concatenated parts.
     channels : int
-        Of the values.
+        Number of channels of the values.
     """
 
     vertices: Ints
@@ -35,16 +35,16 @@ class Pins:
     def values(self, time: float | None = None) -> Floats:
         """Return the values (p, channels)."""
         none = np.zeros((0, self.channels))
-        found = [part.values(self.channels, time) for part in self.parts]
-        return np.concatenate([none, *found])[self.picked]
+        of_parts = [part.values(self.channels, time) for part in self.parts]
+        return np.concatenate([none, *of_parts])[self.picked]
 
 
 def pins_of(parts: Sequence[RimPart], ties: Sequence[Tie], channels: int) -> Pins:
     """Return all pinned vertices."""
-    held: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
-    held += [tie for tie in ties if tie.holds_jump]
-    vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in held)])
-    off = np.concatenate([np.zeros(0), *(part.off for part in held)])
+    prescribed: list[RimPart | Tie] = [part for part in parts if isinstance(part.law, Value)]
+    prescribed += [tie for tie in ties if tie.prescribes_jump]
+    vertices = np.concatenate([np.zeros(0, dtype=np.int64), *(part.on for part in prescribed)])
+    off = np.concatenate([np.zeros(0), *(part.off for part in prescribed)])
     order = np.lexsort((off, vertices))
     pinned, first = np.unique(vertices[order], return_index=True)
-    return Pins(pinned, held, order[first], channels)
+    return Pins(pinned, prescribed, order[first], channels)

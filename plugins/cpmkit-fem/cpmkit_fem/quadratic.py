@@ -1,4 +1,4 @@
-"""Cells with midpoints, of degree 2, and where they lie: on the surface, its rim, and boundaries."""
+"""Cells of degree 2 with midpoints, whose nodes are moved onto the surface, its rim and boundaries."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from cpmkit_fem.location import nearest_on_cells
 from cpmkit_fem.rim import outside, rim_facets
 from cpmkit_fem.surface_mapping import jacobians, unfold
 
-#: A node stays on its flat cell where it would be moved by more than this share of an edge.
+#: A node stays on its flat cell if it would move by more than this share of an edge.
 MOVED_EDGE_SHARE = 0.25
-#: Cells keep at least this share of their flat measure everywhere, or their nodes stay where they were.
+#: Least measure of a curved cell at any point over that of the flat cell; else its nodes stay.
 LEAST_MEASURE_SHARE = 0.2
-#: How often cells are looked at again after nodes of others stayed, at first midpoints alone: in the end all are flat.
-ROUNDS_OF_STAYING, ROUNDS_OF_STRAIGHTENING = 20, 4
-#: Rounds in which a node comes onto two boundaries, or a boundary and the rim; each asks nearer to the rim by a factor.
+#: Rounds in which nodes of inverted cells move back, at first midpoints alone; in the end all cells are flat.
+ROUNDS_OF_UNTANGLING, ROUNDS_OF_STRAIGHTENING = 20, 4
+#: Rounds that project a node onto two boundaries, or a boundary and the rim, each nearer to the rim by a factor.
 ROUNDS_OF_MEETING, NEARER = 5, 0.125
 
 
 def with_midpoints(mesh: CellMesh) -> CellMesh:
-    """Return cells of degree 1 as such of degree 2, with straight edges."""
+    """Return a mesh of degree 1 as a mesh of degree 2 with straight edges."""
     k = mesh.manifold_dim + 1
     pairs = np.sort(mesh.corners[:, EDGES_OF[mesh.manifold_dim]].reshape(-1, 2), axis=1)
     edges, number = np.unique(pairs, axis=0, return_inverse=True)
@@ -35,39 +35,39 @@ def with_midpoints(mesh: CellMesh) -> CellMesh:
     return CellMesh(np.concatenate([mesh.nodes, mesh.nodes[edges].mean(axis=1)]), cells, mesh.manifold_dim, 2)
 
 
-def curved(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
-    """Return a mesh whose nodes are moved onto the surface, on its rim and on boundaries onto these.
+def curve_mesh(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[CellMesh, Floats]:
+    """Return a mesh whose nodes are moved onto the surface, its rim and boundaries, and the remaining distances (n,).
 
-    Nodes beside these are moved along, so that thin cells keep their shape. Nodes stay where the way is far, or would
-    fold a cell; how far they are (n,) from where they belong is returned too.
+    Nodes near the rim and boundaries move with these, so that thin cells keep their shape. A node stays where it is if
+    it would move far or invert a cell.
     """
     lines, wanted = _on_lines(scene, mesh, cut)
-    joined, number = _joined(mesh)
-    reach = _edge_at_nodes(joined)[number]
+    merged, number = _merge_nodes(mesh)
+    reach = _edge_at_nodes(merged)[number]
     others = np.setdiff1d(np.arange(len(mesh.nodes)), lines)
     if mesh.manifold_dim == 2 and len(lines):
-        wanted[others] += _carried(mesh, lines, wanted - mesh.nodes, mesh.nodes[others], reach)
+        wanted[others] += _displace_neighbours(mesh, lines, wanted - mesh.nodes, mesh.nodes[others], reach)
     wanted[others] = scene.surface.closest_point(wanted[others]).points
     far = np.linalg.norm(wanted - mesh.nodes, axis=1) > MOVED_EDGE_SHARE * reach
-    kept = wanted.copy()
-    kept[far] = mesh.nodes[far]
-    places = joined.nodes.copy()
-    places[number] = kept
-    nodes = _unfolded(joined, places)[number]
+    places = wanted.copy()
+    places[far] = mesh.nodes[far]
+    merged_places = merged.nodes.copy()
+    merged_places[number] = places
+    nodes = _untangle(merged, merged_places)[number]
     return replace(mesh, nodes=nodes, curved=True), np.linalg.norm(nodes - wanted, axis=1)
 
 
 def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, Floats]:
-    """Return the facets (f, c) on boundaries and the rim, and where nodes (n, d) on these belong, others unmoved."""
+    """Return the facets (f, c) on boundaries and the rim, and all nodes (n, d), with those of the facets projected."""
     wanted, none = mesh.nodes.copy(), np.zeros((0, mesh.manifold_dim), dtype=np.int64)
     rim, opposite = rim_facets(mesh, none if cut is None else cut.edges)
     if len(rim) and mesh.manifold_dim == 2:
         wanted[rim[:, 2]] = scene.surface.closest_point(outside(mesh.nodes, rim, opposite)).points
     if cut is None:
         return rim, wanted
-    own = [np.unique(mesh.with_midpoints(cut.edges[cut.owner == number])) for number in range(len(scene.boundaries))]
-    own = [np.union1d(nodes, cut.points.get(number, nodes)) for number, nodes in enumerate(own)]
-    on, count = np.unique(np.concatenate(own), return_counts=True)
+    of_edges = [np.unique(mesh.with_midpoints(cut.edges[cut.owner == k])) for k in range(len(scene.boundaries))]
+    of_boundary = [np.union1d(nodes, cut.points.get(number, nodes)) for number, nodes in enumerate(of_edges)]
+    on, count = np.unique(np.concatenate(of_boundary), return_counts=True)
     ends = np.intersect1d(on, rim[:, : mesh.manifold_dim])
     outward = np.zeros_like(wanted)
     outward[rim[:, : mesh.manifold_dim]] = (
@@ -75,7 +75,7 @@ def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, 
     )[:, None]
     meeting = np.union1d(on[count > 1], ends)
     for turn in range(ROUNDS_OF_MEETING):
-        for boundary, nodes in zip(scene.boundaries, own, strict=True):
+        for boundary, nodes in zip(scene.boundaries, of_boundary, strict=True):
             at = nodes if turn == 0 else np.intersect1d(nodes, meeting)
             if len(at):
                 wanted[at] = scene.surface.closest_point(boundary.source.closest_point(wanted[at]).points).points
@@ -84,10 +84,11 @@ def _on_lines(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> tuple[Ints, 
     return np.concatenate([rim, mesh.with_midpoints(cut.edges)]), wanted
 
 
-def _carried(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: Floats) -> Floats:
-    """Return how far ``points`` (k, d) are carried along with the line next to them, whose nodes are ``moved`` (n, d).
+def _displace_neighbours(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: Floats) -> Floats:
+    """Return displacements of ``points`` (k, d) near lines whose nodes have the displacements ``moved`` (n, d).
 
-    As the place next to them is, less by how far they are from it; not at all from the ``reach`` (n,) of its nodes on.
+    A point moves as its nearest place on a line, with a factor that decreases linearly to zero at the ``reach`` (n,) of
+    the line's nodes.
     """
     line, local = nearest_on_cells(mesh.nodes, lines[:, :2], points)
     ends = lines[line]
@@ -97,25 +98,25 @@ def _carried(mesh: CellMesh, lines: Ints, moved: Floats, points: Floats, reach: 
     return np.asarray(np.maximum(share, 0.0)[:, None] * at_feet)
 
 
-def _joined(mesh: CellMesh) -> tuple[CellMesh, Ints]:
-    """Return the mesh with one node where a cut has two, and the number (n,) there of each node."""
+def _merge_nodes(mesh: CellMesh) -> tuple[CellMesh, Ints]:
+    """Return the mesh with nodes at equal places merged, and the new number (n,) of each node."""
     nodes, number = np.unique(mesh.nodes, axis=0, return_inverse=True)
     number = number.ravel()
     return replace(mesh, nodes=nodes, cells=number[mesh.cells]), number
 
 
 def _edge_at_nodes(mesh: CellMesh) -> Floats:
-    """Return the length (n,) of the shortest cell's longest edge at each node."""
-    found = np.full(len(mesh.nodes), np.inf)
-    np.minimum.at(found, mesh.cells, mesh.longest_edges[:, None])
-    return found
+    """Return for each node (n,) the smallest of its cells' longest edges."""
+    length = np.full(len(mesh.nodes), np.inf)
+    np.minimum.at(length, mesh.cells, mesh.longest_edges[:, None])
+    return length
 
 
-def _unfolded(mesh: CellMesh, wanted: Floats) -> Floats:
-    """Return the nodes where they are ``wanted`` (n, d), but for those of cells that would fold."""
+def _untangle(mesh: CellMesh, wanted: Floats) -> Floats:
+    """Return the nodes at their ``wanted`` places (n, d), except those of cells that would be inverted."""
     nodes, k = wanted.copy(), mesh.manifold_dim + 1
-    for turn in range(ROUNDS_OF_STAYING):
-        folded = mesh.cells[_folded(mesh, nodes)]
+    for turn in range(ROUNDS_OF_UNTANGLING):
+        folded = mesh.cells[_inverted_cells(mesh, nodes)]
         if not len(folded):
             return nodes
         if turn >= ROUNDS_OF_STRAIGHTENING:
@@ -124,8 +125,8 @@ def _unfolded(mesh: CellMesh, wanted: Floats) -> Floats:
     return mesh.nodes
 
 
-def _folded(mesh: CellMesh, nodes: Floats) -> Bools:
-    """Return which cells (m,) shrink too far, or turn over, somewhere, seen from the flat ones."""
+def _inverted_cells(mesh: CellMesh, nodes: Floats) -> Bools:
+    """Return which cells (m,) are inverted, or shrink below LEAST_MEASURE_SHARE of the flat cell, at some point."""
     dim = mesh.manifold_dim
     corners = np.array([[0, 1, 0, 0.5, 0.5, 0], [0, 0, 1, 0, 0.5, 0.5]]) if dim == 2 else np.array([[0, 1, 0.5]])
     flat = shape_at(dim, 1, corners[:, :1])

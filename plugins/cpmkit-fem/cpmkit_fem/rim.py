@@ -1,4 +1,4 @@
-"""Where conditions hold, on the rim of a mesh and on sides of boundaries, and the integrals over it."""
+"""Parts of the rim of a mesh and sides of boundaries with their conditions, and integrals over them."""
 
 from __future__ import annotations
 
@@ -29,40 +29,40 @@ from cpmkit_fem.cell_mesh import CellMesh
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Loops are told apart from this share of an edge outside of it.
+#: Distance outside of the rim, as a share of an edge, from which the loop of an edge is determined.
 OUTSIDE_EDGE_SHARE = 0.25
 #: A flux that changes with u by less than this, over the length of an edge, fixes no constant.
 STILL = 1e-9
-#: Data of the rim are asked so far from a boundary that ends there, as a share of half an edge.
+#: Distance along the rim, as a share of half an edge, of data from a boundary that ends there.
 ALONG_SHARE = 1e-6
-#: Named in errors.
-WHAT = "the edge's condition"
+#: Label of the edge's condition in errors.
+EDGE_LABEL = "the edge's condition"
 
 
 @dataclass(frozen=True, eq=False)
 class RimPart:
-    """Facets on which one law holds: of the rim, or on one side of a boundary.
+    """Facets with a common law: of the rim, or on one side of a boundary.
 
     Attributes
     ----------
     law : OneSided
-        What holds.
+        The law of the condition.
     mesh : CellMesh
-        Whose rim it is.
+        The mesh of the facets.
     edges : (e, c) int64
-        The nodes of each: one for a point, of a curve or of a surface, two for an edge, of degree 2 three.
+        Nodes of each facet: one of a point, two of an edge, three of an edge of degree 2.
     what : str
         Named in errors.
     place : ClosestPointSource, optional
-        The boundary, at whose feet data are asked; on the rim they are at the nodes.
+        The boundary, at whose closest points data are evaluated; None on the rim, where they are evaluated at nodes.
     target : (n, d) float64, optional
-        Or beside these, where a boundary ends on the rim and data may jump.
+        Points in place of nodes of the rim where a boundary ends and data may jump.
     """
 
     law: OneSided
     mesh: CellMesh
     edges: Ints
-    what: str = WHAT
+    label: str = EDGE_LABEL
     place: ClosestPointSource | None = None
     target: Floats | None = None
 
@@ -73,33 +73,33 @@ class RimPart:
 
     @cached_property
     def points(self) -> Floats:
-        """(k, d) where data are asked for them."""
+        """(k, d) points at which the data of the vertices are evaluated."""
         if self.place is None:
             return (self.mesh.nodes if self.target is None else self.target)[self.on]
         return self.place.closest_point(self.mesh.nodes[self.on]).points
 
     @property
     def off(self) -> Floats:
-        """(k,) how far that is from them."""
+        """(k,) distances of these points from the vertices."""
         if self.place is None:
             return np.zeros(len(self.on))
         return np.asarray(np.linalg.norm(self.points - self.mesh.nodes[self.on], axis=1))
 
     def values(self, channels: int, time: float | None) -> Floats:
         """Return the law's datum (k, channels) there."""
-        return evaluate_data(self.law.datum, self.points, channels, self.what, time)
+        return evaluate_data(self.law.datum, self.points, channels, self.label, time)
 
-    def given(self, data: Data, channels: int, time: float | None) -> Floats:
+    def data_at_vertices(self, data: Data, channels: int, time: float | None) -> Floats:
         """Return data (v, channels) at the part's vertices, zero at all others."""
         values = np.zeros((len(self.mesh.nodes), channels))
-        values[self.on] = evaluate_data(data, self.points, channels, self.what, time)
+        values[self.on] = evaluate_data(data, self.points, channels, self.label, time)
         return values
 
     def mass(self, weight: Floats) -> csr_array:
-        """Return the integrals of ``weight`` u v over the part (v, v); it is given (v,) and linear on each edge."""
+        """Return the integrals (v, v) of ``weight`` u v over the part; the weight (v,) is linear on each edge."""
         return mass_over(self.mesh.nodes, self.edges, weight, self.mesh.manifold_dim - 1, self.mesh.degree)
 
-    # What Newton's method asks where the flux depends on u
+    # For Newton's method where the flux depends on u
 
     @property
     def guess(self) -> float:
@@ -111,7 +111,7 @@ class RimPart:
         return np.asarray(u[self.on, 0])
 
     def grows(self, seen: Floats) -> bool:
-        """Tell whether the flux changes with u, beyond rounding, where u is ``seen``."""
+        """Return whether the flux depends on u, beyond rounding, where u is ``seen``."""
         return bool(np.any(np.abs(self._flux.slope_at(seen, self.points)) * self.mesh.mean_edge > STILL))
 
     def linearise(self, seen: Floats) -> RimPart:
@@ -131,19 +131,19 @@ def rim_of(scene: Scene, mesh: CellMesh, besides: Ints) -> Sequence[RimPart]:
     Raises
     ------
     SceneError
-        If a loop is not in the scene's table, or no part of the edge holds at a place of it.
+        If a loop is not in the scene's table, or no part of the edge covers a place of it.
     """
     facets, opposite = rim_facets(mesh, besides)
     if not len(facets):
         return []
     feet = scene.surface.closest_point(outside(mesh.nodes, facets, opposite))
-    found = conditions_along(scene.edge, feet.edge, feet.points)
+    parts = conditions_along(scene.edge, feet.edge, feet.points)
     target = _beside_ends(mesh, facets, besides)
-    return [RimPart(_one_sided(condition), mesh, facets[own], target=target) for condition, own in found]
+    return [RimPart(_one_sided(condition), mesh, facets[rows], target=target) for condition, rows in parts]
 
 
 def rim_facets(mesh: CellMesh, besides: Ints) -> tuple[Ints, Ints]:
-    """Return the facets (e, c) of one cell alone but for ``besides`` (b, k - 1), and the corners opposite."""
+    """Return the facets (e, c) of a single cell, except ``besides`` (b, k - 1), and their opposite corners."""
     facets, count, opposite = mesh.facets
     k, size = mesh.manifold_dim, len(mesh.nodes)
     powers = size ** np.arange(k)
@@ -167,7 +167,7 @@ def _one_sided(condition: Condition) -> OneSided:
 
 
 def outside(nodes: Floats, facets: Ints, opposite: Ints) -> Floats:
-    """Return points (e, d) a little outside: their feet lie on the rim, which a chord's middle may miss."""
+    """Return points (e, d) a little outside of the rim, whose closest points lie on it; those of chords may not."""
     if facets.shape[1] == 1:
         end = nodes[facets[:, 0]]
         return np.ascontiguousarray(end + OUTSIDE_EDGE_SHARE * (end - nodes[opposite]))

@@ -1,11 +1,11 @@
-"""Boundaries that couple their two sides: what flows through depends on how far u differs from one to the other.
+"""Boundaries that couple their two sides by a flux that depends on the jump of u.
 
-With k du/db the flow into each side, their sum q given and phi from left to right, the weak form gains
+With k du/db the flux into each side, their sum q prescribed and phi from left to right, the weak form gains
 
     int q (v_left + v_right) / 2 - phi (v_left - v_right),    phi = (u_left - u_right - jump) / R.
 
-Along curves of a surface R is a hundred thousandth of an edge over the diffusivity where there is no resistance:
-what that leaves of a jump is less than linear elements see.
+Along curves of a surface a contact without resistance has R = 1e-5 times an edge over the diffusivity: the remaining
+jump is below the error of linear elements.
 """
 
 from __future__ import annotations
@@ -35,20 +35,20 @@ from cpmkit_fem.cell_mesh import CellMesh
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Resistance of a contact that has none, times the diffusivity, as a share of an edge.
+#: Resistance used for a contact without resistance, times the diffusivity, as a share of an edge.
 NO_RESISTANCE_EDGES = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
 class Tie:
-    """Facets on both sides of a boundary that one law couples.
+    """Facets on both sides of a boundary that a law couples.
 
     Attributes
     ----------
     law : Interface
-        What holds.
+        The law of the coupling.
     mesh : CellMesh
-        That is cut along the boundary.
+        The mesh, cut along the boundary.
     edges : (e, c) int64
         Facets on the left, as places among ``left``.
     left, right : (k,) int64
@@ -56,7 +56,7 @@ class Tie:
     what : str
         Named in errors.
     place : ClosestPointSource
-        The boundary, at whose feet data are asked.
+        The boundary, at whose closest points data are evaluated.
     """
 
     law: Interface
@@ -64,31 +64,31 @@ class Tie:
     edges: Ints
     left: Ints
     right: Ints
-    what: str
+    label: str
     place: ClosestPointSource
 
     @property
-    def holds_jump(self) -> bool:
-        """Whether the jump is given at unknowns of its own, those of ``right``, and there is nothing to conduct."""
+    def prescribes_jump(self) -> bool:
+        """Whether the jump is prescribed as the unknowns of ``right``, in place of a conductance."""
         return self.mesh.manifold_dim == 1 and not self.law.resistance
 
     @property
     def on(self) -> Ints:
-        """(k,) the unknowns whose values are given where the jump is held."""
+        """(k,) the unknowns with prescribed values where the jump is prescribed."""
         return self.right
 
     @property
     def off(self) -> Floats:
-        """(k,) how far the places of the data are from these, as of parts of the rim: not at all."""
+        """(k,) distances of the data from these: zero (as for parts of the rim)."""
         return np.zeros(len(self.right))
 
     def values(self, channels: int, time: float | None) -> Floats:
         """Return the jumps (k, channels)."""
-        return self._given(self.law.jump, channels, time)
+        return self._evaluate(self.law.jump, channels, time)
 
     @cached_property
     def points(self) -> Floats:
-        """(k, d) where data are asked for the vertices."""
+        """(k, d) points at which the data of the vertices are evaluated."""
         return self.place.closest_point(self.mesh.nodes[self.left]).points
 
     def stiffness(self, a: Floats) -> csr_array:
@@ -96,15 +96,15 @@ class Tie:
         return self._difference.T @ self._mass(self._conductance(a)) @ self._difference
 
     def load(self, a: Floats, channels: int, time: float | None) -> Floats:
-        """Return what the law's data add to b (v, channels)."""
-        flux = self._given(self.law.flux, channels, time)
+        """Return the contribution of the law's data to b (v, channels)."""
+        flux = self._evaluate(self.law.flux, channels, time)
         added = self._mean.T @ (self._mass(np.ones(len(self.left))) @ flux)
-        if not self.holds_jump:
+        if not self.prescribes_jump:
             added += self._difference.T @ (self._mass(self._conductance(a)) @ self.values(channels, time))
         return np.asarray(added)
 
-    def _given(self, data: Data, channels: int, time: float | None) -> Floats:
-        return evaluate_data(data, self.points, channels, self.what, time)
+    def _evaluate(self, data: Data, channels: int, time: float | None) -> Floats:
+        return evaluate_data(data, self.points, channels, self.label, time)
 
     def _conductance(self, a: Floats) -> Floats:
         """Return 1 / R (k,)."""
@@ -138,29 +138,29 @@ def ties_of(scene: Scene, mesh: CellMesh, cut: CutMesh | None) -> Sequence[Tie]:
     Raises
     ------
     SceneError
-        If a boundary has one side alone somewhere, as on the surface's rim, or is a point.
+        If a boundary has only one side somewhere, as on the surface's rim, or is a point.
     """
-    found = []
+    ties = []
     for number, boundary in enumerate(scene.boundaries):
         law = boundary.condition("left").law
         if cut is None or not isinstance(law, Interface):
             continue
-        on, what = cut.owner == number, f"boundary {boundary.name!r}"
+        on, label = cut.owner == number, f"boundary {boundary.name!r}"
         edges = mesh.with_midpoints(cut.edges[on & cut.left])
-        left, own = np.unique(edges, return_inverse=True)
+        left, rows = np.unique(edges, return_inverse=True)
         others = np.unique(mesh.with_midpoints(cut.edges[on & ~cut.left]))
         right, missing = _across(mesh.nodes, left, others)
         if number in cut.points or missing.any() or len(others) != len(left) or not len(edges):
             raise SceneError(
-                f"{what} couples two sides, and has one alone on this mesh, or three and more; end it off the rim and "
+                f"{label} couples two sides, and has only one on this mesh, or three and more; end it off the rim and "
                 "junctions, or give conditions of one side."
             )
-        found.append(Tie(law, mesh, own.reshape(edges.shape), left, right, what, boundary.source))
-    return found
+        ties.append(Tie(law, mesh, rows.reshape(edges.shape), left, right, label, boundary.source))
+    return ties
 
 
 def _across(vertices: Floats, left: Ints, right: Ints) -> tuple[Ints, Bools]:
-    """Return for each of ``left`` (k,) the one of ``right`` at the same point, and which have none."""
+    """Return for each of ``left`` (k,) the vertex of ``right`` at the same point, and which have none."""
     places = {point.tobytes(): int(vertex) for point, vertex in zip(vertices[right], right, strict=True)}
-    found = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
-    return found, found < 0
+    partners = np.array([places.get(point.tobytes(), -1) for point in vertices[left]], dtype=np.int64)
+    return partners, partners < 0

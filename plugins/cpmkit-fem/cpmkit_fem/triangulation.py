@@ -40,9 +40,9 @@ def triangulate(scene: Scene, spacing: float | None) -> CellMesh:
     own = own_mesh(surface) if spacing is None else None
     vertices, faces = own or surface.mesh(needed_spacing(surface, spacing))
     if faces.shape[1] != dim + 1:
-        what = "triangles" if dim == 2 else "segments"
+        label = "triangles" if dim == 2 else "segments"
         raise InputError(
-            f"backend='fem' needs {what}, and {type(surface).__name__} gives only points; use backend='cpm'."
+            f"backend='fem' needs {label}, and {type(surface).__name__} gives only points; use backend='cpm'."
         )
     mesh = _welded(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
     mesh.check()

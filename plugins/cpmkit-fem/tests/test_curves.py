@@ -204,7 +204,7 @@ def test_a_junction_holds_a_value_on_all_of_its_sides_and_couples_no_two():
     solution = ck.solve(held, 0.1, backend="fem")
     np.testing.assert_allclose(solution.evaluate([[0.5, 0], [-0.3, 0.4], [-0.3, -0.4]]), 1.0, atol=1e-9)
     seam = ck.Boundary("at", at, across=ck.Transmission())
-    with pytest.raises(ck.SceneError, match="'at' couples two sides, and has one alone on this mesh, or three"):
+    with pytest.raises(ck.SceneError, match="'at' couples two sides, and has only one on this mesh, or three"):
         ck.solve(ck.Scene(surface, ck.ScreenedPoisson(1.0), [seam]), 0.1, backend="fem")
 
 
