@@ -153,7 +153,7 @@ def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> 
         If a key is unknown, a required one is missing, or a value is not of the plain type that it declares.
     """
     check_keys(make, label, table)
-    accepted = _accepted(make)
+    accepted = _accepted_parameters(make)
     missing = [name for name, p in accepted.items() if p.default is p.empty and name not in table]
     if missing:
         raise SceneError(f"{label} lacks the key {missing[0]!r}; accepted are {', '.join(accepted)}.")
@@ -169,7 +169,7 @@ def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], furthe
     SceneError
         Naming the first, those accepted, and the one that may be meant.
     """
-    check_accepted(label, sorted(keys), (*further_keys, *_accepted(make)))
+    check_accepted(label, sorted(keys), (*further_keys, *_accepted_parameters(make)))
 
 
 def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
@@ -182,7 +182,7 @@ def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> 
         )
 
 
-def _accepted(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
     parameters = inspect.signature(make).parameters
     return {name: p for name, p in parameters.items() if p.kind is not p.VAR_KEYWORD}
 

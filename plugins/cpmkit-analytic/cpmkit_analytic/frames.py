@@ -1,4 +1,4 @@
-"""Directions and right-handed frames, read from what a user gives."""
+"""Directions and right-handed frames from user input."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from cpmkit.plugin import Floats, InputError, as_positions, as_vector, shown
 
 
-def as_position(x: Any, what: str) -> Floats:
+def as_position(x: Any, label: str) -> Floats:
     """Return ``x`` as (2,) or (3,) float64.
 
     Raises
@@ -22,11 +22,11 @@ def as_position(x: Any, what: str) -> Floats:
         or np.ndim(x if isinstance(x, np.ndarray) else []) != 1
         or len(x) not in (2, 3)
     ):
-        raise InputError(f"{what} must be 2 or 3 numbers, got {shown(x)}.")
-    return as_place(x, len(x), what)
+        raise InputError(f"{label} must be 2 or 3 numbers, got {shown(x)}.")
+    return as_place(x, len(x), label)
 
 
-def as_place(x: Any, dim: int, what: str) -> Floats:
+def as_place(x: Any, dim: int, label: str) -> Floats:
     """Return ``x`` as a (dim,) position.
 
     Raises
@@ -34,10 +34,10 @@ def as_place(x: Any, dim: int, what: str) -> Floats:
     InputError
         If it is not ``dim`` numbers, or distances between such points cannot be squared.
     """
-    return as_positions(as_vector(x, dim, what)[None], dim, what)[0]
+    return as_positions(as_vector(x, dim, label)[None], dim, label)[0]
 
 
-def as_direction(x: Any, dim: int, what: str) -> Floats:
+def as_direction(x: Any, dim: int, label: str) -> Floats:
     """Return ``x`` as a (dim,) unit vector.
 
     Raises
@@ -45,10 +45,10 @@ def as_direction(x: Any, dim: int, what: str) -> Floats:
     InputError
         If it is not ``dim`` finite numbers, or all are zero.
     """
-    vector = as_vector(x, dim, what)
+    vector = as_vector(x, dim, label)
     largest = np.abs(vector).max()
     if largest == 0:
-        raise InputError(f"{what} must have a direction, got the zero vector.")
+        raise InputError(f"{label} must have a direction, got the zero vector.")
     vector = vector / largest
     direction: Floats = vector / np.linalg.norm(vector)
     return direction
@@ -60,7 +60,7 @@ def plane_frame(x_axis: Any = None) -> Floats:
     return np.array([[x, -y], [y, x]])
 
 
-def space_frame(z_axis: Any, x_axis: Any = None, what: str = "axis") -> Floats:
+def space_frame(z_axis: Any, x_axis: Any = None, label: str = "axis") -> Floats:
     """Return the (3, 3) right-handed frame with its third axis along ``z_axis``.
 
     Parameters
@@ -70,7 +70,7 @@ def space_frame(z_axis: Any, x_axis: Any = None, what: str = "axis") -> Floats:
     x_axis : (3,) numbers, optional
         The first axis is its part across ``z_axis``. Without it, that of the coordinate axis
         farthest from ``z_axis``: the frame of (0, 0, 1) is the identity.
-    what : str
+    label : str
         The name of ``z_axis`` in errors.
 
     Raises
@@ -78,11 +78,11 @@ def space_frame(z_axis: Any, x_axis: Any = None, what: str = "axis") -> Floats:
     InputError
         If an axis is zero, or the two are parallel.
     """
-    z = as_direction(z_axis, 3, what)
+    z = as_direction(z_axis, 3, label)
     towards = np.eye(3)[np.argmin(np.abs(z))] if x_axis is None else as_direction(x_axis, 3, "x_axis")
     across = towards - (towards @ z) * z
     if np.linalg.norm(across) < 1e-9:
-        raise InputError(f"x_axis must not be parallel to the {what}, got {shown(x_axis)}.")
+        raise InputError(f"x_axis must not be parallel to the {label}, got {shown(x_axis)}.")
     x = across / np.linalg.norm(across)
     x = x - (x @ z) * z  # a second time: the first leaves round-off of its length before scaling
     x = x / np.linalg.norm(x)

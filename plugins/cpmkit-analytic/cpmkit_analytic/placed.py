@@ -1,4 +1,4 @@
-"""A shape carried from its own frame into the world: one wrapper gives every kind its place."""
+"""The source of a shape at a position: one wrapper for all kinds."""
 
 from __future__ import annotations
 

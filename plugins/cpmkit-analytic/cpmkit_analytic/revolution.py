@@ -45,7 +45,7 @@ def revolve(radius: Floats, height: Floats, spacing: float, closed: bool = False
 
 
 def _strip_triangles(starts: Ints, counts: Ints, upper: Ints, lower: Ints) -> Ints:
-    """Return the triangles between rings ``upper`` (s,) and ``lower`` (s,), strip after strip: one on each edge.
+    """Return the triangles between rings ``upper`` (s,) and ``lower`` (s,), strip by strip, one on each edge.
 
     Walk both rings at once; each steps when the other has passed the middle of its edge, edges of the upper one first.
     In integers both always agree about who steps first.

@@ -72,7 +72,7 @@ class PositionFunction:
         InputError
             If the function fails, or does not return one finite number a point.
         """
-        values = self.unchecked(y)
+        values = self.values_unchecked(y)
         bad = np.flatnonzero(~np.isfinite(values))
         if len(bad):
             raise InputError(
@@ -81,7 +81,7 @@ class PositionFunction:
             )
         return values
 
-    def unchecked(self, y: Floats) -> Floats:
+    def values_unchecked(self, y: Floats) -> Floats:
         """Return the values (n,), which may be NaN or infinite."""
         try:
             if isinstance(self.function, PlaneDistance):
@@ -99,7 +99,7 @@ class PositionFunction:
             return np.tile(self.function.normal, (len(y), 1))
         n, dim = y.shape
         offsets = step * np.array([1.0, -1.0, 2.0, -2.0])[:, None, None] * np.eye(dim)
-        around = self.unchecked((y + offsets.reshape(-1, 1, dim)).reshape(-1, dim)).reshape(4, dim, n)
+        around = self.values_unchecked((y + offsets.reshape(-1, 1, dim)).reshape(-1, dim)).reshape(4, dim, n)
         return np.ascontiguousarray((8 * (around[0] - around[1]) - (around[2] - around[3])).T / (12 * step))
 
     def variation(self, y: Floats, reach: float) -> Floats:
@@ -108,8 +108,8 @@ class PositionFunction:
         if isinstance(self.function, PlaneDistance):
             return np.full(n, reach)
         offsets = reach * np.concatenate([np.eye(dim), -np.eye(dim)])
-        around = self.unchecked((y + offsets[:, None]).reshape(-1, dim)).reshape(2 * dim, n)
-        change = np.abs(around - self.unchecked(y)).max(axis=0)
+        around = self.values_unchecked((y + offsets[:, None]).reshape(-1, dim)).reshape(2 * dim, n)
+        change = np.abs(around - self.values_unchecked(y)).max(axis=0)
         return np.where(np.isfinite(change), 2 * np.sqrt(dim) * change, np.inf)
 
 

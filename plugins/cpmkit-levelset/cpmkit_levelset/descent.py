@@ -1,4 +1,4 @@
-"""From a point of the zero set down to the nearest one of its basin: a damped Newton method that never leaves it.
+"""Descent on the zero set to a local minimum of the distance, by a damped Newton method that stays on the set.
 
 Stage two of the search. The paper's Newton method on f(y, lambda) = |y - x|^2 / 2 + lambda phi(y) finds any stationary
 point, the farthest too. Here lambda is eliminated: steps are those of the same KKT matrix with phi = 0, taken in the

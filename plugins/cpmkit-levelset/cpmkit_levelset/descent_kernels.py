@@ -58,7 +58,7 @@ def _in_plane(force, a, b, c, least):
 
 @inlined
 def _along(force, bending, least):
-    """Return the step along one direction; where the distance bends down, of at least the length ``least``."""
+    """Return the step along one direction; where the distance is concave, its length is at least ``least``."""
     step = force / max(abs(bending), LEAST_BENDING_OF_DISTANCE)
     if bending < -LEAST_BENDING_OF_DISTANCE and abs(step) < least:
         return math.copysign(least, force)

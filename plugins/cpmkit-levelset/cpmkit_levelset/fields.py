@@ -1,4 +1,4 @@
-"""A function of position with its first two derivatives: what a level set is made of."""
+"""Fields: functions of position with their first two derivatives, whose zeros are level sets."""
 
 from __future__ import annotations
 
@@ -114,22 +114,22 @@ class Differences:
         return np.stack(columns, axis=1)
 
     def errors(self, p: Floats) -> Floats:
-        """Return (n,) by how much the direction is off, as a share: what half the step changes."""
+        """Return the relative error (n,) of the gradient's direction: its change by half the step."""
         found, finer = self(p), self.of_step(p, self.step / 2)
         with np.errstate(all="ignore"):
             off = norms(found - finer) / norms(finer)
         return np.nan_to_num(off, nan=np.inf)
 
 
-def _answer(function: Callable[[Floats], Any], what: str, p: Floats, shape: tuple[int, ...]) -> Floats:
-    """Return what the user's function gives, as float64 of shape (n, *shape); it gets a copy of the points."""
+def _answer(function: Callable[[Floats], Any], label: str, p: Floats, shape: tuple[int, ...]) -> Floats:
+    """Return the user's function at a copy of the points, as float64 of shape (n, *shape)."""
     try:
         values = np.array(function(p.copy()), dtype=np.float64, order="C")
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must return numbers of shape {_letters(shape)}: {error}.") from error
+        raise InputError(f"{label} must return numbers of shape {_letters(shape)}: {error}.") from error
     if values.shape != (len(p), *shape):
         raise InputError(
-            f"{what} must return shape {_letters(shape)} for points (n, {p.shape[1]}), "
+            f"{label} must return shape {_letters(shape)} for points (n, {p.shape[1]}), "
             f"got {values.shape} for {len(p)} points."
         )
     return values

@@ -51,7 +51,7 @@ class FormulaField:
         return rows[0], np.ascontiguousarray(rows[1 : 1 + d].T), hessian
 
 
-def formula_field(text: Any, dim: int, what: str) -> FormulaField:
+def formula_field(text: Any, dim: int, label: str) -> FormulaField:
     """Return the formula ``text`` with its first two derivatives.
 
     Raises
@@ -60,17 +60,17 @@ def formula_field(text: Any, dim: int, what: str) -> FormulaField:
         If it does not parse, is too long, uses what is not offered, or what has no second derivative.
     """
     names = COORDINATES[:dim]
-    tree = formula_tree(text, names, what)
+    tree = formula_tree(text, names, label)
     rough = next((node for node in ast.walk(tree) if _is_rough(node)), None)
     if rough is not None:
         raise SceneError(
-            f"{what} uses {shown(ast.get_source_segment(text.strip(), rough))}, which has no second derivative "
+            f"{label} uses {shown(ast.get_source_segment(text.strip(), rough))}, which has no second derivative "
             f"everywhere; a level set is smooth: use + - * / ** and "
             f"{', '.join(name for name in FUNCTIONS if name not in ROUGH_FUNCTIONS)}."
         )
-    jets = formula_jets([tree], names, what)
+    jets = formula_jets([tree], names, label)
     if not jets.programs[0].variables:
-        raise SceneError(f"{what} must depend on {', '.join(names)}, got the constant {shown(text)}.")
+        raise SceneError(f"{label} must depend on {', '.join(names)}, got the constant {shown(text)}.")
     return FormulaField(text, dim, jets)
 
 

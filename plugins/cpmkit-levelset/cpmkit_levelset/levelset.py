@@ -33,7 +33,7 @@ ON_LEVELSET_EDGE_SHARE = 1e-11
 #: The error of a solution, as a share of its range, over that of the field's slope. Spheres from values on 10 to 28
 #: grid points a side, u = z: 0.06 to 0.4.
 ERROR_PER_FIELD_SLOPE = 0.13
-#: Differences whose gradient is off by more than this share are told of.
+#: Relative error of a gradient by differences above which there is a warning.
 ROUGH_SLOPE_SHARE = 1e-6
 #: A mesh has at least this many cells along the longest side of the bounds.
 LEVELSET_LEAST_CELLS = 16
@@ -130,7 +130,7 @@ class LevelSet:
         return feet.points, self._orient_cells(feet, cells)
 
     def advice(self, _spacing: float, /) -> Advice:
-        """Return the error that the field's own leaves in a solution at any spacing."""
+        """Return the error that the field's error causes in a solution at any spacing, and a warning if it is large."""
         warnings = ()
         if isinstance(self.field, FunctionField) and self.slope_error > ROUGH_SLOPE_SHARE:
             warnings = (
@@ -172,7 +172,7 @@ class LevelSet:
         return inside
 
     def _orient_cells(self, feet: ClosestPoints, cells: Ints) -> Ints:
-        """Return ``cells`` without those of no area, in the order of vertices that the normals ask for."""
+        """Return ``cells`` of positive area, with their vertices in the order that agrees with the normals."""
         corners, normal = feet.points[cells], self.normals(feet)[cells].sum(axis=1)
         sides = corners[:, 1:] - corners[:, :1]
         if self.dim == 2:

@@ -1,4 +1,4 @@
-"""The common zero set of one or two fields, with what Newton's method needs to know of it at a point.
+"""The common zero set of one or two fields, with the derivatives that Newton's method uses.
 
 One field gives the level set itself; phi and a trimming function together give the edge of an open piece.
 """
@@ -88,12 +88,12 @@ class ZeroSet:
 
 
 def _stack_arrays(arrays: list[Floats]) -> Floats:
-    """Return one or two arrays as one, in the order of memory that kernels are compiled for."""
+    """Stack one or two arrays contiguously, as the kernels are compiled for."""
     return np.ascontiguousarray(arrays[0])[None] if len(arrays) == 1 else np.ascontiguousarray(np.stack(arrays))
 
 
 def normal_basis(gradients: list[Floats]) -> list[Floats]:
-    """Return orthonormal vectors (n, d), one a gradient, that span the gradients (n, d)."""
+    """Return orthonormal vectors (n, d), one for each gradient (n, d), that span the gradients."""
     first = unit_or_nan(gradients[0])
     if len(gradients) == 1:
         return [first]

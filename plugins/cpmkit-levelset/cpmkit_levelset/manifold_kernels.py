@@ -24,7 +24,7 @@ def _dot(a, b):
 
 @inlined
 def _weights(gradients, i, first, second):
-    """Return weights, one a field, such that v = sum w_k grad_k has grad_k . v equal to ``first``, ``second``."""
+    """Return weights of the fields such that v = sum w_k grad_k has grad_k . v equal to ``first``, ``second``."""
     g = gradients[0, i]
     a = _dot(g, g)
     if len(gradients) == 1:
@@ -127,7 +127,7 @@ def _tangents(gradients, i, normal, helper, tangents):
 
 @inlined
 def _unit_cross(a, b, out):
-    """Fill in the cross product at length one; NaN where it vanishes."""
+    """Store the normalised cross product; NaN where it vanishes."""
     out[0], out[1], out[2] = a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
     length = math.sqrt(_dot(out, out))
     for k in range(3):

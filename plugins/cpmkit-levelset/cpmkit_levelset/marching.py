@@ -11,7 +11,7 @@ from cpmkit_levelset.sampling import SampleLattice
 
 
 def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
-    """Return vertices (v, d) near the zero set, one a lattice edge that it crosses, and cells (m, d) between them.
+    """Return vertices (v, d) near the zero set, one on each crossed lattice edge, and cells (m, d) between them.
 
     A cell of the lattice is cut into d! simplices along its diagonal (Kuhn), so that the pieces of neighbours match.
     """
@@ -33,7 +33,7 @@ def marching_simplices(lattice: SampleLattice) -> tuple[Floats, Ints]:
 
 
 def _mixed_cells(positive: np.ndarray) -> Ints:
-    """Return (m, d) the first corners of the cells whose corners do not all have one sign."""
+    """Return (m, d) the first corners of the cells with corners of both signs."""
     count = np.zeros([n - 1 for n in positive.shape], dtype=np.int8)
     for corner in np.ndindex(*[2] * positive.ndim):
         count += positive[tuple(slice(c, n - 1 + c) for c, n in zip(corner, positive.shape, strict=True))]

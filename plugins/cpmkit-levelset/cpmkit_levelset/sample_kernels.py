@@ -12,7 +12,7 @@ from cpmkit.plugin import compiled, inlined
 
 @compiled
 def fill_models(x, gap, near, samples, tangents, bends, bend, covering, shares, lowest, minimum, promising):
-    """Fill in what the samples ``near`` (n, k) say of the queries ``x`` (n, d), as in ``Models``.
+    """Store the local models of the samples ``near`` (n, k) at the queries ``x`` (n, d), as in ``Models``.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def fill_models(x, gap, near, samples, tangents, bends, bend, covering, shares, 
 
 @compiled
 def cross_off(untried, minimum, starts, rows, points, reach):
-    """Cross off of ``untried`` (n, k) what has its sample or its model's minimum within ``reach`` of a point.
+    """Clear in ``untried`` (n, k) samples that lie, or whose models have a minimum, within ``reach`` of a point.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def cross_off(untried, minimum, starts, rows, points, reach):
 
 @compiled
 def discard_untried(untried, active, gap, lowest, best, sure):
-    """Cross off what cannot lead to a nearer point than ``best`` (n,); return how many queries have something left.
+    """Clear the samples that cannot lead to a point nearer than ``best`` (n,); return the number of open queries.
 
     ``active`` (a,) int64 are the queries that are looked at: the first of them are overwritten by those with something
     left, and ``sure`` (n,) is set for the others.

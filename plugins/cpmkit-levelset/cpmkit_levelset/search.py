@@ -94,7 +94,7 @@ class Layer:
         return rough
 
     def models(self, x: Floats, gap: Floats, near: Ints) -> Models:
-        """Return what the samples ``near`` (n, k) say of the queries ``x`` (n, d), which are ``gap`` (n, k) away."""
+        """Return the models of the samples ``near`` (n, k) at the queries ``x`` (n, d), whose distances are ``gap``."""
         models = Models(np.empty(near.shape), np.empty((*near.shape, x.shape[1])), np.empty(near.shape, dtype=bool))
         of_samples = self.samples, self.tangents, self.bends, self.geometry, self.covering
         fill_models(x, gap, near, *of_samples, MODEL_SHARES, *models)
@@ -111,7 +111,7 @@ class BestPoints:
 
 
 def layer(zero_set: ZeroSet, samples: Floats, covering: float) -> Layer:
-    """Return the layer of a zero set with these samples, of which there is at least one."""
+    """Return the layer of a zero set with these samples, at least one."""
     from scipy.spatial import cKDTree
 
     tangents, bends = _principal(zero_set, samples)

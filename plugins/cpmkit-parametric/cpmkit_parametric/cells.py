@@ -27,7 +27,7 @@ MOST_CELLS = {1: 2**15, 2: 2**17}
 FASTEST_CELL_SPANS = 3.0
 #: Starts of the descent for one query; more are found only where the distance is all but constant.
 MOST_QUERY_STARTS = 8
-#: Pairs of a query and a cell that are held at a time.
+#: Largest number of pairs of a query and a cell in memory.
 MOST_QUERY_CELL_PAIRS = 1 << 21
 #: For each query there is room for so many at first: two to six are usual.
 USUAL_CELLS_OF_QUERY = 32
@@ -69,7 +69,7 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Where descents start: one row a query and parameter neighbourhood in which it may have its foot.
+    """Starts of descents: one row for each query and parameter neighbourhood that may contain its foot.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class CellTree:
         return np.where(same.all(axis=2), self.neighbours, np.arange(len(self.ends))[:, None])
 
     def starts(self, x: Floats) -> Starts:
-        """Return the starts for queries (n, d): one in each valley of the distance, and one in each along the ends.
+        """Return the starts for queries (n, d): one in each valley of the distance, inside and along the ends.
 
         A valley inside and another along an end may be a cell apart.
         """
@@ -157,7 +157,7 @@ class CellTree:
 
     @cached_property
     def _level_arrays(self) -> tuple[Ints, Ints, Floats, Floats, Floats, Floats]:
-        """Return the levels' shapes, where the cells of each begin, and the cells of all one after the other."""
+        """Return the shapes of the levels, the first cell of each, and the concatenated cells of all levels."""
         first = np.cumsum([0, *(len(level.radii) for level in self.levels[:-1])])
         centres, tangents, radii, deviations = (
             np.ascontiguousarray(np.concatenate([getattr(level, name) for level in self.levels]))

@@ -1,4 +1,4 @@
-"""Compiled: the steps of the descent, one query after the other: on hundreds of them NumPy's calls took most time."""
+"""Compiled steps of the descent, query by query: with NumPy its calls took most of the time for hundreds of queries."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ def _solve_line(A, H, g, step):
 def _solve_plane(A, H, g, at_bound, step):
     """Fill ``step`` (2,) with the solution of (H + mu A) step = g.
 
-    mu is such that the least eigenvalue relative to A is |itself|. A held parameter keeps a row and column of A alone.
+    mu is such that the least eigenvalue relative to A is |itself|. One at its bound keeps a row and column of A alone.
     Where the metric is singular (a pole) it is made regular.
     """
     free = not (at_bound[0] or at_bound[1])

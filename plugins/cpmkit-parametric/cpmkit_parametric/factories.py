@@ -157,8 +157,8 @@ def _check_derivatives(given: Any, found: Any, width: Floats) -> None:
             )
 
 
-def as_range(value: Any, what: str) -> tuple[float, float]:
-    """Return two different numbers, the smaller one first.
+def as_range(value: Any, label: str) -> tuple[float, float]:
+    """Return two different numbers in ascending order.
 
     Raises
     ------
@@ -166,14 +166,14 @@ def as_range(value: Any, what: str) -> tuple[float, float]:
         If they are not.
     """
     if isinstance(value, str) or np.ndim(np.asarray(value, dtype=object)) != 1 or len(value) != 2:
-        raise InputError(f"{what} must be two numbers [start, end], got {shown(value)}.")
-    start, end = (as_number(entry, what) for entry in value)
+        raise InputError(f"{label} must be two numbers [start, end], got {shown(value)}.")
+    start, end = (as_number(entry, label) for entry in value)
     if not (np.isfinite([start, end]).all() and start < end):
-        raise InputError(f"{what} must run from a smaller to a larger finite number, got {shown(value)}.")
+        raise InputError(f"{label} must run from a smaller to a larger finite number, got {shown(value)}.")
     return start, end
 
 
-def as_number(value: Any, what: str) -> float:
+def as_number(value: Any, label: str) -> float:
     """Return a number, or the value of a constant formula such as ``"2*pi"``.
 
     Raises
@@ -182,19 +182,19 @@ def as_number(value: Any, what: str) -> float:
         If it is neither.
     """
     if isinstance(value, str):
-        found = constant(value, what)
+        found = constant(value, label)
         if not np.isfinite(found):
-            raise InputError(f"{what} must hold finite numbers, got {shown(value)}, which is {found:g}.")
+            raise InputError(f"{label} must hold finite numbers, got {shown(value)}, which is {found:g}.")
         return found
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
-        raise InputError(f"{what} must hold numbers or constant formulas, got {shown(value)}.")
+        raise InputError(f"{label} must hold numbers or constant formulas, got {shown(value)}.")
     try:
         return float(value)
     except OverflowError:
         return np.inf
 
 
-def as_flag(value: Any, what: str) -> bool:
+def as_flag(value: Any, label: str) -> bool:
     """Return True or False.
 
     Raises
@@ -203,7 +203,7 @@ def as_flag(value: Any, what: str) -> bool:
         If it is neither.
     """
     if not isinstance(value, (bool, np.bool_)):
-        raise InputError(f"{what} must be true or false, got {shown(value)}.")
+        raise InputError(f"{label} must be true or false, got {shown(value)}.")
     return bool(value)
 
 

@@ -59,13 +59,13 @@ def symmetric(upper: Floats, count: int) -> Floats:
     return np.ascontiguousarray(upper[:, place])
 
 
-def constant(text: str, what: str) -> float:
+def constant(text: str, label: str) -> float:
     """Return the value of a formula without variables; infinite or NaN where it has none.
 
     Raises
     ------
     SceneError
-        If it does not parse, or uses what is not offered; ``what`` names it.
+        If it does not parse, or uses what is not offered; ``label`` names it.
     """
-    jets = formula_jets([formula_tree(text, (), what)], (), what)
+    jets = formula_jets([formula_tree(text, (), label)], (), label)
     return float(jets.rows(0, np.empty((0, 1)))[0, 0])

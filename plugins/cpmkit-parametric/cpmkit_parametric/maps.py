@@ -71,8 +71,8 @@ class CallableMap:
         return self.value(t), np.stack(parts[: self.count], axis=1), symmetric(upper, self.count)
 
 
-def as_columns(values: Any, n: int, dim: int | None, what: str) -> Floats:
-    """Return what a callable returned as (n, d) float64.
+def as_columns(values: Any, n: int, dim: int | None, label: str) -> Floats:
+    """Return the result of a callable as (n, d) float64.
 
     Raises
     ------
@@ -82,9 +82,9 @@ def as_columns(values: Any, n: int, dim: int | None, what: str) -> Floats:
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what} must return an array of numbers (n, d), got {type(values).__name__}.") from error
+        raise InputError(f"{label} must return an array of numbers (n, d), got {type(values).__name__}.") from error
     if array.ndim != 2 or len(array) != n or (dim is not None and array.shape[1] != dim):
-        raise InputError(f"{what} must return shape ({n}, {dim or 'd'}) for {n} parameters, got {array.shape}.")
+        raise InputError(f"{label} must return shape ({n}, {dim or 'd'}) for {n} parameters, got {array.shape}.")
     return array
 
 

@@ -172,7 +172,7 @@ class PlaneCurve(Curve):
 
 
 class Surface(Parametric):
-    """A surface that may have one side only: it gives no normals."""
+    """A surface that may be one-sided and has no normals."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, 3) on the surface and triangles (m, 3) of about ``spacing``, closed where it is glued."""

@@ -1,4 +1,4 @@
-"""The surface that blended patches define: built once from the samples, asked by compiled kernels."""
+"""The surface of blended patches: built once from the samples, evaluated by compiled kernels."""
 
 from __future__ import annotations
 

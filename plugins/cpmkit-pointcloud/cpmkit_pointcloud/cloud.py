@@ -89,12 +89,12 @@ class PointCloud:
 
     @property
     def duplicates(self) -> int:
-        """How many points were left out because an earlier one lies at the same place."""
+        """Number of points that were omitted because an earlier one has the same position."""
         return self.value_count - len(self.points)
 
     @property
     def lowered_degree_count(self) -> int:
-        """How many samples have a patch of lower degree than asked, because their neighbours determine no more."""
+        """Number of samples whose neighbours determine only a patch of lower degree than the chosen one."""
         patches = self.surface.patches
         return int((patches.degrees < patches.degree).sum())
 
@@ -105,7 +105,7 @@ class PointCloud:
 
     @cached_property
     def _first(self) -> PointCloud:
-        """The cloud that this one was moved from, or itself: what no place changes is looked at once, there."""
+        """The cloud before translation, or itself: it caches quantities that do not depend on the position."""
         return self
 
     @cached_property
@@ -155,7 +155,7 @@ class PointCloud:
         return ClosestPoints(feet, distance, edge, self.given[sample], None, doubtful)
 
     def interpolate(self, values: Floats, feet: ClosestPoints, /) -> Floats:
-        """Return ``values`` (value_count, ...), one row a given point, fitted linearly to the samples around each foot.
+        """Return ``values`` (value_count, ...), the rows of the user's points, by a linear fit around each foot.
 
         Of points at the same place the first one's data count.
         """
@@ -201,7 +201,7 @@ class PointCloud:
 
     @cached_property
     def open_samples(self) -> tuple[int, int]:
-        """Return at how many samples the surface ends, and how many were asked."""
+        """Return the number of samples at which the surface ends, and of those that were examined."""
         if self._first is not self:
             return self._first.open_samples
         return open_samples(self.surface, self._tree, self._tiny)
@@ -216,7 +216,7 @@ class PointCloud:
         return as_cells(self.given_points)
 
     def translate(self, offset: Floats, /) -> PointCloud:
-        """Return the cloud moved by ``offset`` (d,); what is told of it is looked at once for all places."""
+        """Return the cloud moved by ``offset`` (d,); its accuracy and warnings are computed once for all positions."""
         shift = as_vector(offset, self.dim, "offset")
         moved = replace(self.surface, points=self.points + shift)
         made = replace(self, surface=moved, given_points=self.given_points + shift)
@@ -246,7 +246,7 @@ class PointCloud:
 
     @property
     def _sides(self) -> Floats | None:
-        """Normals by which neighbours on another sheet are told apart."""
+        """Normals that distinguish neighbours on another sheet."""
         return None
 
     @cached_property
@@ -261,7 +261,7 @@ class PointCloud:
 
 @dataclass(frozen=True, eq=False)
 class OrientedPointCloud(PointCloud):
-    """A point cloud whose samples have normals with one sign all over the surface.
+    """A point cloud with normals of one sign everywhere.
 
     Attributes
     ----------

@@ -35,7 +35,7 @@ DENSITY_NEIGHBOURS = 6
 
 
 def slope_error(points: Floats, patches: Patches, tree: cKDTree, normals: Floats | None) -> tuple[float, float]:
-    """Return the slope's root mean square error, estimated by patches of one degree more, and how wide its bumps are.
+    """Estimate the root mean square error of the slope by patches of the next degree, and the width of its bumps.
 
     It holds what the degree leaves out and what noise does. Of even samples without noise it is up to 4 times that.
     """
@@ -69,7 +69,7 @@ def integral_floor(slope: float, noise: float, count: int) -> float:
 
 
 def plain_floor(points: Floats, tree: cKDTree, spacing: float) -> float:
-    """Return the floor of samples that are themselves the surface: every foot jumps from one to the next."""
+    """Return the error floor of the source whose feet are the samples: a foot jumps from one sample to the next."""
     count = min(DENSITY_NEIGHBOURS, len(points) - 1)
     if not count:
         return 0.0

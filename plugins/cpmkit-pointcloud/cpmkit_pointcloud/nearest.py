@@ -1,4 +1,4 @@
-"""Samples that are themselves the surface: every foot is one of them."""
+"""The source whose feet are the samples of a cloud."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class NearestSamples:
-    """The samples themselves: every foot is one of them.
+    """A cloud whose feet are its samples.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ CLOUD_SUFFIXES = (".ply", *TEXT_SUFFIXES, ".npy", ".pcd")
 
 
 def read_points(path: str | Path) -> np.ndarray:
-    """Read one point a row.
+    """Read a file with one point in each row.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _read_ply(file: Path) -> np.ndarray:
 
 
 def _read_rows(file: Path) -> np.ndarray:
-    """Read rows of numbers; what is in a file of something else is not repeated."""
+    """Read rows of numbers; error messages do not quote the contents of the file."""
     lines = read_bytes(file).decode("utf-8-sig", errors="replace").splitlines()
     kind = file.suffix[1:].upper()
     try:
@@ -117,7 +117,7 @@ def _unloadable(message: str) -> str:
     return f"Open3D is installed but cannot load: {message}. Save the cloud as PLY, which needs no Open3D."
 
 
-def as_cloud(points: Any, what: str = "points") -> Floats:
+def as_cloud(points: Any, label: str = "points") -> Floats:
     """Return ``points`` as (n, 2) or (n, 3) float64 with at least one row.
 
     Raises
@@ -128,12 +128,12 @@ def as_cloud(points: Any, what: str = "points") -> Floats:
     try:
         array = np.asarray(points)
     except ValueError as error:
-        raise InputError(f"{what} must be an array of numbers in rows of equal length.") from error
+        raise InputError(f"{label} must be an array of numbers in rows of equal length.") from error
     if array.dtype.kind not in "iuf":
-        raise InputError(f"{what} must be an array of numbers, got {array.dtype}.")
+        raise InputError(f"{label} must be an array of numbers, got {array.dtype}.")
     if array.ndim != 2 or array.shape[1] not in (2, 3) or not len(array):
-        raise InputError(f"{what} must have shape (n, 2) or (n, 3) with n > 0, got {array.shape}.")
-    return as_positions(array, array.shape[1], what)
+        raise InputError(f"{label} must have shape (n, 2) or (n, 3) with n > 0, got {array.shape}.")
+    return as_positions(array, array.shape[1], label)
 
 
 def as_normals(normals: Any, points: Floats) -> Floats:

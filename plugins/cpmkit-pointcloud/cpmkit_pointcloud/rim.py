@@ -1,4 +1,4 @@
-"""Where a cloud ends: samples with all neighbours on one side, beyond which no patch leads on."""
+"""Edges of a cloud: samples with all neighbours on one side."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ LEAST_RIM_SAMPLES, LEAST_RIM_SHARE = {2: 1, 3: 4}, 3e-4
 
 
 def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats]:
-    """Return which of the samples ``rows`` have all neighbours on one side, and unit vectors (m, d) to the other."""
+    """Return the samples among ``rows`` with all neighbours on one side, and unit vectors (m, d) to the other side."""
     points, dim = surface.points, surface.points.shape[1]
     count = min(DIRECTION_NEIGHBOURS[dim] + 1, len(points))
     index = tree.query(points[rows], k=count)[1].reshape(len(rows), count)[:, 1:]
@@ -47,7 +47,7 @@ def rim_samples(surface: Blend, tree: cKDTree, rows: Ints) -> tuple[Ints, Floats
 
 
 def open_samples(surface: Blend, tree: cKDTree, tiny: float) -> tuple[int, int]:
-    """Return beyond how many samples the surface ends, and how many were asked; zero where that may be chance."""
+    """Return the number of samples at an edge, zero if it may be chance, and the number of examined samples."""
     n, dim = surface.points.shape
     rows = np.sort(np.random.default_rng(0).choice(n, min(RIM_CANDIDATES, n), replace=False))
     parcels = np.array_split(rows, -(-len(rows) // PARCEL_CANDIDATES))

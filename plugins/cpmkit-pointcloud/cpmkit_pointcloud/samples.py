@@ -1,4 +1,4 @@
-"""Samples as such: a tree of them, the nearest one, and fewer of them for a picture."""
+"""Operations on samples: a k-d tree, nearest samples, and thinning for pictures."""
 
 from __future__ import annotations
 

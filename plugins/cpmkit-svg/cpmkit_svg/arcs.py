@@ -38,7 +38,7 @@ def arc_cubics(start: Floats, radii: Floats, turned: float, large: bool, sweep: 
         radii, half, size = radii * np.sqrt(size), half / np.sqrt(size), 1.0
     side = -1.0 if large == sweep else 1.0
     middle = side * np.sqrt(max(1 / size - 1, 0.0)) * np.array([half[1], -half[0]])
-    first, last = (np.arctan2(*(one - middle)[::-1]) for one in (half, -half))
+    first, last = (np.arctan2(*(point - middle)[::-1]) for point in (half, -half))
     turn = (last - first) % (2 * np.pi) - (0 if sweep else 2 * np.pi)
     centre = (start + end) / 2 + axes.T @ (radii * middle)
     knots = first + np.linspace(0, turn, int(np.ceil(abs(turn) / LARGEST_ANGLE - 1e-9)) + 1)

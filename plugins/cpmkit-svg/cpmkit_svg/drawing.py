@@ -82,9 +82,9 @@ def read_drawing(path: str | Path) -> Drawing:
     """
     root = read_xml(path)
     try:
-        if any(one.name == "style" and one.text.strip() for one in root.everything()):
+        if any(node.name == "style" and node.text.strip() for node in root.everything()):
             raise InputError("style sheets are not read; write colours as attributes of the paths.")
-        named = {one.attributes["id"]: one for one in root.everything() if "id" in one.attributes}
+        named = {node.attributes["id"]: node for node in root.everything() if "id" in node.attributes}
         canvas = _canvas(root.attributes)
         upright = np.array([[1.0, 0.0, 0.0], [0.0, -1.0, canvas.sum(axis=0)[1]]])
         curves = tuple(_curves(root, upright, {}, named, [0]))
@@ -110,16 +110,16 @@ def _curves(
 ) -> Iterator[DrawnCurve]:
     """Yield the curves of an element and of those within, moved by ``outer`` and with what is said ``above`` them."""
     own = {**above, **properties(element)}
-    what = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
+    label = f"{element.name} {shown(own['id'])}" if "id" in element.attributes else element.name
     if " " in element.name or element.name in SILENT or element.name == "style" or own.get("display") == "none":
         return
-    place = compose(outer, transform(own.get("transform", ""), what))
+    place = compose(outer, transform(own.get("transform", ""), label))
     if element.name in GROUPS:
         passed = {key: own[key] for key in INHERITED if key in own}
         for child in element.children:
             yield from _curves(child, place, passed, named, count)
     elif element.name not in SHAPES:
-        raise InputError(f"{what} is no curve; accepted are {', '.join((*SHAPES, *GROUPS))}: make paths of the rest.")
+        raise InputError(f"{label} is no curve; accepted are {', '.join((*SHAPES, *GROUPS))}: make paths of the rest.")
     elif own.get("visibility", "visible") == "visible":
         count[0] += 1
         yield from _shape(element, own, place, named, f"{element.name} {count[0]}")
@@ -133,7 +133,7 @@ def _shape(
     parts = subpaths(path_data(element.name, own, name), f"path data of {shown(name)}")
     stroke = own.get("stroke", "none")
     given = [own.get(f"data-{side}", stroke) for side in ("left", "right")]
-    left, right = (stops_of(one, named, f"the colour of {shown(name)}") for one in given)
+    left, right = (stops_of(node, named, f"the colour of {shown(name)}") for node in given)
     right = left if given[0] == given[1] else right
     for k, part in enumerate(parts):
         points = flatten_cubics(part.cubics @ place[:, :2].T + place[:, 2])

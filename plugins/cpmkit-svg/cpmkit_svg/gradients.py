@@ -35,14 +35,14 @@ class Stops:
 def properties(element: Element) -> dict[str, str]:
     """Return the attributes of an element, and what its attribute ``style`` says in their place."""
     own = dict(element.attributes)
-    for one in own.pop("style", "").split(";"):
-        name, colon, value = one.partition(":")
+    for entry in own.pop("style", "").split(";"):
+        name, colon, value = entry.partition(":")
         if colon:
             own[name.strip()] = value.strip()
     return own
 
 
-def stops_of(given: str, named: Mapping[str, Element], what: str) -> Stops | None:
+def stops_of(given: str, named: Mapping[str, Element], label: str) -> Stops | None:
     """Return the colours that an attribute gives, None for ``none``.
 
     Raises
@@ -54,37 +54,37 @@ def stops_of(given: str, named: Mapping[str, Element], what: str) -> Stops | Non
         return None
     reference = REFERENCE.match(given.strip())
     if reference is None:
-        return Stops(np.zeros(1), _colour(given, what)[None])
+        return Stops(np.zeros(1), _colour(given, label)[None])
     gradient = named.get(reference[1])
     for _ in range(MOST_REFERENCES):
         if gradient is None or gradient.name not in GRADIENTS:
-            raise InputError(f"{what} names {shown(reference[1])}, which is no gradient of the drawing.")
-        found = [properties(one) for one in gradient.children if one.name == "stop"]
-        if found:
-            return _stops(found, f"gradient {shown(reference[1])}")
+            raise InputError(f"{label} names {shown(reference[1])}, which is no gradient of the drawing.")
+        entries = [properties(entry) for entry in gradient.children if entry.name == "stop"]
+        if entries:
+            return _stops(entries, f"gradient {shown(reference[1])}")
         other = next((gradient.attributes[key] for key in HREFS if key in gradient.attributes), "")
         gradient = named.get(other.removeprefix("#")) if other.startswith("#") else None
-    raise InputError(f"{what} names {shown(reference[1])}, whose stops are nowhere.")
+    raise InputError(f"{label} names {shown(reference[1])}, whose stops are nowhere.")
 
 
-def _stops(found: list[dict[str, str]], what: str) -> Stops:
-    for one in found:
-        if one.get("stop-opacity", "1") not in ("1", "1.0", "100%"):
-            raise InputError(f"{what} has a stop that lets light through; curves hold opaque colours.")
-    offsets = [_share(one.get("offset", "0"), what) for one in found]
-    colours = [_colour(one.get("stop-color", "black"), f"stop-color of {what}") for one in found]
+def _stops(entries: list[dict[str, str]], label: str) -> Stops:
+    for entry in entries:
+        if entry.get("stop-opacity", "1") not in ("1", "1.0", "100%"):
+            raise InputError(f"{label} has a stop that lets light through; curves hold opaque colours.")
+    offsets = [_share(entry.get("offset", "0"), label) for entry in entries]
+    colours = [_colour(entry.get("stop-color", "black"), f"stop-color of {label}") for entry in entries]
     return Stops(np.maximum.accumulate(np.clip(offsets, 0, 1)), np.array(colours))
 
 
-def _share(text: str, what: str) -> float:
+def _share(text: str, label: str) -> float:
     number = NUMBER.fullmatch(text.strip().removesuffix("%"))
     if number is None:
-        raise InputError(f"offset of {what} must be a number or a percentage, got {shown(text)}.")
+        raise InputError(f"offset of {label} must be a number or a percentage, got {shown(text)}.")
     return float(number.group()) / (100 if text.strip().endswith("%") else 1)
 
 
-def _colour(text: str, what: str) -> Floats:
+def _colour(text: str, label: str) -> Floats:
     numbers = RGB.fullmatch(text.strip())
     if numbers:
-        return as_colour([min(int(one), 255) / 255 for one in numbers.groups()], what)
-    return as_colour(text, what)
+        return as_colour([min(int(entry), 255) / 255 for entry in numbers.groups()], label)
+    return as_colour(text, label)

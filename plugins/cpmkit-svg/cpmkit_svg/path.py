@@ -38,19 +38,19 @@ def path(
     if (file is None) == (d is None) or (d is not None and id is not None):
         raise InputError("svg.path takes a file, with the id of a path in it, or path data d, and not both.")
     if file is None:
-        found = [(flatten_cubics(one.cubics), one.closed) for one in subpaths(str(d), "d")]
-        what = "the path data"
+        curves = [(flatten_cubics(curve.cubics), curve.closed) for curve in subpaths(str(d), "d")]
+        label = "the path data"
     else:
         drawn = read_drawing(file).curves
-        found = [(one.points, one.closed) for one in drawn if id is None or one.element == id]
-        what = f"{shown(Path(file).name)}" if id is None else f"path {shown(id)} of {shown(Path(file).name)}"
-        if not found:
-            known = ", ".join(shown(one.element) for one in drawn if one.element)[:200]
-            raise InputError(f"{what} draws no curve; the ids of those that are drawn are {known or 'none'}.")
-    if not found:
-        raise InputError(f"{what} draw no curve.")
-    if subpath is None and len(found) > 1:
+        curves = [(curve.points, curve.closed) for curve in drawn if id is None or curve.element == id]
+        label = f"{shown(Path(file).name)}" if id is None else f"path {shown(id)} of {shown(Path(file).name)}"
+        if not curves:
+            known = ", ".join(shown(curve.element) for curve in drawn if curve.element)[:200]
+            raise InputError(f"{label} draws no curve; the ids of those that are drawn are {known or 'none'}.")
+    if not curves:
+        raise InputError(f"{label} draw no curve.")
+    if subpath is None and len(curves) > 1:
         choose = "give its id, and subpath" if file is not None and id is None else "give subpath"
-        raise InputError(f"{what} draws {len(found)} curves; {choose} from 0 to {len(found) - 1}.")
-    points, closed = found[whole(0 if subpath is None else subpath, "subpath", 0, len(found) - 1)]
+        raise InputError(f"{label} draws {len(curves)} curves; {choose} from 0 to {len(curves) - 1}.")
+    points, closed = curves[whole(0 if subpath is None else subpath, "subpath", 0, len(curves) - 1)]
     return source("mesh.polyline", points=points, closed=closed)

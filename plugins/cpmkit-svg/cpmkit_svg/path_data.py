@@ -30,15 +30,15 @@ class Subpath:
     closed: bool
 
 
-def subpaths(text: str, what: str) -> list[Subpath]:
+def subpaths(text: str, label: str) -> list[Subpath]:
     """Return the subpaths that path data draw, those of one point left out.
 
     Raises
     ------
     InputError
-        If the data are damaged: ``what`` names them, and the place is told.
+        If the data are damaged: ``label`` names them, and the place is told.
     """
-    pen, scanner, command = _Pen(), Scanner(text, what), ""
+    pen, scanner, command = _Pen(), Scanner(text, label), ""
     while not scanner.at_end:
         letter = scanner.match(LETTER)
         if letter:
@@ -101,14 +101,14 @@ class _Pen:
             cubic = np.linspace(self.at, controls[0], 4)
         elif len(controls) == 2:
             cubic = np.stack(
-                [self.at, *(one + 2 / 3 * (controls[0] - one) for one in (self.at, controls[1])), controls[1]]
+                [self.at, *(point + 2 / 3 * (controls[0] - point) for point in (self.at, controls[1])), controls[1]]
             )
         else:
             cubic = np.stack([self.at, *controls])
         self._add([cubic], controls[-1])
 
     def _add(self, cubics: list[Floats], end: Floats) -> None:
-        self.cubics += [one for one in cubics if (one != one[0]).any()]
+        self.cubics += [point for point in cubics if (point != point[0]).any()]
         self.at = end
 
     def lift(self, *, closed: bool) -> None:

@@ -23,11 +23,11 @@ class Scanner:
     def match(self, pattern: re.Pattern[str]) -> str:
         """Return the text at the position if it matches the pattern, and advance; else an empty text."""
         self.place = SEPARATORS.match(self.words, self.place).end()  # type: ignore[union-attr]
-        found = pattern.match(self.words, self.place)
-        if found is None:
+        match = pattern.match(self.words, self.place)
+        if match is None:
             return ""
-        self.place = found.end()
-        return found.group()
+        self.place = match.end()
+        return match.group()
 
     def numbers(self, count: int) -> list[float]:
         """Return the next ``count`` numbers."""
@@ -40,9 +40,9 @@ class Scanner:
     def follows_number(self) -> bool:
         """Return whether a number follows."""
         before = self.place
-        found = bool(self.match(NUMBER))
+        matches = bool(self.match(NUMBER))
         self.place = before
-        return found
+        return matches
 
     @property
     def at_end(self) -> bool:
@@ -65,7 +65,7 @@ class Scanner:
         return number
 
     def _expect(self, pattern: re.Pattern[str], expected: str) -> str:
-        found = self.match(pattern)
-        if not found:
+        text = self.match(pattern)
+        if not text:
             raise self.refuse(expected)
-        return found
+        return text

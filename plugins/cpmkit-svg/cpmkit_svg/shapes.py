@@ -11,7 +11,7 @@ from cpmkit_svg.scanner import LARGEST_NUMBER, Scanner
 LENGTH = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:px)?\s*")
 
 
-def length(text: str, what: str) -> float:
+def length(text: str, label: str) -> float:
     """Return a length in the user's unit; other units are refused.
 
     Raises
@@ -21,25 +21,25 @@ def length(text: str, what: str) -> float:
     """
     found = LENGTH.fullmatch(text)
     if found is None or abs(float(found[1])) > LARGEST_NUMBER:
-        raise InputError(f"{what} must be a number, or one with px after it, got {shown(text)}.")
+        raise InputError(f"{label} must be a number, or one with px after it, got {shown(text)}.")
     return float(found[1])
 
 
-def path_data(name: str, attributes: Mapping[str, str], what: str) -> str:
+def path_data(name: str, attributes: Mapping[str, str], label: str) -> str:
     """Return the path data that an element of :data:`SHAPES` draws."""
     if name == "path":
         return attributes.get("d", "")
     if name in ("polyline", "polygon"):
-        return _through(attributes.get("points", ""), name == "polygon", what)
+        return _through(attributes.get("points", ""), name == "polygon", label)
 
     def of(key: str) -> float:
-        return length(attributes.get(key, "0"), f"{key} of {what}")
+        return length(attributes.get(key, "0"), f"{key} of {label}")
 
     return SHAPES_OF_NUMBERS[name](of)
 
 
-def _through(points: str, closed: bool, what: str) -> str:
-    scanner, numbers = Scanner(points, f"points of {what}"), []
+def _through(points: str, closed: bool, label: str) -> str:
+    scanner, numbers = Scanner(points, f"points of {label}"), []
     while not scanner.at_end:
         numbers += scanner.numbers(2)
     return f"M {' '.join(map(repr, numbers))} {'Z' if closed else ''}" if numbers else ""
