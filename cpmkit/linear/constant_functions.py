@@ -190,9 +190,9 @@ class ConstantFunctions:
         """
         each = self.pieces
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
-        own = each.sums(self.functions * self.images)[:, :, None]
-        shift = np.divide(sums, np.abs(own), out=np.zeros_like(sums), where=own != 0)
-        unknown = (np.abs(own) <= CANCELLED_SHARE * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
+        denominators = each.sums(self.functions * self.images)[:, :, None]
+        shift = np.divide(sums, np.abs(denominators), out=np.zeros_like(sums), where=denominators != 0)
+        unknown = (np.abs(denominators) <= CANCELLED_SHARE * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
         affected = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
         if not affected.any():
             return ()

@@ -17,19 +17,19 @@ from cpmkit.types import Bools, Floats
 @inlined
 def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
     """Return row i of ``A x``, channel m, by four sums: additions to a single sum would wait for each other."""
-    one, two, three, four = 0.0, 0.0, 0.0, 0.0
+    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
     k, stop = pointers[i], pointers[i + 1]
     last = stop - (stop - k) % np.uint64(4)
     while k < last:
-        one += entries[k] * x[columns[k], m]
-        two += entries[k + np.uint64(1)] * x[columns[k + np.uint64(1)], m]
-        three += entries[k + np.uint64(2)] * x[columns[k + np.uint64(2)], m]
-        four += entries[k + np.uint64(3)] * x[columns[k + np.uint64(3)], m]
+        first += entries[k] * x[columns[k], m]
+        second += entries[k + np.uint64(1)] * x[columns[k + np.uint64(1)], m]
+        third += entries[k + np.uint64(2)] * x[columns[k + np.uint64(2)], m]
+        fourth += entries[k + np.uint64(3)] * x[columns[k + np.uint64(3)], m]
         k += np.uint64(4)
     while k < stop:
-        one += entries[k] * x[columns[k], m]
+        first += entries[k] * x[columns[k], m]
         k += np.uint64(1)
-    total: float = (one + two) + (three + four)
+    total: float = (first + second) + (third + fourth)
     return total
 
 
@@ -105,7 +105,7 @@ def multiply(
     """
     met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # the last row with each column, its entry there
     starts = np.zeros(len(pointers), dtype=np.uint64)
-    found, sums = np.empty(room, dtype=np.uint32), np.empty(room)
+    out_columns, sums = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
     for i in range(len(pointers) - 1):
         begin = used
@@ -118,11 +118,11 @@ def multiply(
                 most += other_pointers[columns[k] + np.uint64(1)] - other_pointers[columns[k]]
             if most >= np.uint64(len(sums)):
                 more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
-                more[:used], further[:used] = found[:used], sums[:used]
-                found, sums = more, further
+                more[:used], further[:used] = out_columns[:used], sums[:used]
+                out_columns, sums = more, further
         least = 0
         if upper:
-            least, met[i], found[used] = i, i, i
+            least, met[i], out_columns[used] = i, i, i
             used += np.uint64(1)
         for k in range(pointers[i], pointers[i + 1]):
             entry, row = entries[k] * (first if k == pointers[i] else 1.0), columns[k]
@@ -131,14 +131,14 @@ def multiply(
                 if column < least:
                     continue
                 total[column] += entry * other_entries[at]
-                found[used] = column  # stays if it is new: a branch would often be mispredicted
+                out_columns[used] = column  # stays if it is new: a branch would often be mispredicted
                 used += np.uint64(met[column] != i)
                 met[column] = i
         for at in range(begin, used):
-            sums[at] = total[found[at]]
-            total[found[at]] = 0.0
+            sums[at] = total[out_columns[at]]
+            total[out_columns[at]] = 0.0
         starts[i + 1] = used
-    return starts, found[:used], sums[:used]
+    return starts, out_columns[:used], sums[:used]
 
 
 @compiled
@@ -172,25 +172,25 @@ def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[A
 @compiled
 def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
     """Subtract ``A x`` from ``out``, both (channels, n); each entry is used for its row and its column."""
-    one = np.uint64(1)
+    unit = np.uint64(1)
     for channel in range(len(x)):
-        own, rest = x[channel], out[channel]
+        values, rest = x[channel], out[channel]
         for i in range(len(pointers) - 1):
             k, stop = pointers[i], pointers[i + 1]
-            here, odd = own[i], 0.0
+            here, odd = values[i], 0.0
             even = entries[k] * here
-            k += one
+            k += unit
             if (stop - k) % np.uint64(2):
                 entry, j = np.float64(entries[k]), columns[k]
-                even += entry * own[j]
+                even += entry * values[j]
                 rest[j] -= entry * here
-                k += one
+                k += unit
             while k < stop:  # two sums, which do not wait for each other
                 entry, j = np.float64(entries[k]), columns[k]
-                even += entry * own[j]
+                even += entry * values[j]
                 rest[j] -= entry * here
-                entry, j = np.float64(entries[k + one]), columns[k + one]
-                odd += entry * own[j]
+                entry, j = np.float64(entries[k + unit]), columns[k + unit]
+                odd += entry * values[j]
                 rest[j] -= entry * here
                 k += np.uint64(2)
             rest[i] -= even + odd
@@ -212,18 +212,18 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 
     x and its residual ``rest`` = b - A x, both (channels, n), are updated.
     """
-    one = np.uint64(1)
+    unit = np.uint64(1)
     for channel in range(len(x)):
-        own, left = x[channel], rest[channel]
+        values, left = x[channel], rest[channel]
         move = np.zeros(len(inverse))
         for i in range(len(inverse) - 1, -1, -1):
-            first, stop = pointers[i] + one, pointers[i + 1]
+            first, stop = pointers[i] + unit, pointers[i + 1]
             here = left[i] - _right_of(first, stop, columns, entries, move)
             if inverse[i] == 0.0:
                 left[i] = here
                 continue
             move[i] = inverse[i] * here
-            own[i] += move[i]
+            values[i] += move[i]
             left[i] = 0.0
             for k in range(first, stop):
                 left[columns[k]] -= np.float64(entries[k]) * move[i]
@@ -232,15 +232,15 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 @compiled
 def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
     """Gauss-Seidel sweep from the first equation of ``A x = b`` on, where ``inverse`` is not zero; b is overwritten."""
-    one = np.uint64(1)
+    unit = np.uint64(1)
     for channel in range(len(x)):
-        own, left = x[channel], b[channel]
+        values, left = x[channel], b[channel]
         for i in range(len(inverse)):
-            first, stop = pointers[i] + one, pointers[i + 1]
+            first, stop = pointers[i] + unit, pointers[i + 1]
             if inverse[i] != 0.0:
-                own[i] = inverse[i] * (left[i] - _right_of(first, stop, columns, entries, own))
+                values[i] = inverse[i] * (left[i] - _right_of(first, stop, columns, entries, values))
             for k in range(first, stop):
-                left[columns[k]] -= np.float64(entries[k]) * own[i]
+                left[columns[k]] -= np.float64(entries[k]) * values[i]
 
 
 @inlined
@@ -263,12 +263,12 @@ def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float
 @compiled
 def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
     """Return pointers, columns and entries of the upper half of ``T + T'``, T square."""
-    n, one = len(pointers) - 1, np.uint64(1)
+    n, unit = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
     for i in range(n):
         for k in range(pointers[i], pointers[i + 1]):
             if columns[k] < i:
-                starts[columns[k] + one] += one
+                starts[columns[k] + unit] += unit
     for i in range(n):
         starts[i + 1] += starts[i]
     free = starts[:n].copy()
@@ -278,53 +278,53 @@ def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, An
             if columns[k] < i:
                 at = free[columns[k]]
                 rows[at], turned[at] = i, entries[k]
-                free[columns[k]] += one
+                free[columns[k]] += unit
     place = np.zeros(n, dtype=np.uint64)  # one above the position of a column, in this row or an earlier one
     sums = np.zeros(n + 1, dtype=np.uint64)
     room = len(columns) + n  # the diagonal of each row, and at most all its entries of T and T'
-    found, both = np.empty(room, dtype=np.uint32), np.empty(room)
+    out_columns, both = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
     for i in range(n):
         begin = used
-        found[used], both[used] = i, 0.0
-        used += one
+        out_columns[used], both[used] = i, 0.0
+        used += unit
         for k in range(pointers[i], pointers[i + 1]):  # each column is there once
             if columns[k] == i:
                 both[begin] = 2.0 * entries[k]
             elif columns[k] > i:
-                found[used], both[used] = columns[k], entries[k]
-                used += one
+                out_columns[used], both[used] = columns[k], entries[k]
+                used += unit
                 place[columns[k]] = used
         for k in range(starts[i], starts[i + 1]):
             j = rows[k]
             if place[j] > begin:
-                both[place[j] - one] += turned[k]
+                both[place[j] - unit] += turned[k]
             else:
-                found[used], both[used] = j, turned[k]
-                used += one
+                out_columns[used], both[used] = j, turned[k]
+                used += unit
         sums[i + 1] = used
-    return sums, found[:used], both[:used]
+    return sums, out_columns[:used], both[:used]
 
 
 @compiled
 def full_matrix(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
     """Return pointers, columns (ascending) and entries of the full matrix from its upper half."""
-    n, one = len(pointers) - 1, np.uint64(1)
+    n, unit = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
     for i in range(n):
         starts[i + 1] += pointers[i + 1] - pointers[i]
-        for k in range(pointers[i] + one, pointers[i + 1]):
-            starts[columns[k] + one] += one
+        for k in range(pointers[i] + unit, pointers[i + 1]):
+            starts[columns[k] + unit] += unit
     for i in range(n):
         starts[i + 1] += starts[i]
     free = starts[:n].copy()
-    found, whole = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n], dtype=entries.dtype)
+    out_columns, whole = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n], dtype=entries.dtype)
     for i in range(n):
         for k in range(pointers[i], pointers[i + 1]):
             j = columns[k]
             if j != i:  # the entries of row i left of the diagonal are there already
-                found[free[j]], whole[free[j]] = i, entries[k]
-                free[j] += one
-            found[free[i]], whole[free[i]] = j, entries[k]
-            free[i] += one
-    return starts, found, whole
+                out_columns[free[j]], whole[free[j]] = i, entries[k]
+                free[j] += unit
+            out_columns[free[i]], whole[free[i]] = j, entries[k]
+            free[i] += unit
+    return starts, out_columns, whole

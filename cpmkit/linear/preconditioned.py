@@ -28,7 +28,7 @@ from cpmkit.types import Floats, Progress, no_progress
 PRECONDITIONED_SHARE, RESIDUAL_SLACK = 1e-8, 100.0
 
 
-class Preconditioner(Protocol):
+class ApproximateInverse(Protocol):
     """A linear, symmetric and positive approximation of the inverse of A."""
 
     @property
@@ -81,11 +81,11 @@ class PreconditionedCG:
     operator: Operator
     matrix: UnsignedCsr | SymmetricCsr
     bordered: Bordered | None
-    preconditioner: Preconditioner
+    preconditioner: ApproximateInverse
     max_iterations: int
     solver: str
     slack: float = 1.0
-    more_exact: Callable[[], Preconditioner] | None = None
+    more_exact: Callable[[], ApproximateInverse] | None = None
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress

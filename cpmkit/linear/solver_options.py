@@ -132,10 +132,10 @@ class SolverOptions(DeclaredOptions):
 
         The error for an unknown option suggests a similar name, among those of ``others`` too.
         """
-        own = {name: keywords[name] for name in declared_options(cls) if name in keywords}
-        further = {name: value for name, value in keywords.items() if name not in own}
+        selected = {name: keywords[name] for name in declared_options(cls) if name in keywords}
+        further = {name: value for name, value in keywords.items() if name not in selected}
         _check_further(keywords.get("solver", cls.solver), further, (*others, *declared_options(cls)))
-        return cls(**own, further=further)
+        return cls(**selected, further=further)
 
 
 def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str] = ()) -> None:

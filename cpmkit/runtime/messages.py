@@ -12,7 +12,7 @@ from typing import Any
 from cpmkit.errors import CpmkitWarning, printable
 
 
-def did_you_mean(given: object, accepted: Iterable[str]) -> str:
+def did_you_mean(word: object, accepted: Iterable[str]) -> str:
     """Return the suggestion `` (did you mean 'left'?)`` for a word that resembles an accepted one, else "".
 
     Examples
@@ -20,9 +20,9 @@ def did_you_mean(given: object, accepted: Iterable[str]) -> str:
     >>> did_you_mean("lefft", ["left", "right"]), did_you_mean("top", ["left", "right"])
     (" (did you mean 'left'?)", '')
     """
-    if not isinstance(given, str) or len(given) > 100:  # comparing two words takes the product of their lengths
+    if not isinstance(word, str) or len(word) > 100:  # comparing two words takes the product of their lengths
         return ""
-    matches = get_close_matches(given.lower(), list(accepted), n=1, cutoff=0.7)
+    matches = get_close_matches(word.lower(), list(accepted), n=1, cutoff=0.7)
     return f" (did you mean {matches[0]!r}?)" if matches else ""
 
 

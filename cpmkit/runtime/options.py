@@ -89,8 +89,8 @@ def split_options(
     kind: type[OptionsClass], keywords: Mapping[str, Any], **further: Any
 ) -> tuple[OptionsClass, dict[str, Any]]:
     """Return an instance of ``kind`` from its options among ``keywords`` and ``further`` fields, and other keywords."""
-    own = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
-    return kind(**own, **further), {name: value for name, value in keywords.items() if name not in own}
+    selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
+    return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}
 
 
 def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Function]:

@@ -18,41 +18,43 @@ from cpmkit.scene.data import Data
 from cpmkit.types import Floats, Ints, Side
 
 
-def vertex_numbers(given: Any) -> Ints | None:
-    """Return whole numbers given alone or in one row, as an array (k,); None for anything else."""
-    if isinstance(given, (str, bytes, bool)) or not (isinstance(given, (int, np.integer)) or hasattr(given, "__len__")):
+def vertex_numbers(value: Any) -> Ints | None:
+    """Return a whole number, or a row of whole numbers, as an array (k,); None for anything else."""
+    if isinstance(value, (str, bytes, bool)) or not (isinstance(value, (int, np.integer)) or hasattr(value, "__len__")):
         return None
     try:
-        array = np.asarray(given)
+        array = np.asarray(value)
     except ValueError:
         return None
     return np.atleast_1d(array) if array.dtype.kind in "iu" and array.ndim < 2 and array.size else None
 
 
-def vertices_of(surface: Any, numbers: Ints, what: str) -> Floats:
+def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
     """Return the vertices (k, d) of a surface that was made from a mesh, by their numbers.
 
     Raises
     ------
     SceneError
-        If it was not, a number is not among its vertices, or the numbers may be the coordinates of a point.
+        If the surface has no mesh, a number is not that of a vertex, or the numbers may be coordinates of a point.
     """
     dim = int(surface.dim)
     if not isinstance(surface, HasGivenMesh):
         raise SceneError(
-            f"{what} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
+            f"{label} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
             f"{dim})."
         )
     if len(numbers) == dim:
         text = shown(numbers.tolist())
         raise SceneError(
-            f"{what} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
+            f"{label} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
             f"point, or vertices[{text}]."
         )
     vertices = surface.given_mesh[0]
     bad = np.flatnonzero((numbers < 0) | (numbers >= len(vertices)))
     if len(bad):
-        raise SceneError(f"{what} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(numbers[bad[0]]))}.")
+        raise SceneError(
+            f"{label} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(numbers[bad[0]]))}."
+        )
     return np.asarray(vertices[numbers], dtype=np.float64)
 
 
@@ -203,7 +205,7 @@ class Boundary:
 
 @runtime_checkable
 class BoundarySet(Protocol):
-    """A point or curve inside the manifold, and what holds on each side of it."""
+    """A point or curve inside the manifold, with a condition on each side of it."""
 
     @property
     def name(self) -> str:
@@ -215,7 +217,7 @@ class BoundarySet(Protocol):
 
     @property
     def left_of(self) -> Floats | None:
-        """(d,) a point that is on the left of each piece, for sources without normals or tangents of their own."""
+        """A point (d,) on the left of each piece, for sources without normals or tangents of their own."""
 
     def condition(self, side: Side, /) -> Condition:
-        """Return what holds on ``side``."""
+        """Return the condition on ``side``."""

@@ -269,17 +269,17 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
 
 
 def _edge_with_data(edge: Any, data: Any) -> Any:
-    given = as_edge(data)
-    if shape_of_edge(edge) != shape_of_edge(given):
+    new_edge = as_edge(data)
+    if shape_of_edge(edge) != shape_of_edge(new_edge):
         raise SceneError(
             "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
             "and each part where it is."
         )
     if isinstance(edge, Mapping):
-        given = {loop: given[loop] for loop in edge}
-    for (old, _), (new, _) in zip(parts_of_edge(edge), parts_of_edge(given), strict=True):
+        new_edge = {loop: new_edge[loop] for loop in edge}
+    for (old, _), (new, _) in zip(parts_of_edge(edge), parts_of_edge(new_edge), strict=True):
         _check_same(old.condition, new.condition, "the edge")
-    return given
+    return new_edge
 
 
 def _check_same(old: Condition, new: Any, label: str) -> None:

@@ -48,12 +48,12 @@ class FormulaField:
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``vector_field`` from [[direction]] and [vectors]."""
-    own = as_table(tables.get("vectors", {}), "[vectors]")
-    check_accepted("[vectors]", own, ("transport",))
+    options = as_table(tables.get("vectors", {}), "[vectors]")
+    check_accepted("[vectors]", options, ("transport",))
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
-    return {**own, "directions": pairs}
+    return {**options, "directions": pairs}
 
 
 def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
@@ -91,15 +91,15 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
-    own = as_table(tables.get("map", {}), "[map]")
-    check_accepted("[map]", own, ("initial", "method", "step", "most_steps", "rest", "texture"))
-    own = {**own, **with_vertex_data(_only(own, "initial"), folder, [("surface", scene.surface)], "[map]")}
-    own = {**own, **with_vertex_data(_only(own, "texture"), folder, [("target", target)], "[map]")}
-    if isinstance(own.get("initial"), list):
-        own["initial"] = _formulas(own["initial"], scene.surface.dim, target.dim, "initial of [map]")
-    if isinstance(own.get("texture"), (list, str)):
-        texture = own["texture"] if isinstance(own["texture"], list) else [own["texture"]]
-        own["texture"] = _formulas(texture, target.dim, len(texture), "texture of [map]")
+    options = as_table(tables.get("map", {}), "[map]")
+    check_accepted("[map]", options, ("initial", "method", "step", "most_steps", "rest", "texture"))
+    options = {**options, **with_vertex_data(_only(options, "initial"), folder, [("surface", scene.surface)], "[map]")}
+    options = {**options, **with_vertex_data(_only(options, "texture"), folder, [("target", target)], "[map]")}
+    if isinstance(options.get("initial"), list):
+        options["initial"] = _formulas(options["initial"], scene.surface.dim, target.dim, "initial of [map]")
+    if isinstance(options.get("texture"), (list, str)):
+        texture = options["texture"] if isinstance(options["texture"], list) else [options["texture"]]
+        options["texture"] = _formulas(texture, target.dim, len(texture), "texture of [map]")
     landmarks: list[tuple[Any, Any]] = []
     for number, table in list_of_tables(tables, "landmark"):
         where = f"[[landmark]] {number}"
@@ -113,7 +113,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
             continue
         curve = read_source(table, folder, where, scene.surface)
         landmarks.append((curve, _formulas(to, scene.surface.dim, target.dim, f"to of {where}")))
-    return {**own, "target": target, "landmarks": landmarks}
+    return {**options, "target": target, "landmarks": landmarks}
 
 
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:

@@ -225,13 +225,13 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     name = _name(table.pop("name", f"boundary {number}"), number)
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
-    own = read_source(table, folder, where, surface)
-    carriers = [("boundary", own), ("surface", surface)]
+    curve = read_source(table, folder, where, surface)
+    carriers = [("boundary", curve), ("surface", surface)]
     conditions: dict[str, Any] = {
         key: read_side(key, value, surface.dim, f"{key} of {where}")
         for key, value in with_vertex_data(sides, folder, carriers, where).items()
     }
-    return Boundary(name, own, **conditions)
+    return Boundary(name, curve, **conditions)
 
 
 def _name(name: Any, number: int) -> str:

@@ -134,10 +134,10 @@ def build_cycle(
     is_rounded = is_rounded and not needs_float64(matrix.diagonal())
     halves, strips = [as_symmetric_csr(matrix) if half is None else half], []
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
-        P, own = level.prolongation, halves[-1]
+        P, current = level.prolongation, halves[-1]
         strip = _without_singular(level.strip, piece)
-        strips.append(_exact_strip(matrix if len(halves) == 1 else own, strip, waves, is_rounded))
-        coarser = coarse_operator(matrix, P) if own is None else own.galerkin_product(P)
+        strips.append(_exact_strip(matrix if len(halves) == 1 else current, strip, waves, is_rounded))
+        coarser = coarse_operator(matrix, P) if current is None else current.galerkin_product(P)
         halves.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
         if len(halves) == 2:  # worth its time for the largest level alone
             release_memory()
@@ -150,13 +150,13 @@ def build_cycle(
     factors = kind.of(_pin_constants(coarsest, piece), "on the coarsest level")
     smoothed = []
     for level in reversed(levels):  # the finest, which is the largest, when all others are rounded
-        own = halves.pop()
-        diagonal = matrix.diagonal() if own is None else own.diagonal
-        if own is None:
+        current = halves.pop()
+        diagonal = matrix.diagonal() if current is None else current.diagonal
+        if current is None:
             rows: SymmetricCsr | UnsignedCsr = in_float32(matrix, MAX_ROUNDED_ENTRIES if is_rounded else 0)
         else:
-            rows = own.in_float32() if is_rounded else own
-        del own
+            rows = current.in_float32() if is_rounded else current
+        del current
         if len(halves) == 1:
             release_memory()
         rows = rows.for_threads() if isinstance(rows, SymmetricCsr) else rows
