@@ -129,13 +129,13 @@ def _with_seconds(
     """Return an explanation with the seconds of a solve."""
     given = {**options, "solver": explained.solver}
 
-    def timed(coarse: float) -> tuple[SolutionRecord, float]:
+    def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:
         with collected_warnings():
             started = time.perf_counter()
             solution = solve_scene(scene, coarse, progress=progress, **given)
             return solution, time.perf_counter() - started
 
-    seconds = extrapolated_cost(timed, spacing, explained.unknowns, largest_dim(scene.surface))
+    seconds = extrapolated_cost(solve_timed, spacing, explained.unknowns, largest_dim(scene.surface))
     return replace(explained, seconds=seconds)
 
 

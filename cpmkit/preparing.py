@@ -40,11 +40,11 @@ class Prepared(Generic[Family]):
     progress : callable or bool, optional
         As for :func:`cpmkit.solve`.
     options : Options, optional
-        How it is discretised by the closest point method.
+        How it is discretised on a lattice; None of another back end.
     cache : OperatorCache
         Operators and factors that were used last.
     others : dict
-        The same tables with other solvers, see :meth:`solved_by`.
+        The same tables with other solvers; see :meth:`solved_by`.
     """
 
     discretized: Discretized
@@ -55,9 +55,9 @@ class Prepared(Generic[Family]):
     others: dict[str, Prepared[Any]] = field(default_factory=dict, repr=False)
 
     def __repr__(self) -> str:
-        made = self.discretized
-        what = f"form {made.form}, spacing {made.spacing:g}, {made.size:,} unknowns, solver {self.solver.solver}"
-        return f"<Prepared: {what}\n  {self.scene.problem.kind} on {self.scene.surface!r}>"
+        form = self.discretized
+        parts = f"form {form.form}, spacing {form.spacing:g}, {form.size:,} unknowns, solver {self.solver.solver}"
+        return f"<Prepared: {parts}\n  {self.scene.problem.kind} on {self.scene.surface!r}>"
 
     @overload
     def solve(
@@ -122,19 +122,19 @@ class Prepared(Generic[Family]):
         guess: SolutionRecord | None = None,
         **options: Any,
     ) -> Any:
-        """Solve an equation on the tables that are there.
+        """Solve an equation with the prepared tables.
 
         Parameters
         ----------
         problem : Equation, optional
-            Another equation than the scene's.
+            An equation in place of the scene's.
         data : mapping, optional
-            Other conditions of the same kinds, which differ in their data alone, by boundary: ``{"cut":
-            Dirichlet(2)}``, ``{"cut": {"left": ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
+            Conditions of the same kinds with other data, by boundary: ``{"cut": Dirichlet(2)}``, ``{"cut": {"left":
+            ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
         guess : Solution, optional
-            Of the same tables, near which an iterative solver starts; of steady problems.
+            Of the same tables; the initial guess of an iterative solver in steady problems.
         **options
-            Any other is refused.
+            Other options are refused.
 
         Returns
         -------
@@ -143,7 +143,7 @@ class Prepared(Generic[Family]):
         Raises
         ------
         CpmkitError
-            One sentence: what was got, what is accepted, what to do.
+            One sentence: the value that was given, the values that are accepted, and a remedy.
         """
         checkpointing, others = split_options(Checkpointing, options)
         if others:
@@ -167,14 +167,14 @@ class Prepared(Generic[Family]):
         return solution
 
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
-        """Return the same tables with another solver, ``direct``, ``multigrid`` or another, and its options.
+        """Return the same tables with another solver, by its name and options.
 
-        What that one makes of the tables, factors above all, is kept for the next time.
+        Its factors and levels are kept for the next call.
 
         Raises
         ------
         InputError
-            If there is no such solver, or it takes no such option.
+            If there is no such solver, or it has no such option.
         """
         target = SolverOptions.of({"solver": solver, **options})
         if target == self.solver:
@@ -197,27 +197,27 @@ class Prepared(Generic[Family]):
 
     @property
     def scene(self) -> Scene:
-        """What is prepared."""
+        """The prepared scene."""
         return self.discretized.scene
 
     @property
     def points(self) -> Floats:
-        """(p, d) where the scene's form keeps values: samples, or feet of nodes; in the scene's coordinates."""
+        """(p, d) the points where the form knows values, in the scene's coordinates: samples, or closest points."""
         return self.discretized.points.copy()
 
     def field(self, data: Any) -> Field:
-        """Return values at the points where the scene's form keeps them; see :class:`~cpmkit.Field`.
+        """Return a field of values at :attr:`points`; see :class:`~cpmkit.Field`.
 
         Parameters
         ----------
         data : number, sequence, array, callable, VertexData or Solution
-            A function of points; the values at ``prepared.points`` themselves, (p,) or (p, channels); or a solution,
-            which is read without loss if it is on the same tables.
+            A function of points; values at ``prepared.points``, (p,) or (p, channels); or a solution, which is taken
+            over without loss if it has the same tables.
         """
         return field_of(self.discretized, data)
 
     def _run(self, scene: Scene, checkpointing: Checkpointing, guess: Floats | None) -> SolutionRecord:
-        """Solve a scene that differs from the prepared one in its equation and data alone."""
+        """Solve a scene that has another equation or other data than the prepared one."""
         started = time.perf_counter()
         form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
         with shown_progress(self.progress) as progress:
@@ -273,7 +273,7 @@ def prepare(
     Raises
     ------
     CpmkitError
-        One sentence: what was got, what is accepted, what to do.
+        One sentence: the value that was given, the values that are accepted, and a remedy.
 
     Examples
     --------

@@ -92,25 +92,24 @@ def solve(
     progress: ShownProgress = None,
     **options: Any,
 ) -> Solution:
-    """Solve a scene, by the closest point method unless another back end is asked for.
+    """Solve a scene on a lattice, or with another back end.
 
     Parameters
     ----------
     scene : Scene
-        What to solve.
+        The scene.
     spacing : float
         Spacing of the lattice, in the scene's unit of length; or ``tolerance``, ``seconds`` or ``memory`` in its
-        place. There is no default; without any of them, the error suggests a spacing. Another
-        back end may do without: ``fem`` solves on a mesh's own triangles.
+        place. There is no default; without any of them, the error suggests a spacing. Another back end may not need
+        one: ``fem`` solves on a mesh's own triangles.
     backend : str
-        ``cpm``, or the name of a form that a plugin offers, such as ``fem``. It may have options of its own, and
-        those below that describe a lattice belong to ``cpm``; equations, solvers, checkpoints and solutions are the
-        same.
+        ``cpm``, or the name of a form of a plugin, such as ``fem``. That form may have options of its own; the options
+        below that describe a lattice are those of ``cpm``. Equations, solvers, checkpoints and solutions are the same.
     progress : callable or bool, optional
-        ``progress(stage, fraction)``, called on the way. Unless given, a bar is shown on a terminal and in notebooks
-        for what takes longer than two seconds; ``False`` shows none, ``True`` one at once.
+        ``progress(stage, fraction)``. By default a bar is shown on a terminal and in notebooks for a solve that takes
+        longer than two seconds; ``False`` shows none, ``True`` shows it at once.
     **options
-        Further ones of the solver; ``reference`` takes ``max_iterations``. Those of a plugin's form.
+        Further options of the solver, such as ``max_iterations`` of ``reference``, or of a plugin's form.
 
     Returns
     -------
@@ -119,7 +118,7 @@ def solve(
     Raises
     ------
     CpmkitError
-        One sentence: what was got, what is accepted, what to do.
+        One sentence: the value that was given, the values that are accepted, and a remedy.
 
     Warns
     -----
@@ -128,8 +127,8 @@ def solve(
 
     Examples
     --------
-    A circle, cut at one point. Left is where the curve comes from, so a quarter turn after the cut
-    u has risen by a quarter.
+    A circle, cut at one point. Left is where the curve comes from, so that a quarter turn after the cut u has risen by
+    a quarter.
 
     >>> import cpmkit as ck
     >>> cut = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
@@ -140,7 +139,7 @@ def solve(
     target, rest = split_options(AccuracyTarget, options)
     target.check_spacing(spacing)
     with shown_progress(progress) as shown:
-        if target.given:
+        if target.given_targets:
             solution = solve_to_target(scene, target, shown, {"backend": backend, **rest})
         else:
             solution = solve_scene(scene, spacing, backend=backend, progress=shown, **rest)
@@ -152,13 +151,13 @@ def solve(
 
 
 def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
-    """Return those options of a scene file that every form is given; the others describe the lattice, or its solver.
+    """Return the options of a scene file that hold for every back end, not for the lattice or its solver alone.
 
-    The degree too where a ``backend`` is named that has one.
+    They are ``solver_tolerance``, and ``degree`` where the named ``backend`` has one.
     """
     has_degree = bool(backend) and takes(call(factory(backend, "cpmkit_backends"), backend, {}).discretize, "degree")
-    given = ("solver_tolerance", *(("degree",) if has_degree else ()))
-    return {name: value for name, value in options.items() if name in given}
+    shared = ("solver_tolerance", *(("degree",) if has_degree else ()))
+    return {name: value for name, value in options.items() if name in shared}
 
 
 @document_options(Options, *FORMS.values())
@@ -176,7 +175,7 @@ def discretize(
     progress : callable or bool, optional
         As for :func:`cpmkit.solve`.
     **options
-        Any other is refused.
+        Other options are refused.
 
     Raises
     ------

@@ -80,7 +80,7 @@ class TimedSolve:
         """Return the estimate in a norm; NaN without one."""
         return math.nan if self.estimate is None else self.estimate.of(norm)
 
-    def expected(self, norm: str) -> float:
+    def expected_error(self, norm: str) -> float:
         """Return the estimate from the solution alone in a norm, as a share of the range; NaN without one."""
         if self.alone is None:
             return math.nan
@@ -172,9 +172,9 @@ class AdaptiveRun:
         return self.error_of(self.last)
 
     @property
-    def expected(self) -> float:
+    def expected_error(self) -> float:
         """The estimate from the last solution alone, in the norm of the target; NaN without one."""
-        return self.last.expected(self.target.norm)
+        return self.last.expected_error(self.target.norm)
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
         """Return a solution with the modes that the scene has: coarse solutions of eigenvalue problems have more."""
@@ -186,10 +186,10 @@ class AdaptiveRun:
         """Seconds since the start."""
         return time.perf_counter() - self.started
 
-    def solve(self, purpose: Purpose, spacing: float, expected: float | None = None) -> TimedSolve:
-        """Solve at a spacing; ``expected`` seconds are reported to the progress callback."""
+    def solve(self, purpose: Purpose, spacing: float, expected_seconds: float | None = None) -> TimedSolve:
+        """Solve at a spacing; ``expected_seconds`` are reported to the progress callback."""
         scene = self.scene if purpose in ("answer", "correction") else coarser_scene(self.scene)
-        about = "" if expected is None else f", about {expected:.2g} s"
+        about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
         label = f"{purpose} at spacing {spacing:.3g}{about}"
         began = time.perf_counter()
         solution = self.solve_scene(

@@ -133,7 +133,7 @@ def estimate_from(
         norm: _geometric_mean([getattr(apart, norm) / by for apart, by in zip(differences, divisors, strict=True)])
         for norm in ("rms", "largest")
     }
-    rms, largest = (_combined(error, norm, alone, coarsest.unit) for norm, error in by_norm.items())
+    rms, largest = (_combine(error, norm, alone, coarsest.unit) for norm, error in by_norm.items())
     resonant_rms, resonant_largest = _resonance_error(solution, coarse_solutions[-1], coarsest)
     rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
     source_error = 0.0 if isinstance(solution, EigenRecord) else solution.discretized.source_error()
@@ -170,7 +170,7 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
     return fine.amplified_error(error)
 
 
-def _combined(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
+def _combine(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
     """Return the mean of an estimate from coarse solutions and of that from the solution alone, if it is known."""
     if alone is None:
         return error

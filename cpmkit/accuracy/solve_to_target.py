@@ -127,7 +127,7 @@ def solve_by(
     'reached'
     """
     goal, others = split_options(AccuracyTarget, target)
-    if others or not goal.given:
+    if others or not goal.given_targets:
         raise InputError(
             "solve_by needs a tolerance, seconds or a memory"
             + (f", and takes no {next(iter(others))!r}." if others else ", none of which was given.")

@@ -113,11 +113,11 @@ def _solve_second(run: AdaptiveRun) -> None:
 def _first_factor(run: AdaptiveRun) -> float:
     """Return how many times finer the second spacing is, from the estimate of the first solution alone."""
     tolerance = run.target.tolerance
-    if math.isnan(run.expected):
+    if math.isnan(run.expected_error):
         return UNTOLD_FACTOR
     if tolerance is None:
         return FIRST_MOST_FACTOR
-    factor = (run.expected / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
+    factor = (run.expected_error / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
     return float(min(max(factor, FIRST_LEAST_FACTOR), FIRST_MOST_FACTOR))
 
 
@@ -160,7 +160,7 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[run.target.norm] * aim
     if run.last.estimate is not None and run.last.estimate.slow:
         accepted *= SLOW_SHARE
-    if not math.isnan(run.expected):
+    if not math.isnan(run.expected_error):
         return run.error <= accepted
     prior = _prior_order(run)
     slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(observed_order(run), prior) - 1)
@@ -211,9 +211,9 @@ def observed_order(run: AdaptiveRun) -> float:
 def _last_two_errors(run: AdaptiveRun) -> tuple[list[TimedSolve], list[float]]:
     """Return the last two solves with estimates, and these; else the last two, with estimates from each alone."""
     known = _comparable(run)[-2:]
-    if len(known) == 2 or math.isnan(run.expected):
+    if len(known) == 2 or math.isnan(run.expected_error):
         return known, [run.error_of(solve) - run.in_time for solve in known]
-    return run.solves[-2:], [solve.expected(run.target.norm) for solve in run.solves[-2:]]
+    return run.solves[-2:], [solve.expected_error(run.target.norm) for solve in run.solves[-2:]]
 
 
 def _prior_order(run: AdaptiveRun) -> float:
@@ -252,15 +252,15 @@ def expected_seconds(run: AdaptiveRun, spacing: float) -> float | None:
 
 def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
     """Return the peak of memory of a solve of so many unknowns, with that of coarser solutions, pages and holes."""
-    used, held = _needed(run, unknowns)
-    return held + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
+    used, stored = _needed_bytes(run, unknowns)
+    return stored + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
 
 
-def _needed(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
+def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
     """Return the bytes that a solve of so many unknowns needs, and those that coarser solutions hold meanwhile."""
     model = _cost_model(run)
     used = model.peak_bytes(unknowns, model.choose_solver(run.solver, unknowns), run.last.solution.work)
-    return used, sum(model.held_bytes(solve.solution.work) for solve in run.solves if solve.unknowns < unknowns)
+    return used, sum(model.stored_bytes(solve.solution.work) for solve in run.solves if solve.unknowns < unknowns)
 
 
 def _cost_model(run: AdaptiveRun) -> CostModel[Any]:
@@ -277,7 +277,7 @@ def check_memory(run: AdaptiveRun) -> None:
     ResolutionError
         With the memory that they need.
     """
-    needed, target = sum(_needed(run, run.last.unknowns)), run.target.memory
+    needed, target = sum(_needed_bytes(run, run.last.unknowns)), run.target.memory
     if target is not None and needed > target:
         raise ResolutionError(
             f"memory={target:.3g} bytes are less than the {needed:.3g} of a coarse solve with {run.last.unknowns:,} "

@@ -95,7 +95,7 @@ def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     M is that of equations in time: where c is large, the mass matrix of integrals leaves some unknowns free.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
-    prepared, constants = context.cache.get(("complex", s), _prepared, context, ComplexShift(stiffness, s, mass))
+    prepared, constants = context.cache.get(("complex", s), _prepare, context, ComplexShift(stiffness, s, mass))
     b: Any = q + 1j * s * r
     w, report = constants.solve(prepared, b, context.tolerance, progress=context.progress)
     report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
@@ -111,7 +111,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     imbalances: tuple[Imbalance, ...] = ()
     if isinstance(operator, Bordered):
         v, imbalances = defects_of(operator, q, v, form)
-    u, second = constants.solve(prepared, r + _weighted(form, v), context.tolerance, progress=context.progress)
+    u, second = constants.solve(prepared, r + _times_mass(form, v), context.tolerance, progress=context.progress)
     if isinstance(operator, Bordered):
         u, v = _with_mean_of_laplacian(operator, form, u, v)
     return u, v, _combined_report(first, second), imbalances
@@ -122,10 +122,10 @@ def _prepared_laplacian(
 ) -> tuple[Operator, tuple[PreparedSolver, ConstantFunctions]]:
     free = context.discretized.free_constants(stiffness)
     operator: Operator = stiffness if free is None else Bordered(stiffness, free)
-    return operator, _prepared(context, operator)
+    return operator, _prepare(context, operator)
 
 
-def _prepared(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, ConstantFunctions]:
+def _prepare(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, ConstantFunctions]:
     return context.prepare(operator), context.constants(operator)
 
 
@@ -138,12 +138,12 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
     border = operator.border
     u, means = border.remove_means(u)
     indicator = border.indicator.toarray()
-    measure = (indicator * _weighted(form, indicator)).sum(axis=0)
+    measure = (indicator * _times_mass(form, indicator)).sum(axis=0)
     excess = operator.shift * means * ((indicator * border.constant_load.toarray()).sum(axis=0) / measure)[:, None]
     return u, np.asarray(v - indicator @ excess)
 
 
-def _weighted(form: Discretized, u: Floats) -> Floats:
+def _times_mass(form: Discretized, u: Floats) -> Floats:
     """Return M u."""
     return u if form.mass is None else form.mass.apply(u)
 

@@ -113,7 +113,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), penalty_scale)
     u, count = _continuation(steps, problem, u) if context.guess is None else (u, _StepCount())
     u, count = _converge(steps, problem, u, count)
-    last = _solve_linear(context, steps.frozen(u), u)
+    last = _solve_linear(context, steps.frozen_terms(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
     report = replace(
         last.report,
@@ -194,7 +194,7 @@ def _converge(
     """
     method, state = problem.method, steps.state(u)
     share = CONVERGED_CHANGE_SHARE[method] if share is None else share
-    step = steps.newton if method == "newton" else steps.lagged
+    step = steps.newton_step if method == "newton" else steps.lagged_step
     for _ in range(MOST_STEPS[method]):
         before = state.u
         state, report = step(state)

@@ -79,7 +79,7 @@ class Steps:
     loads: Floats
     penalty_scale: float | None = None
 
-    def frozen(self, u: Floats) -> Terms:
+    def frozen_terms(self, u: Floats) -> Terms:
         """Return the terms with the diffusivity frozen at u."""
         scale = None if self.penalty_scale is None else self._scale_at
         return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
@@ -92,7 +92,7 @@ class Steps:
     def state(self, u: Floats) -> State:
         """Return the residual at u."""
         form = self.context.discretized
-        stiffness = form.stiffness(self.frozen(u))
+        stiffness = form.stiffness(self.frozen_terms(u))
         b = self.loads + form.condition_load(stiffness)
         residual = b - stiffness.apply(u)
         border = form.free_constants(stiffness)
@@ -103,12 +103,12 @@ class Steps:
             residual = residual - border.constant_load @ excess
         return State(u, stiffness, b, residual, border)
 
-    def lagged(self, state: State) -> tuple[State, SolveReport]:
+    def lagged_step(self, state: State) -> tuple[State, SolveReport]:
         """Return the state at the solution with the diffusivity of this one."""
         change, report = self._solve(state.stiffness, state)
         return self.state(state.u + change), report
 
-    def newton(self, state: State) -> tuple[State, SolveReport]:
+    def newton_step(self, state: State) -> tuple[State, SolveReport]:
         """Return the next state of Newton's method, with a line search along the solution of the tangent.
 
         Raises
@@ -151,11 +151,11 @@ class Steps:
         prepared = context.prepare(operator)
         tolerance = max(context.tolerance, STEP_TOLERANCE)
 
-        def centred(u: Floats) -> Floats:
+        def without_means(u: Floats) -> Floats:
             return u if border is None else border.remove_means(u)[0]
 
         start, report = prepared.solve(state.residual, tolerance, progress=context.progress)
-        start = centred(start)
+        start = without_means(start)
         if drift is None:
             return start, report
         from scipy.sparse.linalg import LinearOperator, gmres
@@ -164,7 +164,7 @@ class Steps:
 
         def product(v: Any) -> Any:
             image = np.asarray(advection.apply(v.reshape(-1, 1)))
-            return v.ravel() + centred(prepared.solve(image, tolerance)[0]).ravel()
+            return v.ravel() + without_means(prepared.solve(image, tolerance)[0]).ravel()
 
         n = len(start)
         solution, failed = gmres(

@@ -189,17 +189,17 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
         return [], None
     tolerance = max(context.tolerance, ROUGH_RESIDUAL)
 
-    def weighted(values: Floats) -> Floats:
+    def times_mass(values: Floats) -> Floats:
         return values if mass is None else mass.apply(values)
 
     try:
         b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
         for _ in range(INVERSE_STEPS):
             mode, _ = solver.solve(b, tolerance)
-            size = float(np.sum(mode * weighted(mode)))
+            size = float(np.sum(mode * times_mass(mode)))
             gap = float(np.sum(mode * b)) / size
-            b = weighted(mode) / np.sqrt(size)
-        step, _ = solver.solve(weighted(u), tolerance)
+            b = times_mass(mode) / np.sqrt(size)
+        step, _ = solver.solve(times_mass(u), tolerance)
     except ConvergenceError:
         return [
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be determined: the "

@@ -99,14 +99,14 @@ class AccuracyTarget(DeclaredOptions):
     )
 
     @property
-    def given(self) -> list[str]:
+    def given_targets(self) -> list[str]:
         """Names of the targets that are given: tolerance, seconds, memory."""
         return [name for name in ("tolerance", "seconds", "memory") if getattr(self, name) is not None]
 
     @property
     def target(self) -> str:
         """The targets that are given, as the user wrote them but for units."""
-        return " and ".join(f"{name}={getattr(self, name):g}" for name in self.given)
+        return " and ".join(f"{name}={getattr(self, name):g}" for name in self.given_targets)
 
     def check_spacing(self, spacing: float | None) -> None:
         """Refuse a spacing together with a target that determines the spacing.
@@ -116,11 +116,11 @@ class AccuracyTarget(DeclaredOptions):
         InputError
             If both are given, or a norm without a tolerance.
         """
-        if self.given and spacing is not None:
-            name = self.given[0]
+        if self.given_targets and spacing is not None:
+            name = self.given_targets[0]
             raise InputError(
                 f"got spacing={spacing:g} and {name}={getattr(self, name):g}, and each decides how fine the lattice "
                 "is; give one of them. The residual of linear systems is solver_tolerance."
             )
-        if not self.given and self.norm != "rms":
+        if not self.given_targets and self.norm != "rms":
             raise InputError(f"norm={self.norm!r} says how tolerance is meant, and there is none; give tolerance.")

@@ -21,7 +21,7 @@ from cpmkit.types import Progress
 #: Up to so many cells unknowns are counted; on finer lattices they are estimated from as many blocks of cells.
 COUNTED_CELLS = 3_000
 #: Bytes that a solution holds for each unknown (measured on spheres and meshes).
-BYTES_HELD_PER_UNKNOWN = 300.0
+BYTES_STORED_PER_UNKNOWN = 300.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,9 +86,9 @@ class CostModel(ABC, Generic[Own]):
             As a solve does before its equations are assembled.
         """
 
-    def held_bytes(self, work: Any) -> float:
+    def stored_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, from its measures of work."""
-        return BYTES_HELD_PER_UNKNOWN * float(work.unknowns)
+        return BYTES_STORED_PER_UNKNOWN * float(work.unknowns)
 
     @property
     def surface(self) -> LocalSource:

@@ -35,10 +35,10 @@ def test_both_together_are_seldomer_too_small_than_either():
         for fine, coarse, true in pairs(u, k):
             alone, apart = estimate_alone(fine), estimate_from(fine, [coarse])
             both = estimate_from(fine, [coarse], alone=alone)
-            told = float(np.max(alone.rms / apart.unit))
-            found.append(np.array([apart.of("rms"), told, both.of("rms")]) / true)
-    apart, told, both = np.log(found).T
-    assert both.min() > max(apart.min(), told.min())
+            expected = float(np.max(alone.rms / apart.unit))
+            found.append(np.array([apart.of("rms"), expected, both.of("rms")]) / true)
+    apart, expected, both = np.log(found).T
+    assert both.min() > max(apart.min(), expected.min())
     assert np.std(both) < np.std(apart)
     assert np.log(0.8) < both.min() <= both.max() < np.log(2.3)
 

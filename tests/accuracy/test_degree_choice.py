@@ -23,9 +23,9 @@ def f(x):
 def test_the_record_is_that_of_the_documentation():
     rows = json.loads(Path(degree_choice.__file__).with_name("degree_choice.json").read_text())
     cells = [[cell.strip() for cell in line.strip("|\n").split("|")] for line in TABLE.read_text().splitlines()[2:]]
-    told = [row for row in cells if row[3] == "as they are" and row[2] in ("2", "3")]
-    assert len(rows) == len(told) == 12
-    for row in told:
+    printed_rows = [row for row in cells if row[3] == "as they are" and row[2] in ("2", "3")]
+    assert len(rows) == len(printed_rows) == 12
+    for row in printed_rows:
         kept = {"surface": row[0], "degree": int(row[2]), "spacing": float(row[1]), "error": float(row[9])}
         assert {**kept, "seconds": float(row[8])} in rows
 

@@ -13,47 +13,47 @@ def test_predictions_on_a_surface_with_curves(monkeypatch):
     monkeypatch.setattr("cpmkit.forms.collocation.collocation_cost.DRY_RUN_CELLS", 3_000)
     spacing = 0.04
     scene, _, _ = sphere_poisson([rotation()[:, 0], rotation()[:, 1]])
-    told = ck.explain(scene, spacing, form="collocation", dry_run=True)
-    assert not told.exact
+    explanation = ck.explain(scene, spacing, form="collocation", dry_run=True)
+    assert not explanation.exact
     ck.solve(scene, 0.3, form="collocation")  # what is read for the first time is no table
     tracemalloc.start()
     solution = ck.solve(scene, spacing, solver_tolerance=1e-2, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert told.unknowns == pytest.approx(solution.work.unknowns, rel=0.1)
-    assert told.closest_point_queries == pytest.approx(solution.work.closest_point_queries, rel=0.1)
-    assert 0.5 <= told.bytes / peak <= 2
-    assert told.solver == solution.report.solver
+    assert explanation.unknowns == pytest.approx(solution.work.unknowns, rel=0.1)
+    assert explanation.closest_point_queries == pytest.approx(solution.work.closest_point_queries, rel=0.1)
+    assert 0.5 <= explanation.bytes / peak <= 2
+    assert explanation.solver == solution.report.solver
 
 
 def test_predictions_for_a_direct_solve():
     scene, _, _ = circle_jump()
-    told = ck.explain(scene, 0.002, form="collocation", dry_run=True)
+    explanation = ck.explain(scene, 0.002, form="collocation", dry_run=True)
     tracemalloc.start()
     solution = ck.solve(scene, 0.002, form="collocation")
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert told.exact
-    assert told.unknowns == solution.work.unknowns
-    assert told.closest_point_queries == solution.work.closest_point_queries
-    assert 0.5 <= told.bytes / peak <= 2
+    assert explanation.exact
+    assert explanation.unknowns == solution.work.unknowns
+    assert explanation.closest_point_queries == solution.work.closest_point_queries
+    assert 0.5 <= explanation.bytes / peak <= 2
 
 
 def test_each_part_has_its_reason_and_what_is_not_required_is_not_built():
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0))
-    told = ck.explain(scene, 0.1, form="galerkin", dry_run=True)
-    assert [part.name for part in told.parts][-1] == "solver 'multigrid'"
-    assert "a cut (no boundary)" in told.left_out
-    told = ck.explain(scene, 0.1, form="collocation", dry_run=True)
-    assert [part.name for part in told.parts] == ["inner nodes", "outer nodes", "solver 'reference'"]
-    assert "crossing tests and ghosts (no boundary)" in told.left_out
+    explanation = ck.explain(scene, 0.1, form="galerkin", dry_run=True)
+    assert [part.name for part in explanation.parts][-1] == "solver 'multigrid'"
+    assert "a cut (no boundary)" in explanation.left_out
+    explanation = ck.explain(scene, 0.1, form="collocation", dry_run=True)
+    assert [part.name for part in explanation.parts] == ["inner nodes", "outer nodes", "solver 'reference'"]
+    assert "crossing tests and ghosts (no boundary)" in explanation.left_out
     text = str(ck.explain(circle_jump()[0], 0.1, order=1, dry_run=True))
     assert "ghosts of 'cut'" in text
     assert "Dirichlet" in text
     assert "mirror points (order 1)" in text
 
 
-def test_nothing_is_asked_of_a_surface_that_a_scene_does_not_require():
+def test_nothing_is_requested_of_a_surface_that_a_scene_does_not_require():
     """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
     from layouts import lay_out
 

@@ -55,13 +55,13 @@ def test_it_is_solved_on_the_triangles_only_where_the_floor_matters():
         assert solves == [(True, 0.5)] + further * [(False, 0.5)]
 
 
-def test_an_explanation_that_counts_tells_the_floor_too():
+def test_an_explanation_that_counts_reports_the_floor_too():
     of = scene(meshes.rounded_box(1, 0.3)[0])
-    told, solution = ck.explain(of, 0.25, dry_run=True), solved("box with fillets")[0]
-    assert solution.error.floor[0] < told.floor < 4 * solution.error.floor[0]
+    explanation, solution = ck.explain(of, 0.25, dry_run=True), solved("box with fillets")[0]
+    assert solution.error.floor[0] < explanation.floor < 4 * solution.error.floor[0]
 
 
-def test_a_tolerance_below_the_floor_is_told():
+def test_a_tolerance_below_the_floor_is_reported():
     with pytest.warns(ck.CpmkitWarning, match="below what the surface's representation alone leaves"):
         solution = ck.solve(scene(sphere(1)), tolerance=1e-3)
     assert solution.solve_history.status == "floor"

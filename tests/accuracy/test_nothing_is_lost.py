@@ -46,7 +46,7 @@ def test_a_first_solution_alone_is_returned_though_its_error_is_not_known():
     assert np.isnan(found.solve_history.error)
 
 
-def test_where_nothing_is_found_the_first_reason_is_the_error_and_speaks_of_what_was_asked():
+def test_where_nothing_is_found_the_first_reason_is_the_error_and_speaks_of_what_was_requested():
     def recipe(spacing, origin):
         raise ck.ResolutionError(f"spacing={spacing:.3g} is no good; use less.")
 

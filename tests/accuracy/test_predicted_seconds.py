@@ -24,15 +24,15 @@ def work(solution):
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
     scene, spacing = ck.Scene(BALL, F, boundaries), 0.09
-    told = ck.explain(scene, spacing, form=form, dry_run=True)
+    explanation = ck.explain(scene, spacing, form=form, dry_run=True)
     spacings = []
 
     def solve_coarse(coarse):
         spacings.append(coarse)
-        solution = solve_scene(scene, coarse, form=form, solver=told.solver)
+        solution = solve_scene(scene, coarse, form=form, solver=explanation.solver)
         return solution, work(solution)
 
-    found = extrapolated_cost(solve_coarse, spacing, told.unknowns, 2)
+    found = extrapolated_cost(solve_coarse, spacing, explanation.unknowns, 2)
     assert spacings[0] == spacings[1] == 2 * spacings[2]
     assert spacings[2] >= 2 * spacing  # what is asked for is not solved to foretell itself
     assert 0.5 < found / work(solve_scene(scene, spacing, form=form)) < 2
@@ -43,13 +43,13 @@ def test_a_line_goes_through_both_and_never_below_half_a_share():
     assert line_through((100.0, 6.0), (200.0, 5.0)) == pytest.approx((2.5, 0.0125))
 
 
-def test_seconds_are_told_where_they_are_asked_for(tmp_path):
+def test_seconds_are_reported_where_they_are_requested(tmp_path):
     scene = ck.Scene(BALL, F)
     assert ck.explain(scene, 0.1, dry_run=True).seconds is None
-    told = ck.explain(scene, 0.1, seconds=True)
-    assert told.seconds > 0
-    assert "seconds on this machine about" in str(told)
-    assert ck.explain(scene, 0.4, seconds=True).seconds is None  # too coarse to be rehearsed
+    explanation = ck.explain(scene, 0.1, seconds=True)
+    assert explanation.seconds > 0
+    assert "seconds on this machine about" in str(explanation)
+    assert ck.explain(scene, 0.4, seconds=True).seconds is None  # too coarse to be timed
     (tmp_path / "ball.toml").write_text('[surface]\nkind = "analytic.sphere"\n[problem]\nkind = "screened"\nf = "x"\n')
     done = CliRunner().invoke(main, ["explain", str(tmp_path / "ball.toml"), "--spacing", "0.1", "--seconds"])
     assert "seconds on this machine about" in done.output

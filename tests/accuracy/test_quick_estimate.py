@@ -1,4 +1,4 @@
-"""Without a rehearsal an explanation is an estimate: soon there at any spacing, and within what it says of itself."""
+"""Without a dry run an explanation is an estimate: soon there at any spacing, and within what it says of itself."""
 
 import numpy as np
 import pytest
@@ -46,19 +46,19 @@ SCENES = {
 def test_unknowns_are_within_a_factor_of_two(name, form):
     surface, boundaries, spacing = SCENES[name]()
     scene = ck.Scene(surface, SCREENED, boundaries)
-    told, counted = (ck.explain(scene, spacing, form=form, dry_run=one) for one in (False, True))
-    assert told.off_by == OFF_BY == 2
+    explanation, counted = (ck.explain(scene, spacing, form=form, dry_run=one) for one in (False, True))
+    assert explanation.off_by == OFF_BY == 2
     assert counted.off_by is None
-    assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
-    if told.solver == counted.solver:
-        assert 1 / told.off_by < told.bytes / counted.bytes < told.off_by
+    assert 1 / explanation.off_by < explanation.unknowns / counted.unknowns < explanation.off_by
+    if explanation.solver == counted.solver:
+        assert 1 / explanation.off_by < explanation.bytes / counted.bytes < explanation.off_by
 
 
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_a_real_mesh_is_within_it_too(real_mesh, form):
     scene = ck.Scene(ck.source("mesh.triangles", file=real_mesh("spot.obj")), SCREENED)
-    told, counted = (ck.explain(scene, 0.1, form=form, dry_run=one) for one in (False, True))
-    assert 1 / told.off_by < told.unknowns / counted.unknowns < told.off_by
+    explanation, counted = (ck.explain(scene, 0.1, form=form, dry_run=one) for one in (False, True))
+    assert 1 / explanation.off_by < explanation.unknowns / counted.unknowns < explanation.off_by
 
 
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])

@@ -87,23 +87,23 @@ def one_sided(share, c=100.0):
     return total
 
 
-def test_layers_thinner_than_a_spacing_are_told_and_their_error_is_not_taken_for_less():
+def test_layers_thinner_than_a_spacing_are_reported_and_their_error_is_not_taken_for_less():
     """-Lap u + c u = 0 between two values on a ring: layers 1 / sqrt(c) wide. Without conditions there is none."""
     ring = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=1.0, right=0.0)
     at = sphere_points(2000)
     at = at[np.abs(at[:, 2]) > 1e-3]
     scene = ck.Scene(SPHERE, ck.ScreenedPoisson(0.0, c=100.0), [ring])
     exact = np.where(at[:, 2] > 0, one_sided((1 - at[:, 2]) / 2) / one_sided(np.array(0.5)), 0.0)
-    for spacing, told in ((0.2, True), (0.1, False)):
+    for spacing, reported in ((0.2, True), (0.1, False)):
         solution = ck.solve(scene, spacing)
-        assert ("a layer beside conditions is 0.5 spacings wide" in solution.error.slow) == told
+        assert ("a layer beside conditions is 0.5 spacings wide" in solution.error.slow) == reported
         off = np.sqrt(np.mean((solution.evaluate(at) - exact) ** 2))
         assert solution.error.rms[0] * np.ptp(exact) > 0.45 * off
     for free in (ck.Scene(SPHERE, ck.ScreenedPoisson("x", c=400.0)), ck.Scene(SPHERE, ck.ScreenedPoisson("x"), [ring])):
         assert not ck.discretize(free, 0.1).slow
 
 
-def test_folds_as_long_as_the_surface_is_wide_are_told_at_any_spacing():
+def test_folds_as_long_as_the_surface_is_wide_are_reported_at_any_spacing():
     """A knife's edge of 30 degrees around a lens, and a cube's edges of 90."""
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     rim = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)

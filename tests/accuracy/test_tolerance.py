@@ -57,7 +57,7 @@ def test_the_way_is_the_same_on_a_moved_and_scaled_scene():
     assert ways[0].error == pytest.approx(ways[1].error, rel=1e-4)
 
 
-def test_solves_grow_like_the_logarithm_of_what_is_asked():
+def test_solves_grow_like_the_logarithm_of_what_is_requested():
     counts = [len(ck.solve(ON_CIRCLE, tolerance=tolerance).solve_history.steps) for tolerance in (1e-2, 1e-4, 1e-6)]
     assert counts[0] <= counts[1] <= counts[2] <= 8
 
@@ -92,10 +92,10 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
 def test_where_a_solution_says_nothing_by_itself_estimates_do(problem, options):
     solution = ck.solve(ck.Scene(SPHERE, problem), 0.25, estimate=True, **options)
     assert estimate_alone(solution) is None
-    assert np.isnan(TimedSolve("pilot", solution, 0.0, None, solution.error).expected("rms"))
+    assert np.isnan(TimedSolve("pilot", solution, 0.0, None, solution.error).expected_error("rms"))
 
 
-def test_eigenvalues_are_as_many_as_asked_and_as_right():
+def test_eigenvalues_are_as_many_as_requested_and_as_right():
     solution = ck.solve(ck.Scene(SPHERE, ck.Eigen(4)), tolerance=1e-2)
     assert solution.channels == 4
     assert solution.solve_history.status == "reached"
@@ -105,15 +105,15 @@ def test_eigenvalues_are_as_many_as_asked_and_as_right():
 
 
 @pytest.mark.parametrize(("count", "near"), [(5, None), (4, 6.0)])
-def test_modes_out_of_more_are_those_that_are_asked_for(count, near):
+def test_modes_out_of_more_are_those_that_are_requested_for(count, near):
     scene, more = (ck.Scene(SPHERE, ck.Eigen(many, near=near)) for many in (count, count + 6))
     solved, wide = (ck.solve(one, 0.3, estimate=False, solver="direct") for one in (scene, more))
     fewer = fewer_modes(wide, scene)
     assert fewer.channels == count
     np.testing.assert_allclose(fewer.eigenvalues, solved.eigenvalues, rtol=1e-8, atol=1e-8)
     assert fewer.evaluate(sphere_points(50)).shape == (50, count)
-    (told,) = (text for text in fewer.warnings if "multiplet" in text)
-    assert told.startswith(f"count={count} ends inside a multiplet")
+    (messages,) = (text for text in fewer.warnings if "multiplet" in text)
+    assert messages.startswith(f"count={count} ends inside a multiplet")
     assert any(text.startswith(f"count={count} ends inside a multiplet") for text in solved.warnings)
     assert fewer_modes(solved, scene) is solved
 
@@ -196,7 +196,7 @@ def test_triangles_that_are_read_as_they_are_have_no_floor(mesh):
     assert np.sqrt(np.mean((solution.evaluate(points) - finer) ** 2)) < 1e-4 * np.ptp(finer)
 
 
-def test_what_triangles_do_not_reach_within_the_memory_is_told():
+def test_what_triangles_do_not_reach_within_the_memory_is_reported():
     vertices, faces = meshes.hull(meshes.icosphere(1))
     faceted = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="faceted")
     with pytest.warns(ck.CpmkitWarning, match="tolerance 1e-09 not reached: .* 64 MiB of memory allow"):
@@ -212,11 +212,11 @@ def test_the_origin_that_is_given_is_that_of_the_answer():
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-4])
 def test_an_origin_that_is_given_costs_no_further_solve(tolerance):
-    free, held = (
+    free, imposed = (
         ck.solve(ON_CIRCLE, tolerance=tolerance, **kind).solve_history for kind in ({}, {"origin": [0.01, 0.02]})
     )
-    assert len(held.steps) == len(free.steps)
-    assert all(coarse.spacing > 1.2 * fine.spacing for coarse, fine in pairwise(held.steps))
+    assert len(imposed.steps) == len(free.steps)
+    assert all(coarse.spacing > 1.2 * fine.spacing for coarse, fine in pairwise(imposed.steps))
 
 
 @pytest.mark.parametrize("closest", ["faceted", "smooth"])
@@ -261,7 +261,7 @@ def test_ends_inside_a_surface_are_refined_to_a_tolerance():
 
 
 @pytest.mark.parametrize(
-    ("options", "told"),
+    ("options", "messages"),
     [
         ({"spacing": 0.1, "tolerance": 1e-3}, "each decides how fine the lattice is"),
         ({"spacing": 0.1, "memory": 1e9}, "each decides how fine the lattice is"),
@@ -277,8 +277,8 @@ def test_ends_inside_a_surface_are_refined_to_a_tolerance():
         ({"tolerance": 1e-3, "strenght": 1}, "strenght"),
     ],
 )
-def test_what_cannot_be_asked_is_told(options, told):
-    with pytest.raises(ck.InputError, match=told):
+def test_what_cannot_be_requested_is_reported(options, messages):
+    with pytest.raises(ck.InputError, match=messages):
         ck.solve(ON_CIRCLE, **options)
 
 

@@ -24,15 +24,15 @@ def test_runs_are_found_again_and_printed(records, tmp_path):
     for run in runs:
         records.append(tmp_path / "runs.jsonl", run)
     assert records.read(tmp_path / "runs.jsonl") == runs
-    told = json.loads(records.printed(runs))
-    assert list(told) == ["problems"]
-    assert [(one["name"], len(one["runs"])) for one in told["problems"]] == [("slit", 2), ("cube", 1)]
+    printed = json.loads(records.printed(runs))
+    assert list(printed) == ["problems"]
+    assert [(one["name"], len(one["runs"])) for one in printed["problems"]] == [("slit", 2), ("cube", 1)]
     keys = "asked_tolerance norm estimate true_error status asked_seconds seconds predicted_bytes bytes"
-    for problem in told["problems"]:
+    for problem in printed["problems"]:
         for run in problem["runs"]:
             assert list(run) == [*keys.split(), "cost_over_last_solve"]
             assert (run["asked_tolerance"] is None) != (run["asked_seconds"] is None)
-    assert told["problems"][1]["runs"][0]["status"] == "failed"
+    assert printed["problems"][1]["runs"][0]["status"] == "failed"
     with pytest.raises(ValueError, match="JSON"):
         records.printed([records.TradeRun("slit", 0, 1e-3, "max", None, "1 GiB", estimate=float("nan"))])
 

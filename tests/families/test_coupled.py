@@ -79,12 +79,12 @@ def test_a_mixture_that_nothing_fixes_is_refused(solver):
     tied = ck.Coupled(constant([1, -1], [-1, 1]), exact)
     with pytest.raises(ck.SceneError, match=r"takes the constant \((-0.707, -0.707|0.707, 0.707)\) to zero"):
         ck.solve(ck.Scene(SPHERE, tied), 0.3, solver=solver)
-    held = ck.Boundary("ring", RING, both=ck.Dirichlet(exact))
-    assert np.isfinite(ck.solve(ck.Scene(SPHERE, tied, [held]), 0.3, solver=solver).values).all()
+    imposed = ck.Boundary("ring", RING, both=ck.Dirichlet(exact))
+    assert np.isfinite(ck.solve(ck.Scene(SPHERE, tied, [imposed]), 0.3, solver=solver).values).all()
 
 
 @pytest.mark.parametrize(
-    ("coupling", "told"),
+    ("coupling", "messages"),
     [
         (lambda x: np.ones((len(x), 2)), "one row and column a channel"),
         (constant([1, 0, 0], [0, 1, 0], [0, 0, 1]), "one row and column a channel"),
@@ -92,8 +92,8 @@ def test_a_mixture_that_nothing_fixes_is_refused(solver):
         (constant([0, 0], [0, 0]), "Nothing fixes"),
     ],
 )
-def test_what_is_no_coupling_is_refused(coupling, told):
-    with pytest.raises(ck.CpmkitError, match=told):
+def test_what_is_no_coupling_is_refused(coupling, messages):
+    with pytest.raises(ck.CpmkitError, match=messages):
         ck.solve(ck.Scene(SPHERE, ck.Coupled(coupling, exact)), 0.4)
 
 

@@ -106,7 +106,7 @@ def test_other_data_on_the_same_parts_need_no_new_tables():
 
 
 @pytest.mark.parametrize(
-    ("edge", "told"),
+    ("edge", "messages"),
     [
         ([(u, "x < 0")], r"no part of `edge` holds at \d+ of \d+ points of the edge, such as .*; add a last condition"),
         ([(u, "x < -2"), 0.0], "part 0 of `edge`, dirichlet where x < -2, holds at no point of the edge"),
@@ -117,8 +117,8 @@ def test_other_data_on_the_same_parts_need_no_new_tables():
         ([(ck.Transmission(), "x < 0"), 0.0], "`edge` must be Dirichlet, Neumann, Robin .*, got Transmission"),
     ],
 )
-def test_parts_that_are_none_are_refused(edge, told):
-    with pytest.raises(ck.SceneError, match=told):
+def test_parts_that_are_none_are_refused(edge, messages):
+    with pytest.raises(ck.SceneError, match=messages):
         ck.solve(ck.Scene(CAP, EQUATION, edge=edge), 0.2)
 
 

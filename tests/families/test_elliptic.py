@@ -98,8 +98,8 @@ def surface_problem():
         zero = np.zeros(len(x))
         of_a = 0.9 * np.stack([x[:, 2], zero, x[:, 0]], axis=1)
         laplacian = -6 * x[:, 0] * x[:, 1] - 2 * x[:, 2]
-        carried = np.sum((velocity(x) - of_a) * slope(x), axis=1)
-        return -a(x) * laplacian + carried + (1 + x[:, 1] ** 2) * u(x)
+        advected = np.sum((velocity(x) - of_a) * slope(x), axis=1)
+        return -a(x) * laplacian + advected + (1 + x[:, 1] ** 2) * u(x)
 
     return ck.Elliptic(f, diffusivity=a, velocity=velocity, c=lambda x: 1 + x[:, 1] ** 2)
 
@@ -256,14 +256,16 @@ def test_standing_waves_on_a_sphere(cut, form, bound, order):
 
 
 @pytest.mark.parametrize(
-    ("form", "told", "least", "fine", "refused", "needed"),
+    ("form", "messages", "least", "fine", "refused", "needed"),
     [("collocation", 7.0, "0.086", 5.5, 11.0, "0.055"), ("galerkin", 20.3, "0.089", 15.5, 25.3, "0.071")],
 )
-def test_too_few_nodes_a_wavelength_are_told_and_far_too_few_refused(form, told, least, fine, refused, needed):
+def test_too_few_nodes_a_wavelength_are_reported_and_far_too_few_refused(form, messages, least, fine, refused, needed):
     def warnings(wavenumber):
         return ck.solve(ck.Scene(CIRCLE, ck.Helmholtz(1.0, wavenumber)), 0.1, form=form).warnings
 
-    assert any("nodes a wavelength" in sentence and f"use {least} or less" in sentence for sentence in warnings(told))
+    assert any(
+        "nodes a wavelength" in sentence and f"use {least} or less" in sentence for sentence in warnings(messages)
+    )
     assert not warnings(fine)
     with pytest.raises(ck.ResolutionError, match=f"use {needed} or less"):
         warnings(refused)
@@ -278,14 +280,14 @@ RESONANCES = {
 @pytest.mark.parametrize(
     ("form", "square", "resonant"), [(form, *one) for form in RESONANCES for one in RESONANCES[form]]
 )
-def test_an_eigenvalue_within_the_error_of_the_scheme_is_told(form, square, resonant):
+def test_an_eigenvalue_within_the_error_of_the_scheme_is_reported(form, square, resonant):
     scene = ck.Scene(SPHERE, ck.Helmholtz(lambda x: x[:, 2], np.sqrt(square)))
-    told = [
+    messages = [
         sentence
         for sentence in ck.solve(scene, 0.125, form=form, solver_tolerance=1e-8).warnings
         if "eigenvalue" in sentence
     ]
-    assert len(told) == resonant
+    assert len(messages) == resonant
 
 
 @pytest.mark.parametrize("form", ["collocation", "galerkin"])
@@ -340,8 +342,8 @@ def test_robin_at_minus_a_steklov_eigenvalue_is_warned_of(form, beta, resonant):
     """u = x / (1 + z) has du/db = u on the hemisphere's rim: Steklov's eigenvalues are 1, 2, 3."""
     rim = ck.Robin(1.0, beta, lambda x: (1 + beta) * x[:, 0])
     solution = ck.solve(ck.Scene(HEMISPHERE, ck.Laplace(), edge=rim), 0.15, form=form, solver="direct")
-    told = [sentence for sentence in solution.warnings if "to which conditions or c bring it" in sentence]
-    assert len(told) == resonant
+    messages = [sentence for sentence in solution.warnings if "to which conditions or c bring it" in sentence]
+    assert len(messages) == resonant
     if not resonant:
         points = sphere_points()
         points = points[points[:, 2] > 0.05]
@@ -349,7 +351,7 @@ def test_robin_at_minus_a_steklov_eigenvalue_is_warned_of(form, beta, resonant):
         assert np.abs(solution.evaluate(points) - points[:, 0] / (1 + points[:, 2])).max() < bound
 
 
-def test_a_factor_that_varies_is_told_of_at_resonance_too():
+def test_a_factor_that_varies_is_reported_of_at_resonance_too():
     c = lambda x: -(1.0 + 1e-12 * x[:, 0])  # noqa: E731
     solution = ck.solve(ck.Scene(CIRCLE, ck.Elliptic(1.0, c=c)), 0.05)
     assert any("to which conditions or c bring it" in sentence for sentence in solution.warnings)
@@ -371,7 +373,7 @@ def test_at_an_eigenvalue_of_the_lattice_there_is_no_solution(form):
         ck.solve(ck.Scene(circle, ck.Helmholtz(lambda x: x[:, 0] + x[:, 1] ** 3, np.sqrt(value))), 0.1, form=form)
 
 
-def test_a_resonance_that_a_boundary_drives_is_told():
+def test_a_resonance_that_a_boundary_drives_is_reported():
     cut = ck.source("analytic.point", at=[1, 0])
     for wavenumber, resonant in ((0.5, True), (0.55, False)):
         scene = ck.Scene(CIRCLE, ck.Helmholtz(0.0, wavenumber), [ck.Boundary("cut", cut, both=ck.Dirichlet(1.0))])

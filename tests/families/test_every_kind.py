@@ -87,7 +87,7 @@ SURFACES = {
     "tube": (make("tube", around=ck.source("analytic.circle", normal=[0, 0, 1]), radius=0.4), 0.14),
 }
 #: Surfaces that bend so much that only fine grids see them.
-BENT = {
+CURVED = {
     "levelset.dziuk": (make("levelset.dziuk"), 0.1),
     "levelset.decotetrahedron": (make("levelset.decotetrahedron"), 0.2),
     "levelset.tooth": (make("levelset.tooth"), 0.1),
@@ -97,7 +97,7 @@ BENT = {
         0.1,
     ),
 }
-KINDS = PLANE_AND_CURVES | SURFACES | BENT
+KINDS = PLANE_AND_CURVES | SURFACES | CURVED
 #: Where the plane would meet the rim at a slant the solution itself has no second derivatives: other cuts, by formula.
 CUTS = {
     "analytic.cap": "z - 0.51",
@@ -175,7 +175,7 @@ def test_surfaces(kind):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("problem", [SCREENED, POISSON], ids=["screened", "poisson"])
-@pytest.mark.parametrize("kind", [*SURFACES, *BENT])
+@pytest.mark.parametrize("kind", [*SURFACES, *CURVED])
 def test_both_problems_on_surfaces(kind, problem):
     if kind == "union" and problem is POISSON:
         pytest.skip("nothing fixes the solution on the sphere that is not cut")

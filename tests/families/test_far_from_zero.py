@@ -122,7 +122,7 @@ def test_pieces_whose_data_are_of_unlike_size_do_not_know_each_other(family, opt
         np.testing.assert_allclose(values, wanted, rtol=0, atol=allowed)
 
 
-def test_by_default_errors_and_what_is_told_of_them_are_those_of_the_range():
+def test_by_default_errors_and_what_is_reported_of_them_are_those_of_the_range():
     plain, far = (ck.solve(dirichlet(shift), 0.2, solver="multigrid") for shift in (0.0, 1e9))
     assert far.error.unit[0] == pytest.approx(plain.error.unit[0], rel=1e-3)
     assert far.error.largest[0] == pytest.approx(plain.error.largest[0], rel=0.3)

@@ -12,7 +12,7 @@ def screened(scale):
     return ck.Scene(CIRCLE, ck.ScreenedPoisson(lambda p: scale * p[:, 0]))
 
 
-def held(scale):
+def imposed(scale):
     point = ck.source("analytic.point", at=[1, 0])
     ends = ck.Boundary("cut", point, left=ck.Dirichlet(scale), right=ck.Dirichlet(2 * scale))
     return ck.Scene(CIRCLE, ck.Poisson(lambda p: scale * p[:, 0]), [ends])
@@ -30,7 +30,7 @@ FORMS = [("galerkin", "multigrid"), ("galerkin", "direct"), ("collocation", "ref
 
 
 @pytest.mark.parametrize(("form", "solver"), FORMS)
-@pytest.mark.parametrize("make", [screened, held, heat])
+@pytest.mark.parametrize("make", [screened, imposed, heat])
 @pytest.mark.parametrize("scale", [1e-300, 1e-160, 1e90])
 def test_the_solution_of_scaled_data_is_scaled(make, scale, form, solver):
     plain, scaled = (ck.solve(make(one), 0.2, form=form, solver=solver) for one in (1.0, scale))
@@ -46,7 +46,7 @@ def test_scaled_coefficients_have_the_solution_divided(scale):
     np.testing.assert_allclose(scaled * scale, plain, rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("make", [screened, held, heat])
+@pytest.mark.parametrize("make", [screened, imposed, heat])
 @pytest.mark.parametrize("form", ["galerkin", "collocation"])
 def test_data_whose_squares_overflow_are_refused(make, form):
     with pytest.raises(ck.InputError, match=r"must be at most 1e\+100 in size, .* choose another unit\."):

@@ -54,12 +54,12 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
     _check_fits(iteration, count, width)
     target = ROUNDS_SHARE * iteration.context.tolerance
     start = np.random.default_rng(0).normal(size=(iteration.operator.size, width))
-    first = iteration.preconditioned(iteration.image(start))
+    first = iteration.apply_preconditioner(iteration.image(start))
     block = _block_of(iteration, _orthonormal(iteration, first))
     theta, block, past = _best([block], block.functions.shape[1], np.zeros(0, dtype=np.int64))
     active = np.arange(len(theta))
     for _ in range(MOST_ROUNDS):
-        correction = iteration.preconditioned(block.images[:, active] - block.energies[:, active] * theta[active])
+        correction = iteration.apply_preconditioner(block.images[:, active] - block.energies[:, active] * theta[active])
         changes = _relative_changes(iteration, correction, theta[active], block.functions[:, active])
         unconverged = changes > target
         active, correction = active[unconverged], correction[:, unconverged]
@@ -83,7 +83,7 @@ def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
 def block_changes(iteration: InverseIteration, values: Floats, functions: Floats) -> Floats:
     """Return the relative change (k,) of each eigenfunction (n, k) in one more preconditioned step."""
     theta, block = 1 / (values - iteration.shift), _block_of(iteration, functions)
-    correction = iteration.preconditioned(block.images - block.energies * theta)
+    correction = iteration.apply_preconditioner(block.images - block.energies * theta)
     return _relative_changes(iteration, correction, theta, functions)
 
 
@@ -157,10 +157,10 @@ def _best(blocks: Sequence[FunctionBlock], width: int, active: Ints) -> tuple[Fl
     for _ in range(2 if len(active) else 0):
         outside -= best @ (best.T @ (gram @ outside))
         outside = outside @ _root_inverse(outside.T @ gram @ outside)
-    return theta, _combined(blocks, best), _combined(blocks, outside)
+    return theta, _combine(blocks, best), _combine(blocks, outside)
 
 
-def _combined(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
+def _combine(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
     """Return the linear combinations of all functions with ``weights`` (k, m)."""
     parts = np.split(weights, np.cumsum([block.functions.shape[1] for block in blocks])[:-1])
     pairs = list(zip(blocks, parts, strict=True))

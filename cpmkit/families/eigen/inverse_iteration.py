@@ -86,9 +86,9 @@ class InverseIteration:
 
     def step(self, v: Floats) -> Floats:
         """Return the step from v (n,) or (n, k)."""
-        return self.inverted(self.image(v))
+        return self.apply_inverse(self.image(v))
 
-    def inverted(self, image: Floats) -> Floats:
+    def apply_inverse(self, image: Floats) -> Floats:
         """Return ``(A - sigma B)^-1`` times (n,) or (n, k)."""
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
@@ -96,7 +96,7 @@ class InverseIteration:
         self._report_progress()
         return np.asarray(u.reshape(image.shape))
 
-    def preconditioned(self, residual: Floats) -> Floats:
+    def apply_preconditioner(self, residual: Floats) -> Floats:
         """Return the preconditioner times a residual (n, k)."""
         assert self.preconditioner is not None
         self.products += self.preconditioner.step_products * residual.shape[1]
@@ -213,7 +213,7 @@ def _lanczos(iteration: InverseIteration, count: int, start: Floats, tolerance: 
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     shape = (len(start), len(start))
-    inverse = LinearOperator(shape, matvec=iteration.inverted, dtype=np.float64)
+    inverse = LinearOperator(shape, matvec=iteration.apply_inverse, dtype=np.float64)
     matrix = LinearOperator(shape, matvec=iteration.operator.apply, dtype=np.float64)  # not applied in this mode
     mass = None if iteration.mass is None else LinearOperator(shape, matvec=iteration.mass.apply, dtype=np.float64)
     values, vectors = eigsh(

@@ -43,7 +43,7 @@ def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int)
     root = directions[:, positive] * np.sqrt(sizes[positive])
     images = np.zeros((n, root.shape[1]))
     images[unknowns] = root
-    inverted = iteration.inverted(images)
+    inverted = iteration.apply_inverse(images)
     small = root.T @ inverted[unknowns]
     theta, vectors = np.linalg.eigh(0.5 * (small + small.T))
     finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()

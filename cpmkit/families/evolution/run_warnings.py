@@ -81,7 +81,7 @@ def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | 
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
-    kinetic = 0.5 * np.sum(moment.rate * problem.weighted(moment.rate), axis=0)
+    kinetic = 0.5 * np.sum(moment.rate * problem.times_mass(moment.rate), axis=0)
     force = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(time)
     return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
 

@@ -41,7 +41,7 @@ Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
     """Take one step of backward Euler."""
     h = step.length
-    right_side = problem.weighted(history[-1].u) + h * problem.forcing(step.end)
+    right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
         right_side += h * problem.reacting(history[-1])
     return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h, time=step.end)
@@ -53,7 +53,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     if before is None:
         return half_steps(problem, solver, history, step)
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
-    right_side = problem.weighted(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
+    right_side = problem.times_mass(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     if problem.reaction is not None:
         now, past = problem.reacting(history[-1]), problem.reacting(before)
         right_side += gh * (now + ratio * (now - past))
@@ -64,7 +64,7 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     """Take one step of Crank-Nicolson."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
-    right_side = problem.weighted(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
+    right_side = problem.times_mass(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
     return Moment(solver.solve(half, right_side, extrapolate(history, step.length)), None, step.length)
 
 
@@ -117,7 +117,7 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
     force = problem.rate(now.u, step.start) + problem.forcing(step.end)
-    right_side = problem.weighted(now.u + h * now.rate) + 0.25 * h**2 * force
+    right_side = problem.times_mass(now.u + h * now.rate) + 0.25 * h**2 * force
     u = solver.solve(0.25 * h**2, right_side, extrapolate(history, h))
     return Moment(u, 2 / h * (u - now.u) - now.rate, h)
 
@@ -154,6 +154,6 @@ def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History
         assert before.rate is not None
         gh = (1 + ratio) / (1 + 2 * ratio) * step.length
         u, rate = bdf2_start(now.u, before.u, ratio), bdf2_start(now.rate, before.rate, ratio)
-    right_side = problem.weighted(u + gh * rate) + gh**2 * problem.forcing(step.end)
+    right_side = problem.times_mass(u + gh * rate) + gh**2 * problem.forcing(step.end)
     values = solver.solve(gh**2, right_side, extrapolate(history, step.length))
     return Moment(values, (values - u) / gh, step.length)

@@ -123,7 +123,7 @@ class SemiDiscrete:
     def _reactions(self) -> list[tuple[Floats, Floats]]:
         return []
 
-    def weighted(self, u: Floats) -> Floats:
+    def times_mass(self, u: Floats) -> Floats:
         """Return M u."""
         mass = self.form.mass_in_time
         return u if mass is None else mass.apply(u)
@@ -218,7 +218,7 @@ class ShiftedSolver:
         if closed is None:
             return u
         indicator, masses = closed
-        excess = indicator.T @ (right_side - self.problem.weighted(u))
+        excess = indicator.T @ (right_side - self.problem.times_mass(u))
         return np.asarray(u + indicator @ np.linalg.solve(masses, excess))
 
     @cached_property
@@ -231,7 +231,7 @@ class ShiftedSolver:
         free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
         if free is None:
             return None
-        return free.indicator, np.asarray(free.indicator.T @ self.problem.weighted(free.indicator.toarray()))
+        return free.indicator, np.asarray(free.indicator.T @ self.problem.times_mass(free.indicator.toarray()))
 
     def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, ConstantFunctions]:
         operator = group.stiffness.scaled_plus_mass(factor, self.problem.form.mass_in_time)

@@ -265,9 +265,9 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         m, factors = largest_dim(self.scene.surface), factorised_share(self.scene, solver)
         return peak_bytes(unknowns, m, factors, samples, self.options.own.degree, scene_extras(self.scene))
 
-    def held_bytes(self, work: Any) -> float:
+    def stored_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, samples included."""
-        return super().held_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
+        return super().stored_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
 
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Refuse a solve that needs more memory than this process may have."""

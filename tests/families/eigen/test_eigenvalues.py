@@ -220,10 +220,10 @@ def test_units_change_nothing(form):
 def test_what_is_written(tmp_path):
     solution = ck.solve(ck.Scene(CIRCLE, ck.Eigen(count=3)), 0.1)
     solution.save(tmp_path / "modes.json")
-    told = json.loads((tmp_path / "modes.json").read_text())
-    assert told["eigenvalues"] == solution.eigenvalues.tolist()
-    assert told["residuals"] == solution.residuals.tolist()
-    assert told["scene"]["problem"]["equation"] == "-Lap u = lambda u"
+    messages = json.loads((tmp_path / "modes.json").read_text())
+    assert messages["eigenvalues"] == solution.eigenvalues.tolist()
+    assert messages["residuals"] == solution.residuals.tolist()
+    assert messages["scene"]["problem"]["equation"] == "-Lap u = lambda u"
     solution.save(tmp_path / "modes.npz")
     assert np.load(tmp_path / "modes.npz")["lattice_eigenvalues"].shape == (3,)
     assert "eigenvalues" in repr(solution)

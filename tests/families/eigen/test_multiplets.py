@@ -9,9 +9,9 @@ from cpmkit.solution.modes import compare_modes
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 
 
-def test_a_multiplet_that_is_cut_is_told_with_the_count_that_has_it_whole():
-    told = r"count=6 ends inside a multiplet: 3 further .* near 6\.00.*; use count=9"
-    with pytest.warns(ck.CpmkitWarning, match=told):
+def test_a_multiplet_that_is_cut_is_reported_with_the_count_that_has_it_whole():
+    messages = r"count=6 ends inside a multiplet: 3 further .* near 6\.00.*; use count=9"
+    with pytest.warns(ck.CpmkitWarning, match=messages):
         ck.solve(ck.Scene(SPHERE, ck.Eigen(6)), 0.2)
     circles = ck.source("union", members=[ck.source("analytic.circle", center=[3.0 * k, 0]) for k in range(8)])
     with pytest.warns(ck.CpmkitWarning, match="at least 6 further eigenvalues .* use count=8 or more"):
@@ -19,7 +19,7 @@ def test_a_multiplet_that_is_cut_is_told_with_the_count_that_has_it_whole():
 
 
 @pytest.mark.parametrize("near", [None, 4.1])
-def test_whole_multiplets_are_not_told(near):
+def test_whole_multiplets_are_not_reported(near):
     assert not ck.solve(ck.Scene(CIRCLE, ck.Eigen(5, near=near)), 0.1).warnings
 
 

@@ -14,12 +14,12 @@ def unit(points, values):
     return values / np.linalg.norm(values, axis=1, keepdims=True)
 
 
-def bent(points):
+def curved(points):
     x, y, z = points.T
     return unit(points, points + 0.5 * np.stack([y * z, x**2, -x * y], axis=1))
 
 
-def run(form="galerkin", spacing=0.3, initial=bent, until=0.2, step=0.02, after_step=unit, **others):
+def run(form="galerkin", spacing=0.3, initial=curved, until=0.2, step=0.02, after_step=unit, **others):
     solving = {key: others.pop(key) for key in ("checkpoint", "checkpoint_every", "resume") if key in others}
     heat = ck.Heat(initial, until, step, after_step=after_step, **others)
     return ck.solve(ck.Scene(SPHERE, heat), spacing, form=form, **solving)
@@ -64,9 +64,9 @@ def test_the_time_and_the_points_are_given():
     assert not solution.warnings  # no drift of heat is told
 
 
-@pytest.mark.parametrize(("after_step", "told"), [(1.0, "function"), (lambda p, v: v[:3], "shape")])
-def test_what_returns_no_values_is_refused(after_step, told):
-    with pytest.raises(ck.InputError, match=told):
+@pytest.mark.parametrize(("after_step", "messages"), [(1.0, "function"), (lambda p, v: v[:3], "shape")])
+def test_what_returns_no_values_is_refused(after_step, messages):
+    with pytest.raises(ck.InputError, match=messages):
         run(after_step=after_step)
     with pytest.raises(ck.InputError, match="NaN"):
         run(after_step=lambda points, values: values * np.nan)

@@ -101,7 +101,7 @@ def evolved(time, form):
     scene = circle_scene(ck.Heat(HILL, until=time, step=time), HILL_CUT)
     form = ck.discretize(scene, 0.125, form=form)
     problem = semidiscrete(form, scene.problem)
-    M = problem.weighted(np.eye(form.size))
+    M = problem.times_mass(np.eye(form.size))
     A, b = np.linalg.solve(M, problem.stiffness.to_csr().toarray()), np.linalg.solve(M, problem.forcing(0.0))
     rest = np.linalg.solve(A, b)
     return rest + expm(-time * A) @ (form.interpolate(HILL, "u0") - rest)
@@ -252,7 +252,7 @@ def test_crank_nicolson_with_the_longest_steps_rings_and_says_so(form):
         heat = ck.Heat(HILL, until=5e4, step=1e4, scheme="crank-nicolson", start=start)
         solution = ck.solve(circle_scene(heat, boundary), 0.05, form=form)
         swings[start] = np.abs(solution.values - steady).max()
-        assert any("swing" in told and "'bdf2'" in told for told in solution.warnings) == (start == "plain")
+        assert any("swing" in messages and "'bdf2'" in messages for messages in solution.warnings) == (start == "plain")
     assert swings["plain"] > 0.3
     assert swings["smooth"] < 1e-4
 
@@ -287,7 +287,7 @@ def test_iterative_and_direct_solvers_agree_and_work_is_counted(form, solver):
     assert iterative.report.residual <= 1e-10
 
 
-def test_a_step_that_does_not_converge_tells_the_time():
+def test_a_step_that_does_not_converge_reports_the_time():
     scene = circle_scene(ck.Heat(HILL, until=3.0, step=1.0))
     with pytest.raises(ck.ConvergenceError, match=r"^At time 1, step 1 of 3: .*did not converge"):
         ck.solve(scene, 0.05, form="collocation", solver="reference", max_iterations=2)
@@ -331,6 +331,6 @@ def test_wrong_arguments_are_answered():
         ({"frames": -1}, "frames of heat must be"),
         ({"step": 1e-12}, "makes 1e\\+12 steps"),
     ]
-    for keys, told in wrong:
-        with pytest.raises(ck.InputError, match=told):
+    for keys, messages in wrong:
+        with pytest.raises(ck.InputError, match=messages):
             ck.Heat(**{"initial": 0.0, "until": 1.0, "step": 0.1, **keys})

@@ -39,14 +39,14 @@ def run(form, scheme, waves, kappa, steps, velocity=turning, until=ROUND, f=0.0)
         ("collocation", "backward-euler", 1, 0.1, 25, 200),
     ],
 )
-def test_what_is_carried_once_round(form, scheme, waves, kappa, long, short):
+def test_what_is_advected_once_round(form, scheme, waves, kappa, long, short):
     """exp(-kappa m^2 t) cos(m (angle - t)): errors are shares of what is left of the wave."""
     left = np.exp(-kappa * waves**2 * ROUND)
-    for steps, told in ((long, True), (short, False)):
+    for steps, messages in ((long, True), (short, False)):
         solution, warnings = run(form, scheme, waves, kappa, steps)
         error = np.abs(solution.evaluate(POINTS) - left * np.cos(waves * ANGLES)).max() / left / 2
-        assert len(warnings) == told
-        assert (error > 0.07) == told
+        assert len(warnings) == messages
+        assert (error > 0.07) == messages
 
 
 def test_the_step_that_is_advised_is_short_enough():

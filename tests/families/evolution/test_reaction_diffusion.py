@@ -142,7 +142,7 @@ def test_transmission_takes_one_kappa():
         ringed(2, KAPPA, across=contact)
 
 
-def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
+def test_a_stiff_reaction_that_blows_up_reports_the_time_and_what_to_do():
     with pytest.raises(ck.ResolutionError, match=r"at time .*use a shorter step"):
         run({"initial": 2.0, "reaction": lambda u: -1000 * u**3, "kappa": 1.0}, 0.4, 0.1)
     with pytest.warns(ck.CpmkitWarning, match="swing back and forth"):
@@ -150,7 +150,7 @@ def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
 
 
 @pytest.mark.parametrize(
-    ("wrong", "told"),
+    ("wrong", "messages"),
     [
         ({"kappa": [0.1, -1.0]}, "kappa"),
         ({"kappa": [0.1, 0.2, 0.3]}, "3"),
@@ -160,16 +160,16 @@ def test_a_stiff_reaction_that_blows_up_tells_the_time_and_what_to_do():
         ({"reaction": lambda u: u / 0.0 * 0.0}, "finite"),
     ],
 )
-def test_what_is_no_reaction_diffusion_is_refused(wrong, told):
-    with pytest.raises(ck.CpmkitError, match=told):
+def test_what_is_no_reaction_diffusion_is_refused(wrong, messages):
+    with pytest.raises(ck.CpmkitError, match=messages):
         run({"initial": lambda x: 1 + x[:, :2], **wrong}, 0.4, 0.1)
 
 
 @pytest.mark.parametrize(
-    ("form", "spacing", "carried", "too_short"), [("galerkin", 0.25, 7, 10), ("collocation", 0.15, 5, 8)]
+    ("form", "spacing", "advected", "too_short"), [("galerkin", 0.25, 7, 10), ("collocation", 0.15, 5, 8)]
 )
-def test_a_pattern_is_told_where_its_waves_are_too_short_for_the_lattice(form, spacing, carried, too_short):
-    for degree in (carried, too_short):
+def test_a_pattern_is_reported_where_its_waves_are_too_short_for_the_lattice(form, spacing, advected, too_short):
+    for degree in (advected, too_short):
         waves = {"initial": lambda x, k=degree: ((x[:, 0] + 1j * x[:, 1]) ** k).real, "reaction": np.zeros_like}
         ended = run({**waves, "kappa": 1e-9, "until": 0.01}, spacing, 0.01, form=form)
         radians = spacing * np.sqrt(degree * (degree + 1))  # over a spacing

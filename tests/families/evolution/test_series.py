@@ -41,8 +41,8 @@ def test_frames_are_the_solutions_of_shorter_runs():
     shorter = ck.solve(scene(heat(until=0.4)), 0.1)
     np.testing.assert_allclose(solution.frames[2].evaluate(POINTS), shorter.evaluate(POINTS), rtol=1e-9)
     np.testing.assert_array_equal(solution.frames[-1].values, solution.values)
-    told = solution.summary()["time"]
-    assert (told["time"], told["steps"], told["scheme"]) == (0.6, 12, "bdf2")
+    messages = solution.summary()["time"]
+    assert (messages["time"], messages["steps"], messages["scheme"]) == (0.6, 12, "bdf2")
     assert solution.arrays()["frames"].shape == (4, *solution.values.shape)
 
 
@@ -185,8 +185,8 @@ def test_the_checkpoint_of_another_run_is_refused(tmp_path):
         (scene(ck.Heat(lambda x: x[:, 1], until=0.6, step=0.05)), 0.1, "the scene, its data"),
         (scene(heat(), lambda x, t: 0.5 + t * (t > 0.2)), 0.1, "the scene, its data"),
     ]
-    for other, spacing, told in others:
-        with pytest.raises(ck.InputError, match=rf"run\.npz is of another run: {told}"):
+    for other, spacing, messages in others:
+        with pytest.raises(ck.InputError, match=rf"run\.npz is of another run: {messages}"):
             ck.solve(other, spacing, resume=file)
     file.write_text("nothing")
     with pytest.raises(ck.InputError, match=r"'run\.npz' is damaged or not a checkpoint of a run in time"):
@@ -201,8 +201,8 @@ def test_requests_for_checkpoints_are_checked_first(tmp_path):
         (heat(), {"resume": tmp_path / "a.npz"}, "no checkpoint"),
         (heat(), {"checkpoint": tmp_path / "a.npz", "checkpoint_every": 0}, "checkpoint_every must be"),
     ]
-    for problem, options, told in wrong:
-        with pytest.raises(ck.InputError, match=told):
+    for problem, options, messages in wrong:
+        with pytest.raises(ck.InputError, match=messages):
             ck.solve(scene(problem), 0.1, **options)
 
 

@@ -153,7 +153,7 @@ def test_a_run_goes_on_bit_by_bit(problem, solver, tmp_path):
 
 
 @pytest.mark.parametrize("step", [0.03, 0.6])
-def test_noise_stays_bounded_and_is_told(step):
+def test_noise_stays_bounded_and_is_reported(step):
     """Whatever the step, also beside conditions; undamped, waves of a few spacings stay for ever."""
     noise = ck.Wave(lambda x: np.sin(1e4 * x[:, 0]) * np.cos(1.7e4 * x[:, 1]), until=50 * step, step=step, frames=10)
     scene = ck.Scene(SPHERE, noise, [ck.Boundary("equator", EQUATOR, left=ck.Dirichlet(0.0), right=ck.Neumann(0.0))])
@@ -164,9 +164,9 @@ def test_noise_stays_bounded_and_is_told(step):
     assert max(np.abs(frame.evaluate(POINTS)).max() for frame in solution.frames) < 3
 
 
-def test_explain_tells_the_form_and_the_solver():
-    told = ck.explain(ck.Scene(SPHERE, ck.Heat(three, 0.1, 0.01)), 0.3, dry_run=True)
-    assert told.solver == "direct"
-    assert "form 'galerkin'" in str(told)
+def test_explain_reports_the_form_and_the_solver():
+    messages = ck.explain(ck.Scene(SPHERE, ck.Heat(three, 0.1, 0.01)), 0.3, dry_run=True)
+    assert messages.solver == "direct"
+    assert "form 'galerkin'" in str(messages)
     finer = ck.explain(ck.Scene(SPHERE, ck.Wave(three, 0.1, 0.01)), 0.05, dry_run=True)
     assert finer.solver == "multigrid"

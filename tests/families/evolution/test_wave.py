@@ -151,7 +151,7 @@ def test_without_damping_leapfrog_grows(monkeypatch):
         ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])
     wave = ck.Wave(noise, until=3.0, step=0.05, scheme="leapfrog")
     solution = ck.solve(arc(wave, ck.Dirichlet(0.0)), 0.1, origin=[0.013, 0.021])
-    assert any("waves of two spacings" in told for told in solution.warnings)
+    assert any("waves of two spacings" in messages for messages in solution.warnings)
 
 
 def test_the_longest_accepted_step_is_stable_in_the_plane_and_in_space():

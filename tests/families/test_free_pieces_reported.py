@@ -16,7 +16,7 @@ SAID = "Nothing is given on the piece of the manifold near ("
 FORMS = ("galerkin", "collocation")
 
 
-def told(solution):
+def messages(solution):
     return [sentence for sentence in solution.warnings if sentence.startswith(SAID)]
 
 
@@ -24,16 +24,16 @@ def told(solution):
 def test_a_surface_without_conditions(form):
     solution = ck.solve(ck.Scene(SPHERE, ck.Laplace()), 0.4, form=form)
     assert np.abs(solution.values).max() == 0
-    assert len(told(solution)) == 1
-    assert "100% of the nodes" in told(solution)[0]
+    assert len(messages(solution)) == 1
+    assert "100% of the nodes" in messages(solution)[0]
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_the_piece_that_sees_no_value_is_named(form):
     half = [ck.Boundary("equator", EQUATOR, left=ck.Dirichlet(2.0), right=ck.Neumann(0.0))]
     solution = ck.solve(ck.Scene(SPHERE, ck.Laplace(), half), 0.3, form=form)
-    assert len(told(solution)) == 1
-    near = [float(x) for x in told(solution)[0].removeprefix(SAID).partition(")")[0].split(",")]
+    assert len(messages(solution)) == 1
+    near = [float(x) for x in messages(solution)[0].removeprefix(SAID).partition(")")[0].split(",")]
     assert near[2] < 0
     assert solution.evaluate([[0, 0, -1], [0, 0, 1]]) == pytest.approx([0, 2], abs=1e-6)
 
@@ -49,10 +49,10 @@ def test_what_is_given_says_nothing(form):
         ck.Scene(SPHERE, ck.Poisson([lambda x: x[:, 0], 0.0])),  # one channel of it
         ck.Scene(SPHERE, ck.ScreenedPoisson(0.0)),
     ):
-        assert told(ck.solve(scene, 0.4, form=form)) == []
+        assert messages(ck.solve(scene, 0.4, form=form)) == []
 
 
-def test_the_command_tells_it(tmp_path, monkeypatch):
+def test_the_command_reports_it(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("free.toml").write_text(
         '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "laplace"\n[discretization]\nspacing = 0.2\n'

@@ -20,7 +20,7 @@ def unbalanced():
     return ck.Scene(ck.source("analytic.circle"), ck.Poisson(1.0))
 
 
-def told_by(work):
+def reported_by(work):
     """Return what Python shows in ``work``, by a fresh set of filters."""
     with warnings.catch_warnings(record=True) as shown:
         warnings.resetwarnings()
@@ -30,14 +30,14 @@ def told_by(work):
 
 
 def test_a_solve_warns_of_what_its_solution_says_in_the_name_of_its_caller():
-    shown = told_by(lambda: ck.solve(unbalanced(), 0.1))
+    shown = reported_by(lambda: ck.solve(unbalanced(), 0.1))
     assert [str(one.message) for one in shown] == [*ck.solve(unbalanced(), 0.1).warnings]
     assert SAID in str(shown[0].message)
     assert {(one.category, one.filename) for one in shown} == {(ck.CpmkitWarning, __file__)}
 
 
 def test_a_solve_without_warnings_is_silent():
-    assert told_by(lambda: ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.1)) == []
+    assert reported_by(lambda: ck.solve(ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson(1.0)), 0.1)) == []
 
 
 def test_they_can_be_made_errors_or_nothing_by_their_category():
@@ -50,17 +50,17 @@ def test_they_can_be_made_errors_or_nothing_by_their_category():
         warnings.simplefilter("ignore", ck.CpmkitWarning)
         ck.solve(unbalanced(), 0.1)
 
-    assert told_by(silenced) == []
+    assert reported_by(silenced) == []
 
 
 def test_an_estimate_warns_once_though_it_solves_twice():
-    shown = told_by(lambda: ck.estimate_error(unbalanced(), 0.1))
+    shown = reported_by(lambda: ck.estimate_error(unbalanced(), 0.1))
     assert len(shown) == 1
     assert shown[0].filename == __file__
 
 
-def test_each_sentence_is_told_once_and_cannot_steer_a_terminal():
-    shown = told_by(lambda: warn_each(["a", "b\x1b[2J", "a"], stacklevel=1))
+def test_each_sentence_is_reported_once_and_cannot_steer_a_terminal():
+    shown = reported_by(lambda: warn_each(["a", "b\x1b[2J", "a"], stacklevel=1))
     assert [str(one.message) for one in shown] == ["a", "b\\x1b[2J"]
 
 
@@ -71,7 +71,7 @@ def test_only_those_of_cpmkit_are_overheard():
             warnings.warn("of another library", RuntimeWarning, stacklevel=1)
         assert heard == ["a", "b"]
 
-    assert [str(one.message) for one in told_by(work)] == ["of another library"]
+    assert [str(one.message) for one in reported_by(work)] == ["of another library"]
 
 
 @pytest.fixture
@@ -81,7 +81,7 @@ def run(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(cli.main, arguments)
 
 
-def test_the_command_tells_them_last_and_once(run):
+def test_the_command_reports_them_last_and_once(run):
     result = run("solve", "circle.toml")
     assert result.exit_code == 0
     *_, written, warning = result.stdout.splitlines()
@@ -105,7 +105,7 @@ def test_with_quiet_they_go_to_standard_error(run):
     assert result.stderr.count("\n") == 1
 
 
-def test_what_is_told_while_a_scene_is_read_is_told_too(run, monkeypatch):
+def test_what_is_reported_while_a_scene_is_read_is_reported_too(run, monkeypatch):
     load = ck.load_scene
 
     def load_scene(path):
@@ -121,7 +121,7 @@ def test_what_is_told_while_a_scene_is_read_is_told_too(run, monkeypatch):
     assert result.stderr == "warning    A triangle is dropped.\n"
 
 
-def test_they_are_told_where_a_solve_fails_after_them(run, monkeypatch):
+def test_they_are_reported_where_a_solve_fails_after_them(run, monkeypatch):
     def solve(scene, **options):
         warnings.warn("A triangle is dropped.", ck.CpmkitWarning, stacklevel=1)
         raise ck.ResolutionError("The spacing is too coarse.")
