@@ -22,7 +22,7 @@ def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
 @compiled
 def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
     """Return the lengths (m, 2) of the shortest and of the longest edge of each triangle."""
-    found = np.empty((len(cells), 2))
+    lengths = np.empty((len(cells), 2))
     for cell in range(len(cells)):
         least, most = np.inf, 0.0
         for corner in range(3):
@@ -30,8 +30,8 @@ def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
             for k in range(vertices.shape[1]):
                 squared += (vertices[cells[cell, corner], k] - vertices[cells[cell, (corner + 1) % 3], k]) ** 2
             least, most = min(least, squared), max(most, squared)
-        found[cell, 0], found[cell, 1] = np.sqrt(least), np.sqrt(most)
-    return found
+        lengths[cell, 0], lengths[cell, 1] = np.sqrt(least), np.sqrt(most)
+    return lengths
 
 
 @compiled

@@ -1,4 +1,4 @@
-"""Compiled: where a surface known by its normals stands above the middles of edges."""
+"""Compiled: points above the middles of edges of a surface that is defined by its normals."""
 
 from __future__ import annotations
 
@@ -10,15 +10,26 @@ from cpmkit.types import Bools, Floats, Ints
 
 @compiled
 def hermite_midpoints(
-    vertices: Floats, ends: Ints, normals: Floats, straight: Bools, kept: Floats, creased_share: float
+    vertices: Floats, ends: Ints, normals: Floats, straight: Bools, share: Floats, creased_share: float
 ) -> Floats:
-    """Return (e, d) points above edges (e, 2), across whose ends the ``normals`` (v, d) stand.
+    """Return points (e, d) of the smooth surface above the middles of edges.
 
-    At the share ``kept`` (e,) of the height of the middles of Hermite's cubics. Where one of these is higher than
-    ``creased_share`` of its edge, or that is ``straight`` (e,), the middle of the edge.
+    Parameters
+    ----------
+    vertices : (v, d) float64
+    ends : (e, 2) int64
+        The vertices of each edge.
+    normals : (v, d) float64
+        Unit normals of the surface at the vertices.
+    straight : (e,) bool
+        Edges that keep their middles.
+    share : (e,) float64
+        Share of the height of the middle of Hermite's cubic that each edge gets.
+    creased_share : float
+        Edges keep their middles where the height is larger than this share of their length.
     """
     d = vertices.shape[1]
-    found = np.empty((len(ends), d))
+    points = np.empty((len(ends), d))
     chord, height, tangent = np.empty(d), np.empty(d), np.empty(d)
     for edge in range(len(ends)):
         squared = 0.0
@@ -29,16 +40,16 @@ def hermite_midpoints(
         length = np.sqrt(squared)
         for side in range(2):
             end = ends[edge, side]
-            off = total = 0.0
+            along_normal = total = 0.0
             for i in range(d):
-                off += chord[i] * normals[end, i]
+                along_normal += chord[i] * normals[end, i]
             for i in range(d):
-                tangent[i] = chord[i] - off * normals[end, i]
+                tangent[i] = chord[i] - along_normal * normals[end, i]
                 total += tangent[i] * tangent[i]
             size = np.sqrt(total)
-            share = (length if side == 0 else -length) if size > 0 else 0.0
+            signed_length = (length if side == 0 else -length) if size > 0 else 0.0
             for i in range(d):
-                height[i] += share * (tangent[i] / (size if size > 0 else 1.0))
+                height[i] += signed_length * (tangent[i] / (size if size > 0 else 1.0))
         above = 0.0
         for i in range(d):
             height[i] /= 8
@@ -46,31 +57,31 @@ def hermite_midpoints(
         flat = straight[edge] or np.sqrt(above) > creased_share * length
         for i in range(d):
             middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
-            found[edge, i] = middle + (0.0 if flat else kept[edge] * height[i])
-    return found
+            points[edge, i] = middle + (0.0 if flat else share[edge] * height[i])
+    return points
 
 
 @compiled
 def midpoints_by_heights(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints) -> Floats:
-    """Return (m, k, d), of the edges ``of_cells`` (m, k), their middles and the ``heights`` (e, d) on top of these."""
+    """Return the points (m, k, d) at ``heights`` (e, d) above the middles of the edges ``of_cells`` (m, k)."""
     m, k = of_cells.shape
-    found = np.empty((m, k, vertices.shape[1]))
+    by_cell = np.empty((m, k, vertices.shape[1]))
     for cell in range(m):
         for j in range(k):
             edge = of_cells[cell, j]
             for i in range(vertices.shape[1]):
                 middle = 0.5 * (vertices[ends[edge, 0], i] + vertices[ends[edge, 1], i])
-                found[cell, j, i] = middle + heights[edge, i]
-    return found
+                by_cell[cell, j, i] = middle + heights[edge, i]
+    return by_cell
 
 
 @compiled
 def gather_by_cell(points: Floats, of_cells: Ints) -> Floats:
-    """Return (m, k, d) the ``points`` (e, d) of the edges ``of_cells`` (m, k)."""
+    """Return the ``points`` (m, k, d) of the edges ``of_cells`` (m, k), from points (e, d) of all edges."""
     m, k = of_cells.shape
-    found = np.empty((m, k, points.shape[1]))
+    by_cell = np.empty((m, k, points.shape[1]))
     for cell in range(m):
         for j in range(k):
             for i in range(points.shape[1]):
-                found[cell, j, i] = points[of_cells[cell, j], i]
-    return found
+                by_cell[cell, j, i] = points[of_cells[cell, j], i]
+    return by_cell

@@ -100,6 +100,6 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
         corners[cell[:, None], (facet[:, None] + np.arange(1, k)) % k],
         samples.owner[first],
         left[first],
-        {number: at[found] for number, found in insertion.point_vertices.items()},
+        {number: at[vertices] for number, vertices in insertion.point_vertices.items()},
         tuple(insertion_warnings(insertion, [boundary.name for boundary in scene.boundaries], length)),
     )

@@ -38,7 +38,7 @@ def add_oriented_normals(
     places, directions, weights = samples
     width, along, last = unknowns.shape[1], len(splines), len(places) - 1
     X, Y, Z, normals = np.empty(along), np.empty(along), np.empty(along), np.empty((1, 3))
-    own, of_patch = np.empty(width), np.zeros(4 * width)
+    values, of_patch = np.empty(width), np.zeros(4 * width)
     area, first, second = of_patch[:width], of_patch[width : 2 * width], of_patch[2 * width : 3 * width]
     third = of_patch[3 * width :]
     for q in range(len(places)):
@@ -50,16 +50,16 @@ def add_oriented_normals(
             for j in range(along):
                 both = weights[q] * X[i] * Y[j]
                 for k in range(along):
-                    own[at] = both * Z[k]
+                    values[at] = both * Z[k]
                     at += np.uint64(1)
         decode_normals(directions[q], normals)
         sign = signs[cell[q]]
         x, y, z = sign * normals[0, 0], sign * normals[0, 1], sign * normals[0, 2]
         for place in range(width):
-            area[place] += own[place]
-            first[place] += x * own[place]
-            second[place] += y * own[place]
-            third[place] += z * own[place]
+            area[place] += values[place]
+            first[place] += x * values[place]
+            second[place] += y * values[place]
+            third[place] += z * values[place]
         p = patch[q]
         if q < last and patch[q + 1] == p:
             continue

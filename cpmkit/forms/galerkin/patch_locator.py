@@ -129,10 +129,10 @@ class PatchLocator:
     boundaries: Sequence[OrientedBoundary]
     sheets: SheetSeparation
 
-    def patches(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
+    def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
 
-        On boundary number b the value on the side ``wanted[b]`` is meant, by default that on the left.
+        On boundary number b the value on the side ``side_of[b]`` is meant, by default that on the left.
         """
         points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
@@ -140,7 +140,7 @@ class PatchLocator:
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
             distance, samples = self._search.nearest(points[rows], min(count, len(self.samples)))
-            scores, shut = self._scores(points[rows], samples, distance, wanted)
+            scores, shut = self._scores(points[rows], samples, distance, side_of)
             first = samples[np.arange(len(rows)), scores.argmin(axis=1)]
             patch[rows], other_sheets = self._choose_patch(points[rows], samples, scores, first)
             # Where a boundary shuts out the few nearest samples, sheets are not separated.
@@ -152,7 +152,7 @@ class PatchLocator:
         if self.sheets.known:
             for start in range(0, len(rows), SHEETS_AT_ONCE):
                 some = rows[start : start + SHEETS_AT_ONCE]
-                patch[some], nearest[some] = self._on_own_sheet(feet.take(some), wanted)
+                patch[some], nearest[some] = self._on_own_sheet(feet.take(some), side_of)
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
@@ -171,13 +171,13 @@ class PatchLocator:
         usable = np.where(touch & np.isfinite(scores), scores, np.inf)
         return self._patch_of_cell(points, candidates, usable, patch), ~touch.all(axis=1)
 
-    def _on_own_sheet(self, feet: ClosestPoints, wanted: Mapping[int, Side]) -> tuple[Ints, Ints]:
+    def _on_own_sheet(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the same as :meth:`patches` for points close to several sheets."""
         from cpmkit.forms.galerkin.locator_kernels import group_touching_patches
 
         points, rows = feet.points, np.arange(len(feet.points))
         distance, samples = self._search.nearest(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
-        scores, _ = self._scores(points, samples, distance, wanted)
+        scores, _ = self._scores(points, samples, distance, side_of)
         patches = np.asarray(self.dof_map.patch[samples], dtype=np.int64)
         touching = group_touching_patches(patches, self._touching_codes, len(self.dof_map.cells))
         group = np.where(np.isfinite(scores), touching, -1)
@@ -195,7 +195,7 @@ class PatchLocator:
         return self._choose_patch(points, samples, scores, first)[0], first
 
     def _scores(
-        self, points: Floats, samples: Ints, distance: Floats, wanted: Mapping[int, Side]
+        self, points: Floats, samples: Ints, distance: Floats, side_of: Mapping[int, Side]
     ) -> tuple[Floats, Bools]:
         """Return scores (k, q) of ``samples`` (k, q), and for which points (k,) a boundary would exclude all samples.
 
@@ -211,7 +211,7 @@ class PatchLocator:
         reach = distance[:, -1] + ON_BOUNDARIES_SPACINGS * self.lattice.spacing
         near_boundary = self._boundary_tree.query(points, distance_upper_bound=float(reach.max()))[0] < reach
         for number in range(len(self.boundaries)):
-            across = self._is_across(number, points, samples, near_boundary, wanted.get(number))
+            across = self._is_across(number, points, samples, near_boundary, side_of.get(number))
             none_left = np.min(np.where(across, np.inf, scores), axis=1) == np.inf
             scores[across & ~none_left[:, None]] = np.inf
             shut |= none_left

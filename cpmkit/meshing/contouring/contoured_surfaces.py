@@ -119,8 +119,9 @@ def contour_surface(source: LocalSource, spacing: float, curved: bool = True) ->
             break
         attempt = _contour_on(source, spacing, *lattice)
         best = attempt if attempt.report.severity < best.report.severity else best
-    midpoints = edge_midpoints(best.rims, best.vertices, best.cells, best.on_rim) if curved else None
-    return Mesh.of(best.vertices, best.cells, midpoints), best.report
+    mesh = best.mesh
+    midpoints = edge_midpoints(best.rims, mesh.vertices, mesh.cells, best.on_rim) if curved else None
+    return mesh.with_same_cells(midpoints=midpoints), best.report
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,8 +129,7 @@ class _Triangulation:
     """A triangulation on one lattice, and its report."""
 
     rims: RimTest
-    vertices: Floats
-    cells: Ints
+    mesh: Mesh
     on_rim: Bools
     report: SurfaceReport
 
@@ -167,7 +167,7 @@ def _contour_on(
     missed = _missed_points(nodes, vertices[np.unique(cells)])
     removed = open_components + closed_components
     report = SurfaceReport(relative_spacing, nonmanifold_share, filled, defects, missed, removed)
-    return _Triangulation(rims, vertices, cells, on_rim, report)
+    return _Triangulation(rims, Mesh.of(vertices, cells), on_rim, report)
 
 
 def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:

@@ -117,7 +117,7 @@ def insert_boundaries(
 def _path_finder(mesh: Mesh, spacing: float, movable: bool) -> PathFinder:
     net = SplitTriangulation(in_three_dimensions(mesh.vertices), mesh.cells, spacing)
     constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
-    return PathFinder(constrained, TriangleSearch(net.vertices, net.cells, net.sizes))
+    return PathFinder(constrained, TriangleSearch(Mesh.of(net.vertices, net.cells), net.sizes))
 
 
 def _polylines(

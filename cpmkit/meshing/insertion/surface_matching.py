@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, distance
 from cpmkit.types import Bools, Floats, Ints
 
@@ -58,14 +59,12 @@ class TriangleSearch:
 
     Attributes
     ----------
-    vertices : (v, 3) float64
-    cells : (m, 3) int64
+    mesh : Mesh
     sizes : (m,) float64
         L of each: projections up to L farther than the nearest one are candidates.
     """
 
-    vertices: Floats
-    cells: Ints
+    mesh: Mesh
     sizes: Floats
 
     @cached_property
@@ -73,7 +72,7 @@ class TriangleSearch:
         """The radius, the triangles and the k-d tree over centroids of each class of triangles of similar size."""
         from scipy.spatial import cKDTree
 
-        a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
+        a, b, c = (self.mesh.vertices[self.mesh.cells[:, k]] for k in range(3))
         centroids = (a + b + c) / 3
         radii = np.maximum(np.maximum(norms(a - centroids), norms(b - centroids)), norms(c - centroids))
         exponent = np.frexp(radii)[1]
@@ -109,8 +108,8 @@ class TriangleSearch:
         block = points[start : start + BLOCK_SIZE]
         size, reach = self._nearest_centroid(block)
         point, cell = self._pairs_within(block, size + reach)
-        shares = nearest_barycentric(block[point], self.vertices[self.cells[cell]])
-        away = norms(block[point] - np.einsum("nk,nkd->nd", shares, self.vertices[self.cells[cell]]))
+        shares = nearest_barycentric(block[point], self.mesh.vertices[self.mesh.cells[cell]])
+        away = norms(block[point] - np.einsum("nk,nkd->nd", shares, self.mesh.vertices[self.mesh.cells[cell]]))
         order = np.lexsort((cell, away, point))
         projections = Projections(point, cell, shares, away).take(order)
         first = np.flatnonzero(np.diff(projections.point, prepend=-1))
@@ -131,7 +130,7 @@ class TriangleSearch:
     def _are_local_minima(self, projections: Projections) -> Bools:
         """Return whether no triangle with a common vertex has a nearer projection of the same point, (k,)."""
         rank = np.arange(len(projections.point))
-        keys = projections.point[:, None] * len(self.vertices) + self.cells[projections.cell]
+        keys = projections.point[:, None] * len(self.mesh.vertices) + self.mesh.cells[projections.cell]
         _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
         lowest: Bools = (first[inverse].reshape(keys.shape) // 3 >= rank[:, None]).all(axis=1)
         return lowest

@@ -158,16 +158,16 @@ def whole_triangle_rule(places: Floats, shares: Floats) -> float:
 
 @compiled
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the unit normal of two tangents, and return the area that they span."""
+    """Fill ``normal`` (3,) with the unit normal of second_square tangents, and return the area that they span."""
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
     c = first[0] * second[1] - first[1] * second[0]
     area = size = np.sqrt(a * a + b * b + c * c)
-    one = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
-    two = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
-    if area <= NO_DIRECTION_SHARE * max(one, two):
+    first_square = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
+    second_square = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
+    if area <= NO_DIRECTION_SHARE * max(first_square, second_square):
         # Without area the weight is zero: any vector perpendicular to the longer tangent.
-        u, v = (first[0], first[1]) if one >= two else (second[0], second[1])
+        u, v = (first[0], first[1]) if first_square >= second_square else (second[0], second[1])
         a, b, c = (1.0, 0.0, 0.0) if u == 0 and v == 0 else (-v, u, 0.0)
         size = np.sqrt(a * a + b * b + c * c)
     normal[0], normal[1], normal[2] = a / size, b / size, c / size
@@ -244,20 +244,20 @@ def triangle_samples(
     piece = np.empty((MOST_CORNERS + 2, 5))
     corners, shares = np.empty((MOST_CORNERS + 2, 2)), np.empty(MOST_POINTS)
     places, first, second, point = np.empty((MOST_POINTS, 2)), np.empty(3), np.empty(3), np.empty(3)
-    own, cell = np.empty(nodes.shape[1:]), np.empty(3)
+    scaled, cell = np.empty(nodes.shape[1:]), np.empty(3)
     frame, thirds, normal, across = np.empty(5), np.empty(4), np.empty(3), 0.0
     used = 0
     for m in range(len(nodes)):
-        for k in range(len(own)):
+        for k in range(len(scaled)):
             for i in range(3):
-                own[k, i] = nodes[m, k, i] / spacing
+                scaled[k, i] = nodes[m, k, i] / spacing
         if not curved:  # one normal for all samples
-            slopes(own, curved, 1.0, 0.0, first, second)
+            slopes(scaled, curved, 1.0, 0.0, first, second)
             across = unit_normal(first, second, normal)
         sizes[0] = 3
         for k in range(3):
             stack[0, k, 0], stack[0, k, 1] = 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0
-            stack[0, k, 2:] = own[k]
+            stack[0, k, 2:] = scaled[k]
         waiting, splits = 1, 0
         while waiting:
             waiting -= 1
@@ -270,7 +270,7 @@ def triangle_samples(
                     stack, sizes = np.concatenate((stack, stack)), np.concatenate((sizes, sizes))
                 below, above = stack[waiting], stack[waiting + 1]
                 if crosses_twice(piece, count, axis, plane):
-                    lower, upper = split_at_plane(own, curved, piece, count, axis, plane, below, above)
+                    lower, upper = split_at_plane(scaled, curved, piece, count, axis, plane, below, above)
                 else:
                     lower, upper = split_at_chord(piece, count, below, above)
                 sizes[waiting], sizes[waiting + 1] = lower, upper
@@ -292,9 +292,9 @@ def triangle_samples(
                 points, weights = np.concatenate((points, points)), np.concatenate((weights, weights))
                 normals, triangle = np.concatenate((normals, normals)), np.concatenate((triangle, triangle))
             for k in range(taken):
-                position(own, curved, places[k, 0], places[k, 1], point)
+                position(scaled, curved, places[k, 0], places[k, 1], point)
                 if curved:
-                    slopes(own, curved, places[k, 0], places[k, 1], first, second)
+                    slopes(scaled, curved, places[k, 0], places[k, 1], first, second)
                     across = unit_normal(first, second, normal)
                 weights[used] = area * shares[k] * across * spacing**2
                 for i in range(3):

@@ -82,22 +82,22 @@ def one_point_samples(
     """
     points, weights, normals, triangle = samples
     curved = midpoints.shape[1] == 3
-    own, cell, point = np.empty((3 + midpoints.shape[1], 3)), np.empty(3), np.empty(3)
+    nodes, cell, point = np.empty((3 + midpoints.shape[1], 3)), np.empty(3), np.empty(3)
     first, second, normal = np.empty(3), np.empty(3), np.empty(3)
     used = others = 0
     for m in range(len(cells)):
         for k in range(3):
             for i in range(3):
-                own[k, i] = vertices[cells[m, k], i] / spacing
-        if not needs_one_point(own, clipped[m], single[m], cell):
+                nodes[k, i] = vertices[cells[m, k], i] / spacing
+        if not needs_one_point(nodes, clipped[m], single[m], cell):
             remaining[others] = m
             others += 1
             continue
-        for k in range(3, len(own)):
+        for k in range(3, len(nodes)):
             for i in range(3):
-                own[k, i] = midpoints[m, k - 3, i] / spacing
-        position(own, curved, FIRST_SHARE, SECOND_SHARE, point)
-        slopes(own, curved, FIRST_SHARE, SECOND_SHARE, first, second)
+                nodes[k, i] = midpoints[m, k - 3, i] / spacing
+        position(nodes, curved, FIRST_SHARE, SECOND_SHARE, point)
+        slopes(nodes, curved, FIRST_SHARE, SECOND_SHARE, first, second)
         across = unit_normal(first, second, normal)
         weights[used] = 0.5 * across * spacing**2
         for i in range(3):
@@ -114,9 +114,9 @@ def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
     total = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
-        one = (vertices[cell[1], j] - vertices[cell[0], j]) * (vertices[cell[2], k] - vertices[cell[0], k])
-        two = (vertices[cell[1], k] - vertices[cell[0], k]) * (vertices[cell[2], j] - vertices[cell[0], j])
-        normal[i] = one - two
+        first = (vertices[cell[1], j] - vertices[cell[0], j]) * (vertices[cell[2], k] - vertices[cell[0], k])
+        second = (vertices[cell[1], k] - vertices[cell[0], k]) * (vertices[cell[2], j] - vertices[cell[0], j])
+        normal[i] = first - second
         total += normal[i] * normal[i]
     return float(np.sqrt(total))
 
