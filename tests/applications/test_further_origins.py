@@ -48,7 +48,7 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
     prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.3, form="galerkin")
     count = len(prepared.points)
     geodesic_distance(prepared, [1, 0, 0], method="heat")
-    counted(factorization, "factors_of")
+    counted(factorization, "factorize_matrix")
     counted(energy, "values_at_samples", lambda found: len(found) >= count)
     counted(energy, "gradients_at_samples")
     counted(energy, "gradient_load")
@@ -70,13 +70,13 @@ def test_few_points_may_be_lost_in_rounding_but_none_where_nothing_arrives() -> 
 
 def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
-    plain = multigrid.prepare_unsymmetric
+    plain = multigrid.prepare_advection
 
     def counted(*arguments: Any) -> Any:
         made.append(plain(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(multigrid, "prepare_unsymmetric", counted)
+    monkeypatch.setattr(multigrid, "prepare_advection", counted)
     prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.15, form="galerkin")
     distance = geodesic_distance(prepared, [0, 0, 1], rounds=3)
     assert len(made) == 1
