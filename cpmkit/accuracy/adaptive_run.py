@@ -154,7 +154,9 @@ class AdaptiveRun:
     @property
     def best(self) -> TimedSolve:
         """The solve with the smallest known error; the last one where none is known."""
-        known = [one for one in self.solves if self._has_steps_of(one.solution) and np.isfinite(self.error_of(one))]
+        known = [
+            solve for solve in self.solves if self._has_steps_of(solve.solution) and np.isfinite(self.error_of(solve))
+        ]
         return min(known, key=self.error_of) if known else self.last
 
     @property
@@ -258,16 +260,16 @@ class AdaptiveRun:
 
     def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
         """Return whether a solution has the form and options of another one, by default the last."""
-        options = (lattice_options(one.discretized) for one in (solution, other or self.last.solution))
-        mine, others = options
+        pair = (solution, other or self.last.solution)
+        mine, others = (lattice_options(each.discretized) for each in pair)
         return mine is not None and others is not None and mine.own == others.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
         """Return the solution with which another is compared: that with the best ratio of spacings, if one serves."""
         ratios = {
-            one.spacing / solution.spacing: one.solution
-            for one in self.solves
-            if self._has_steps_of(one.solution) and self.is_like_last(one.solution, solution)
+            solve.spacing / solution.spacing: solve.solution
+            for solve in self.solves
+            if self._has_steps_of(solve.solution) and self.is_like_last(solve.solution, solution)
         }
         near = {ratio: coarse for ratio, coarse in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
         return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
@@ -279,13 +281,13 @@ class AdaptiveRun:
 
     def _estimate(self, solution: SolutionRecord, alone: ExpectedError | None) -> ErrorEstimate | None:
         coarse, solution = self._coarse_solution(solution), self.with_scene_modes(solution)
-        if coarse is None or any(one.discretized.diagnosis().no_estimate for one in (solution, coarse)):
+        if coarse is None or any(pair.discretized.diagnosis().no_estimate for pair in (solution, coarse)):
             return None
         return estimate_from(solution, [coarse], self.in_time, self.order, alone)
 
     def _origin(self, spacing: float) -> Any:
         """Return a node of the lattice: the user's for what may be the answer, else one that no other solve has."""
-        if self.origin is not None and any(one.spacing > spacing for one in self.solves):
+        if self.origin is not None and any(solve.spacing > spacing for solve in self.solves):
             return self.origin  # further ratios of spacings are no whole numbers
         return shifted_origin(self.scene, spacing, len(self.solves) + 1)
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Protocol
 
 from cpmkit.forms.free_constants import Imbalance
@@ -161,22 +161,10 @@ class SteadyResult:
         Unknowns, with mean zero on pieces of the manifold where a constant is free.
     imbalances : tuple of Imbalance
         Data that have no solution, by piece, and how they were changed.
-    missed : float
-        The largest relative error of the mean of u, whether it was corrected or not.
-    warnings : tuple of str
-        Further warnings, beside those of the imbalances.
-    queries : int
-        Closest point queries made.
-    seconds : mapping
-        Seconds, by stage.
     """
 
     values: Floats
     imbalances: tuple[Imbalance, ...] = ()
-    missed: float = 0.0
-    warnings: tuple[str, ...] = ()
-    queries: int = 0
-    seconds: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)

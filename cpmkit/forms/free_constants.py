@@ -210,9 +210,9 @@ _PIECES: WeakKeyDictionary[Border, list[_Piece]] = WeakKeyDictionary()
 def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and the part of b that has no solution there."""
     u, means = operator.border.remove_means(u)
-    indicator, carried = operator.border.indicator.toarray(), operator.border.constant_load
+    indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
-    values = operator.shift * (means.T * ((indicator * carried.toarray()).sum(axis=0) / measure)).T
+    values = operator.shift * (means.T * ((indicator * load.toarray()).sum(axis=0) / measure)).T
     if operator.border not in _PIECES:
         _PIECES[operator.border] = _described_pieces(form, indicator)
     return u, tuple(
