@@ -20,7 +20,7 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError
 from cpmkit.studies.records import Record
-from cpmkit.studies.reference import reference_of
+from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.run_one import make_run
 from cpmkit.studies.studyfile import Study, load_study
 from cpmkit.studies.tables import table_row, table_rule

@@ -19,7 +19,7 @@ import cpmkit as ck
 from cpmkit.studies.pareto import attempts, front_table, winners_table
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.reference import Reference, sample_points
+from cpmkit.studies.reference_values import Reference, sample_points
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 

@@ -16,7 +16,6 @@ from cpmkit.facade import Solution
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.collocation.form import Collocation
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
@@ -37,7 +36,7 @@ from cpmkit.studies.records import (
     of_content,
     read_records,
 )
-from cpmkit.studies.reference import Reference, reference_of, solve_on_refined_mesh
+from cpmkit.studies.reference_values import Reference, reference_of, solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points
 from cpmkit.types import Progress, no_progress
@@ -92,8 +91,7 @@ def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
-    band = form.tables.layout.band if isinstance(form, Collocation) else None
-    twins = None if band is None else band.inner - band.first_twin
+    doubled = form.diagnosis().doubled
     return {
         "spacing": solution.spacing if run.spacing is None else run.spacing,
         "max_error": float(np.abs(error).max()),
@@ -101,7 +99,7 @@ def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
         "rms_without_mean": float(np.std(error)),
         "half_range": truth.half_range,
         **{name: work.get(name) for name in WORK_ENTRIES},
-        "twins": twins,
+        "twins": None if doubled is None else len(doubled),
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "iterations": solution.report.iterations,
         "residual": solution.report.residual,

@@ -7,7 +7,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.studies.checking import at_spacing
-from cpmkit.studies.reference import reference_of
+from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.studyfile import load_study
 
 STUDIES = Path(__file__).parents[2] / "examples" / "studies"

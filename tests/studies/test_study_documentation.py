@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.reference import reference_of
+from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import STUDY_TABLES, Exact, load_study
 from cpmkit.studies.sweep import Sweep, listed

@@ -14,7 +14,7 @@ from cpmkit.studies import run_one
 from cpmkit.studies.figures import convergence_figure, difference_figure, work_figure
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import append_record, read_records
-from cpmkit.studies.reference import Reference
+from cpmkit.studies.reference_values import Reference
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study

@@ -15,7 +15,7 @@ from cpmkit.studies.checking import at_spacing
 from cpmkit.studies.named_formulas import expand, expand_all, expand_names
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
-from cpmkit.studies.reference import sample_points
+from cpmkit.studies.reference_values import sample_points
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study

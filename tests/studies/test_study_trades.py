@@ -13,7 +13,7 @@ from cpmkit.studies import run_one
 from cpmkit.studies.pareto import Attempt, front, winners
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
-from cpmkit.studies.reference import RefinedMesh, solve_on_refined_mesh
+from cpmkit.studies.reference_values import RefinedMesh, solve_on_refined_mesh
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import costs_in_memory, run_study
 from cpmkit.studies.studyfile import load_study
