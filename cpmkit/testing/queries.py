@@ -116,7 +116,7 @@ def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
     return tuple(drawn)
 
 
-def _generate(subject: Subject, near: bool, check: Callable[[Floats], None]) -> None:
+def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
     draws = _anywhere(subject) if subject.case.radius is None or not near else _tube(subject, subject.case.radius)
 
     @settings(
@@ -129,10 +129,10 @@ def _generate(subject: Subject, near: bool, check: Callable[[Floats], None]) -> 
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large],
     )
     @given(draws)
-    def check_batch(x: Floats) -> None:
-        check(x)
+    def each(x: Floats) -> None:
+        hold(x)
 
-    check_batch()
+    each()  # hypothesis draws by the text of this function: another text would draw other queries
 
 
 def symmetric_points(subject: Subject) -> Floats:

@@ -46,7 +46,7 @@ def geometry_verdict(case, number):
     wrong = "" if counts == case.curve.truth else f"ends, components, loops {counts} for {case.curve.truth}"
     if abs(length / case.curve.length - 1) > MOST_LENGTH_ERROR:
         wrong += f" length {length:.4g} for {case.curve.length:.4g}"
-    return Verdict(name, wrong, sampled.told)
+    return Verdict(name, wrong, sampled.warnings)
 
 
 def verdicts(case):

@@ -95,7 +95,7 @@ def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
 def test_no_smaller_spacing_is_advised_where_noise_is_the_fault():
     one = case("square", 10)
     scene = ck.Scene(Noisy(one.curve, 1e-2 * one.spacing), ck.ScreenedPoisson(1.0))
-    told = " ".join(sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress).told)
+    told = " ".join(sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress).warnings)
     assert "loose ends" in told
     assert "compute closest points more exactly" in told
     assert "use a smaller spacing" not in told

@@ -126,8 +126,8 @@ MEETING = {
 @pytest.mark.parametrize(("union", "sentence"), MEETING.values(), ids=MEETING)
 @pytest.mark.parametrize("spacing", [0.2, 0.05])
 def test_parts_of_unlike_dimension_that_meet_are_named_before_anything_is_built(union, sentence, spacing):
-    told = ck.explain(ck.Scene(union, ck.ScreenedPoisson(1.0)), spacing).told
-    assert re.search(sentence, told[0])
+    warnings = ck.explain(ck.Scene(union, ck.ScreenedPoisson(1.0)), spacing).warnings
+    assert re.search(sentence, warnings[0])
 
 
 @pytest.mark.parametrize("spacing", [0.2, 0.1, 0.07])
@@ -152,8 +152,8 @@ def test_parts_nearer_than_four_spacings_are_joined_and_a_tolerance_is_not_reach
     """Farther apart they are not: the values there are those of the parts alone."""
     rod = ck.source("analytic.segment", start=[1.4, 0, 0], end=[3.0, 0, 0])
     apart = ck.Scene(ck.source("union", members=[SPHERE, rod]), ck.ScreenedPoisson(lambda points: points[:, 0]))
-    assert "come within 0.4 of each other near (1.4, 0, 0)" in ck.explain(apart, 0.11).told[0]
-    assert ck.explain(apart, 0.09).told == ()
+    assert "come within 0.4 of each other near (1.4, 0, 0)" in ck.explain(apart, 0.11).warnings[0]
+    assert ck.explain(apart, 0.09).warnings == ()
     far = ck.solve(apart, 0.09)
     alone = ck.solve(ck.Scene(SPHERE, apart.problem), 0.09, form="collocation", origin=far.discretization()["origin"])
     points = np.array([[1.0, 0, 0], [0, 0, 1.0], [-1.0, 0, 0]])

@@ -91,10 +91,10 @@ def function(
         :func:`expression`.
     """
     box = as_box(bounds)
-    for name, given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
-        if not (callable(given) or (name != "phi" and given is None)):
+    for name, function_given in (("phi", phi), ("gradient", gradient), ("hessian", hessian)):
+        if not (callable(function_given) or (name != "phi" and function_given is None)):
             raise InputError(
-                f"{name} of levelset.callable must be a function of points (n, d), got {shown(given)}; "
+                f"{name} of levelset.callable must be a function of points (n, d), got {shown(function_given)}; "
                 "levelset.expression takes formulas."
             )
     size = float(norms((box[1] - box[0])[None])[0])
@@ -104,8 +104,11 @@ def function(
     if gradient is not None:
         check_gradient(field, box)
         return _build_level_set(field, trim, box, resolution)
-    made = _build_level_set(field, trim, box, resolution)
-    return replace(made, slope_error=float(np.quantile(differences.errors(_some(made)), SLOPE_ERROR_QUANTILE)))
+    level_set_source = _build_level_set(field, trim, box, resolution)
+    return replace(
+        level_set_source,
+        slope_error=float(np.quantile(differences.errors(_some(level_set_source)), SLOPE_ERROR_QUANTILE)),
+    )
 
 
 def grid(
@@ -147,8 +150,8 @@ def grid(
     if not (steps > 0).all():
         raise InputError(f"spacing must be above zero, got {shown(spacing)}.")
     field = GridField(samples, np.zeros(d) if origin is None else as_vector(origin, d, "origin"), steps)
-    made = _build_level_set(field, trim, field.box, resolution)
-    return replace(made, slope_error=field.slope_error(_some(made)))
+    level_set_source = _build_level_set(field, trim, field.box, resolution)
+    return replace(level_set_source, slope_error=field.slope_error(_some(level_set_source)))
 
 
 def dziuk(*, trim: Any = None, resolution: Any = DEFAULT_RESOLUTION) -> LevelSet:
@@ -232,9 +235,9 @@ def _build_level_set(field: Field, trim: Any, box: Floats, resolution: Any) -> L
     return level_set(field, None if trim is None else formula_field(trim, field.dim, "trim"), box, cells)
 
 
-def _some(made: LevelSet) -> Floats:
+def _some(level_set_source: LevelSet) -> Floats:
     """Return about 2000 of the samples (n, d)."""
-    samples = made.surface.samples
+    samples = level_set_source.surface.samples
     return samples[:: max(len(samples) // 2000, 1)]
 
 

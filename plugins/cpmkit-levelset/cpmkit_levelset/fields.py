@@ -115,9 +115,9 @@ class Differences:
 
     def errors(self, p: Floats) -> Floats:
         """Return the relative error (n,) of the gradient's direction: its change by half the step."""
-        found, finer = self(p), self.of_step(p, self.step / 2)
+        coarse, finer = self(p), self.of_step(p, self.step / 2)
         with np.errstate(all="ignore"):
-            off = norms(found - finer) / norms(finer)
+            off = norms(coarse - finer) / norms(finer)
         return np.nan_to_num(off, nan=np.inf)
 
 

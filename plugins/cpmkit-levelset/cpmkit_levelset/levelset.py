@@ -146,15 +146,15 @@ class LevelSet:
 
     def _feet(self, x: Floats) -> tuple[Floats, Floats, Ints, Bools]:
         if self.edge is None:
-            found = search(self.surface, x)
-            return found.points, found.distance, np.full(len(x), -1), ~found.sure
+            result = search(self.surface, x)
+            return result.points, result.distance, np.full(len(x), -1), ~result.sure
         rim = search(self.edge, x)
-        found = search(self.surface, x, rim.distance, self._inside)
-        on_rim = ~(found.distance < rim.distance)
+        result = search(self.surface, x, rim.distance, self._inside)
+        on_rim = ~(result.distance < rim.distance)
         # the edge is nowhere nearer than the foot on it less the covering radius: beyond that its doubts do not count
-        sure = found.sure & (rim.sure | (found.distance < rim.distance - self.edge.covering))
-        points = np.where(on_rim[:, None], rim.points, found.points)
-        distance = np.where(on_rim, rim.distance, found.distance)
+        sure = result.sure & (rim.sure | (result.distance < rim.distance - self.edge.covering))
+        points = np.where(on_rim[:, None], rim.points, result.points)
+        distance = np.where(on_rim, rim.distance, result.distance)
         return points, distance, np.where(on_rim, self._rim_number(rim.points), -1), ~sure
 
     def _rim_number(self, points: Floats) -> Ints:
@@ -232,8 +232,8 @@ def _trim_samples(
     rim = ZeroSet((field, trim), size)
     away = rim.distance_estimate(samples)
     near = away <= 1.5 * spacing
-    points, found = rim.project(samples[near], 3 * spacing)
-    points = points[found]
+    points, converged = rim.project(samples[near], 3 * spacing)
+    points = points[converged]
     if not len(points):
         return samples[inside], None
     if field.dim == 2:

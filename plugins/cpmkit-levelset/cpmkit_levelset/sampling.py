@@ -79,8 +79,8 @@ def surface_samples(zero_set: ZeroSet, lattice: SampleLattice) -> Floats:
     nodes = lattice.nodes
     reach = float(norms(lattice.spacing[None])[0])
     near = in_chunks(zero_set.distance_estimate, nodes) <= 0.55 * reach
-    points, found = zero_set.project(nodes[near], 0.55 * reach)
-    points = points[found]
+    points, converged = zero_set.project(nodes[near], 0.55 * reach)
+    points = points[converged]
     if not len(points):
         values = lattice.values
         raise InputError(

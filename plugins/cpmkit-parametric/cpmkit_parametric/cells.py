@@ -128,8 +128,8 @@ class CellTree:
 
         A valley inside and another along an end may be a cell apart.
         """
-        found = self._surviving(x)
-        if found is None:  # too many pairs at a time
+        survivors_of_queries = self._surviving(x)
+        if survivors_of_queries is None:  # too many pairs at a time
             half = len(x) // 2
             first, second = self.starts(x[:half]), self.starts(x[half:])
             return Starts(
@@ -141,7 +141,9 @@ class CellTree:
         finest = self.finest
         along = self.neighbours, self.neighbours_along, self.ends
         of_cells = np.array(finest.shape), finest.centres, self.inverses
-        return Starts(*starting_points(np.ascontiguousarray(x), found, *along, *of_cells, MOST_QUERY_STARTS))
+        return Starts(
+            *starting_points(np.ascontiguousarray(x), survivors_of_queries, *along, *of_cells, MOST_QUERY_STARTS)
+        )
 
     def _surviving(self, x: Floats) -> tuple[Ints, Ints, Floats] | None:
         """Return query, finest cell and distance to its disc for each pair that may be closest; None: too many."""

@@ -49,8 +49,8 @@ class Domain:
         from cpmkit_parametric import unit_kernels
 
         poles = np.zeros((len(self.periodic), 2), dtype=np.bool_) if self.poles is None else self.poles
-        found: Floats = unit_kernels.after(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
-        return found
+        parameters: Floats = unit_kernels.after(s, step, self.periodic, self.flip, poles, MOST_POLE_STEP_SHARE)
+        return parameters
 
     def inside(self, s: Floats) -> Floats:
         """Return unit parameters (n, m), from anywhere, where the domain has them: wrapped, or cut at the bounds."""
@@ -73,11 +73,11 @@ class Domain:
         offsets = np.stack(np.meshgrid(*[[0, 1, -1]] * len(shape), indexing="ij"), axis=-1).reshape(-1, len(shape))[1:]
         around = (cells[:, None] + offsets).reshape(-1, len(shape))
         centres = (around + 0.5) / shape
-        found = np.floor(self.inside(centres) * shape).astype(np.int64)
+        indices = np.floor(self.inside(centres) * shape).astype(np.int64)
         beyond = ((around < 0) | (around >= shape)) & ~self.periodic
         from_cells = np.repeat(cells, len(offsets), axis=0)
-        found = np.where(beyond.any(axis=1)[:, None], from_cells, np.minimum(found, np.array(shape) - 1))
-        return np.asarray(np.ravel_multi_index(tuple(found.T), shape).reshape(len(cells), -1), dtype=np.int64)
+        indices = np.where(beyond.any(axis=1)[:, None], from_cells, np.minimum(indices, np.array(shape) - 1))
+        return np.asarray(np.ravel_multi_index(tuple(indices.T), shape).reshape(len(cells), -1), dtype=np.int64)
 
     def ends(self, shape: tuple[int, ...]) -> Floats:
         """Return (cells, m): 0 or 1 where a cell of a grid touches that end of a bounded parameter, else NaN."""

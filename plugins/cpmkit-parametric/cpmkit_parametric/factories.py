@@ -48,9 +48,9 @@ def curve(
         If a key is not accepted, the map is not finite or constant, or periodic ends do not meet.
     """
     glued = [as_flag(periodic, "periodic")]
-    made = build(_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
-    assert isinstance(made, Curve)
-    return made
+    source = build(_map(x, "t", (2, 3), [range], glued, derivatives), "t", glued, translation=translation)
+    assert isinstance(source, Curve)
+    return source
 
 
 def surface(
@@ -89,9 +89,9 @@ def surface(
     if glue_u not in ("straight", "flip") or (glue_u == "flip" and not periodic_u):
         raise InputError(f"glue_u must be 'straight', or 'flip' with periodic_u = true, got {shown(glue_u)}.")
     glued = [as_flag(periodic_u, "periodic_u"), as_flag(periodic_v, "periodic_v")]
-    made = build(_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation)
-    assert isinstance(made, Surface)
-    return made
+    source = build(_map(x, "uv", (3,), [u, v], glued, derivatives), "uv", glued, glue_u == "flip", translation)
+    assert isinstance(source, Surface)
+    return source
 
 
 def build(
@@ -141,14 +141,14 @@ def _callable_map(
         return differences
     if not callable(derivatives):
         raise InputError(f"derivatives must be a callable, got {shown(derivatives)}.")
-    given = CallableMap(dim, len(lower), x, derivatives)
-    _check_derivatives(given.jet(probe.T), differences.jet(probe.T), upper - lower)
-    return given
+    exact_map = CallableMap(dim, len(lower), x, derivatives)
+    _check_derivatives(exact_map.jet(probe.T), differences.jet(probe.T), upper - lower)
+    return exact_map
 
 
-def _check_derivatives(given: Any, found: Any, width: Floats) -> None:
+def _check_derivatives(exact: Any, differences: Any, width: Floats) -> None:
     scales = (width[:, None], (width[:, None] * width)[..., None])
-    for order, scale, a, b in zip(("first", "second"), scales, given[1:], found[1:], strict=True):
+    for order, scale, a, b in zip(("first", "second"), scales, exact[1:], differences[1:], strict=True):
         apart, largest = np.abs((a - b) * scale).max(), np.abs(b * scale).max()
         if not apart <= DERIVATIVE_MISMATCH_SHARE * largest:
             raise InputError(
@@ -182,10 +182,10 @@ def as_number(value: Any, label: str) -> float:
         If it is neither.
     """
     if isinstance(value, str):
-        found = constant(value, label)
-        if not np.isfinite(found):
-            raise InputError(f"{label} must hold finite numbers, got {shown(value)}, which is {found:g}.")
-        return found
+        number = constant(value, label)
+        if not np.isfinite(number):
+            raise InputError(f"{label} must hold finite numbers, got {shown(value)}, which is {number:g}.")
+        return number
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(f"{label} must hold numbers or constant formulas, got {shown(value)}.")
     try:

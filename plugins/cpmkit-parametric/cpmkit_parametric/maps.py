@@ -62,11 +62,11 @@ class CallableMap:
         """Return points, first and second derivatives."""
         wanted = self.count + self.count * (self.count + 1) // 2
         with np.errstate(all="ignore"):
-            given = list(self.derivatives(*t.T))
-        if len(given) != wanted:
+            derivatives = list(self.derivatives(*t.T))
+        if len(derivatives) != wanted:
             names = {2: "x', x''", 5: "x_u, x_v, x_uu, x_uv, x_vv"}[wanted]
-            raise InputError(f"derivatives must return the {wanted} arrays {names}, got {len(given)}.")
-        parts = [as_columns(part, len(t), self.dim, "derivatives") for part in given]
+            raise InputError(f"derivatives must return the {wanted} arrays {names}, got {len(derivatives)}.")
+        parts = [as_columns(part, len(t), self.dim, "derivatives") for part in derivatives]
         upper = np.stack(parts[self.count :], axis=1)
         return self.value(t), np.stack(parts[: self.count], axis=1), symmetric(upper, self.count)
 

@@ -114,9 +114,9 @@ def revolution(
     swept = formula_map([_times(radius, "cos(u)"), _times(radius, "sin(u)"), height], ("u", "t"))
     glued = [True, as_flag(periodic, "periodic")]
     unit = UnitMap(swept, np.array([0.0, start]), np.array([2 * np.pi, end]))
-    made = build(unit, "ut", glued, translation=translation)
-    assert isinstance(made, OrientedSurface)
-    return made
+    source = build(unit, "ut", glued, translation=translation)
+    assert isinstance(source, OrientedSurface)
+    return source
 
 
 def moebius(*, radius: Any = 1.0, half_width: Any = 0.35, translation: Any = None) -> Surface:

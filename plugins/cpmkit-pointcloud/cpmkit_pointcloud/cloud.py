@@ -173,31 +173,31 @@ class PointCloud:
         )
 
     def _warnings(self) -> list[str]:
-        count, degree, found = len(self.points), self.surface.patches.degree, []
+        count, degree, sentences = len(self.points), self.surface.patches.degree, []
         if self.duplicates > REPEATED_SAMPLES_SHARE * self.value_count:
-            found.append(
+            sentences.append(
                 f"{self.duplicates} of {self.value_count} points of the cloud lie where an earlier one lies and were "
                 "left out, with their data."
             )
         if self.lowered_degree_count > SPOILING_SAMPLES_SHARE * count:
-            found.append(
+            sentences.append(
                 f"Around {self.lowered_degree_count} of {count} samples of the cloud the neighbours determine no "
                 f"patch of degree {degree}, and the surface is less accurate there; more neighbours or a lower "
                 "degree may help."
             )
         if self.thick > SPOILING_SAMPLES_SHARE * count:
-            found.append(
+            sentences.append(
                 f"The neighbours of {self.thick} of {count} samples of the cloud lie on no smooth surface, and the "
                 "solution may be off there; where sheets are close give normals, where there is noise more neighbours, "
                 "at creases more samples."
             )
         ends, target = self.open_samples
         if self.closed and ends:
-            found.append(
+            sentences.append(
                 f"At {ends} of {target} samples of the cloud that were looked at the surface ends: if it is open, set "
                 "closed = false; if not, samples lack there."
             )
-        return found
+        return sentences
 
     @cached_property
     def open_samples(self) -> tuple[int, int]:

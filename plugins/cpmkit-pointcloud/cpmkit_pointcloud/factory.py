@@ -67,14 +67,14 @@ def points(
         )
     if method not in ("mls", "nearest"):
         raise InputError(f"method must be 'mls' or 'nearest', got {shown(method)}.")
-    given = as_cloud(points if file is None else read_points(file))
+    cloud_points = as_cloud(points if file is None else read_points(file))
     if method == "nearest":
-        return NearestSamples(given)
-    given_normals = None
+        return NearestSamples(cloud_points)
+    cloud_normals = None
     if normals is not None:
-        given_normals = as_normals(read_points(normals) if isinstance(normals, (str, Path)) else normals, given)
-    count = _neighbours(degree, neighbours, given.shape[1])
-    return _fit_cloud(given, given_normals, degree, count, bool(closed))
+        cloud_normals = as_normals(read_points(normals) if isinstance(normals, (str, Path)) else normals, cloud_points)
+    count = _neighbours(degree, neighbours, cloud_points.shape[1])
+    return _fit_cloud(cloud_points, cloud_normals, degree, count, bool(closed))
 
 
 def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
@@ -90,9 +90,9 @@ def _neighbours(degree: Any, neighbours: Any, dim: int) -> int:
     return int(count)
 
 
-def _fit_cloud(given: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
-    first = first_of_each(given)
-    points, dim = given[first], given.shape[1]
+def _fit_cloud(cloud_points: Floats, normals: Floats | None, degree: int, count: int, closed: bool) -> PointCloud:
+    first = first_of_each(cloud_points)
+    points, dim = cloud_points[first], cloud_points.shape[1]
     if len(points) < dim + 1:
         raise InputError(
             f"A cloud in {dim}D needs at least {dim + 1} points that differ, got {len(points)}; use analytic.point "
@@ -107,9 +107,9 @@ def _fit_cloud(given: Floats, normals: Floats | None, degree: int, count: int, c
     share = min(1.0, (reached / count) ** (1.0 / (dim - 1)))
     surface = blend(points, shrunk(patches, share), normals)
     cloud = (
-        PointCloud(surface, first, len(given), closed, given)
+        PointCloud(surface, first, len(cloud_points), closed, cloud_points)
         if normals is None
-        else OrientedPointCloud(surface, first, len(given), closed, given, normals)
+        else OrientedPointCloud(surface, first, len(cloud_points), closed, cloud_points, normals)
     )
     if closed:
         _refuse_open(cloud)
