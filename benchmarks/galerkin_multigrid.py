@@ -43,9 +43,9 @@ def measure(spacing):
     """Print the row of the table of one spacing."""
     import numpy as np
 
-    from cpmkit.forms.galerkin.levels import coarser_levels
-    from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+    from cpmkit.forms.galerkin.dof_map import build_dof_map
     from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
+    from cpmkit.forms.galerkin.space.levels import coarser_levels
     from cpmkit.forms.galerkin.space.spline_space import build_spline_space
     from cpmkit.linear.multigrid.solver import MultigridSolver
     from cpmkit.linear.operators import CsrOperator

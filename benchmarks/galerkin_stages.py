@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from trimesh.creation import icosphere
 
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import (
     STABILISATIONS,
     add_ghosts,

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from sample_shapes import box
 
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6

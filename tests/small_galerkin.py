@@ -9,9 +9,9 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows

@@ -55,7 +55,7 @@ def test_folds_that_stay_are_slow_beside_a_coarser_lattice(mesh):
 def test_a_strip_with_one_side_is_not_folded_where_its_cells_turn_round():
     scene = ck.Scene(ck.source("parametric.moebius"), ck.ScreenedPoisson(lambda x: x[:, 2]))
     estimate = estimate_of(scene, 0.1, 0.2)
-    assert estimate.solution.discretized.resolution.normal_spread.share == 0.0
+    assert estimate.solution.discretized.resolution.normal_spread.unresolved_share == 0.0
     assert estimate.order > 2.5
     assert not estimate.slow
 
@@ -64,7 +64,7 @@ def test_errors_are_taken_to_fall_slower_where_the_coarser_lattice_alone_does_no
     """A torus of radius .4, and an edge of radius .035: with the divisor of smooth sources estimates were a third."""
     torus = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.4), ck.ScreenedPoisson(1.0))
     fine, near, far = (ck.discretize(torus, h, form="galerkin") for h in (0.1, 0.15, 0.27))
-    assert fine.resolution.normal_spread.bent == near.resolution.normal_spread.bent == 0.0
-    assert far.resolution.normal_spread.bent > 1e-4
+    assert fine.resolution.normal_spread.bending_share == near.resolution.normal_spread.bending_share == 0.0
+    assert far.resolution.normal_spread.bending_share > 1e-4
     assert fine.diagnosis(far).order == pytest.approx(order_of_divisor(BENDING_DIVISOR, 2.0))
     assert fine.diagnosis(near).order > order_of_divisor(ERROR_DIVISORS[2], 2.0)

@@ -9,7 +9,7 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.errors import ConvergenceError, SceneError
-from cpmkit.forms.galerkin.levels import coarser_levels
+from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.linear import jacobi
 from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver, mass_dominates
 from cpmkit.linear.multigrid.solver import MultigridSolver

@@ -10,8 +10,8 @@ from scipy.sparse import csr_array, diags_array, random_array
 
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.free_constants import free_pieces
-from cpmkit.forms.galerkin.levels import coarser_levels
 from cpmkit.forms.galerkin.space import energy
+from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.linear import csr_matrices
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, coarse_operator
 from cpmkit.linear.direct import DirectSolver

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from cpmkit.forms.galerkin.adaptive_refinement import refine_adaptively
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
-from cpmkit.forms.galerkin.refinement.adaptive_refinement import refine_adaptively
 from cpmkit.forms.galerkin.scene_sampling import SampledScene, sample_scene
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS_OF_DEGREE
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space

@@ -27,7 +27,6 @@ from cpmkit.forms.galerkin.error_orders import (
     difference_order,
     on_curved_cells,
 )
-from cpmkit.forms.galerkin.galerkin_cost import GalerkinWork, check_unknowns_fit, factorised_share
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, levels_resolving_waves, multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.point_reading import PointReader
@@ -35,6 +34,7 @@ from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate, support_floor
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
+from cpmkit.forms.galerkin.solve_memory import GalerkinWork, check_unknowns_fit, factorised_share
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.supported_scenes import check
 from cpmkit.forms.options import Options

@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.mesh.adjacency import HalfFacets

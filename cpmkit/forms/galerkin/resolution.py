@@ -9,10 +9,10 @@ import numpy as np
 
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
+from cpmkit.forms.galerkin.dof_map import connected_pieces
 from cpmkit.forms.galerkin.normal_alignment import NormalSpread, normal_alignment, normal_spread
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings, resolution_warnings
-from cpmkit.forms.galerkin.space.dof_map import connected_pieces
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.manifold.abilities import warnings_of
 from cpmkit.runtime.caches import state_without_cached

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.grid.lattice import Codes
 from cpmkit.types import Bools, Floats, Ints
 

@@ -18,7 +18,6 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     reads_rims,
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
-from cpmkit.forms.galerkin.galerkin_cost import check_samples_fit
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
     PLAIN_EDGE_SPACINGS,
@@ -30,6 +29,7 @@ from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
 from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.solve_memory import check_samples_fit
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
 from cpmkit.manifold.local_source import LocalSource, localize, with_noise

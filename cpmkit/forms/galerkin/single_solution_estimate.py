@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.form_records import ExpectedError
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.resolution import Resolution
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
 from cpmkit.meshing.curved_from_normals import source_support

@@ -10,8 +10,8 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
+from cpmkit.forms.galerkin.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.forms.galerkin.normal_alignment import NormalSpread
-from cpmkit.forms.galerkin.space.dof_map import ISOLATED_SPACINGS, DofMap
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.scene.data import evaluate_data

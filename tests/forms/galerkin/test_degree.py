@@ -7,7 +7,7 @@ from galerkin_scenes import SHIFT, plane_circle, sphere
 from scipy.sparse.linalg import splu
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS_OF_DEGREE, stiffness
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces, spline_slopes, spline_values

@@ -6,7 +6,7 @@ from made_cases import CASES, source_of
 from scipy.sparse.linalg import splu
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.dof_map import connected_pieces
+from cpmkit.forms.galerkin.dof_map import connected_pieces
 from cpmkit.manifold.abilities import HasMesh
 
 SURFACES = [case for case in CASES if source_of(case).manifold_dim in range(1, source_of(case).dim)]

@@ -5,7 +5,7 @@ import pytest
 from palm_mesh import FINGER_RADIUS, palm
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.dof_map import connected_pieces
+from cpmkit.forms.galerkin.dof_map import connected_pieces
 
 #: Of the palm below, by linear finite elements on its mesh split twice, extrapolated.
 PALM = np.array([7.277, 9.673, 10.513, 12.051])

@@ -8,7 +8,7 @@ from cut_meshes import icosphere
 from galerkin_scenes import fold, plate
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.dof_map import connected_pieces
+from cpmkit.forms.galerkin.dof_map import connected_pieces
 
 BALL = icosphere(4)
 VERTICES, FACES = BALL.vertices, BALL.cells

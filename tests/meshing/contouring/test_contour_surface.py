@@ -11,7 +11,7 @@ from extremes.bare_shapes import BareSurface, Moved, Rectangles, box, leaf
 from meshing.contouring.measures import area, pieces, topology
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.space.dof_map import components
+from cpmkit.forms.galerkin.dof_map import components
 from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.meshing.contouring.contour_edges import remove_isolated_components

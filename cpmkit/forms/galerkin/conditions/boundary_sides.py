@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.space.dof_map import components
+from cpmkit.forms.galerkin.dof_map import components
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.dof_map import DofMap
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.types import Floats, Ints
 
 #: Unit of a quantised coordinate in spacings, and of a quantised normal component: 1 and -1 are multiples of it.

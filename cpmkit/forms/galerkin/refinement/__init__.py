@@ -1,1 +1,1 @@
-"""Truncated hierarchical splines, and their adaptive refinement by the residual."""
+"""Truncated hierarchical splines: regions of finer splines, graded meshes, and the refined function space."""

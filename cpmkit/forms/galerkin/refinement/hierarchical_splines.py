@@ -22,9 +22,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.levels import two_scale, two_scale_shares
+from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
-from cpmkit.forms.galerkin.space.dof_map import DofMap, dof_map_from_patches
+from cpmkit.forms.galerkin.space.levels import two_scale, two_scale_shares
 from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
     ``code`` (s,) numbers the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are the
     vertices of the mesh cells.
     """
-    from cpmkit.forms.galerkin.space.dof_map_kernels import join_samples, touching_pairs
+    from cpmkit.forms.galerkin.dof_map_kernels import join_samples, touching_pairs
 
     cell = np.ascontiguousarray(cell, dtype=np.int32)
     root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
@@ -25,7 +26,6 @@ from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
     representations,
 )
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.forms.galerkin.space.energy import (
     NO_STABILISATION,
     Stabilisation,

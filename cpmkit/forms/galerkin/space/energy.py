@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.dof_map import lines_through
+from cpmkit.forms.galerkin.dof_map import lines_through
 from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.levels import coarser_levels
+from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.space import energy
-from cpmkit.forms.galerkin.space.dof_map import DofMap
 from cpmkit.forms.galerkin.space.energy import NO_STABILISATION, Stabilisation
+from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.forms.galerkin.space.projection import Projection
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows

@@ -16,7 +16,7 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.forms.galerkin.space.dof_map import DofMap
+    from cpmkit.forms.galerkin.dof_map import DofMap
 
 #: The degrees that splines may have.
 DEGREES = (1, 2, 3)

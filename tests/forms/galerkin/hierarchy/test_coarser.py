@@ -7,8 +7,8 @@ import pytest
 from galerkin_scenes import circle, plane, plane_circle, space_circle, sphere, together
 from scipy.sparse.csgraph import connected_components
 
-from cpmkit.forms.galerkin.levels import COARSEST_UNKNOWNS, coarsen, coarser_levels
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.dof_map import build_dof_map
+from cpmkit.forms.galerkin.space.levels import COARSEST_UNKNOWNS, coarsen, coarser_levels
 from cpmkit.forms.galerkin.space.splines import value_rows
 
 H = 0.05

@@ -6,7 +6,7 @@ from galerkin_scenes import SHIFT, plane, plane_circle, space_circle, sphere, to
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map, connected_pieces
+from cpmkit.forms.galerkin.dof_map import build_dof_map, connected_pieces
 
 H = 0.1
 

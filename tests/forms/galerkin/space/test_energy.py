@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
 
+from cpmkit.forms.galerkin.dof_map import connected_pieces, dof_map_from_patches
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.space.dof_map import connected_pieces, dof_map_from_patches
 from cpmkit.forms.galerkin.space.energy import (
     STABILISATIONS,
     Stabilisation,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from galerkin_scenes import sphere
 
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.quadrature.samples import NORMAL_UNIT, PLACE_UNIT, QuantisedSamples, Samples
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 
 H = 0.2
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from galerkin_scenes import plane_circle, space_circle, sphere
 
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 
 H = 0.1

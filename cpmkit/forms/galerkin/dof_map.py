@@ -113,7 +113,7 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     -----
     A connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
-    from cpmkit.forms.galerkin.space.dof_map_kernels import bounds, codes_of, join_samples, touching_pairs
+    from cpmkit.forms.galerkin.dof_map_kernels import bounds, codes_of, join_samples, touching_pairs
 
     contacts = np.ascontiguousarray(contacts)
     points = np.ascontiguousarray(points, dtype=np.float64)
@@ -151,7 +151,7 @@ def dof_map_from_patches(
     isolated : (p,) bool
         Patches of pieces that have one unknown each.
     """
-    from cpmkit.forms.galerkin.space.dof_map_kernels import number
+    from cpmkit.forms.galerkin.dof_map_kernels import number
 
     touching = np.ascontiguousarray(touching, dtype=np.int32)
     unknowns, nodes = number(np.ascontiguousarray(cells), touching, isolated, degree + 1)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.space.dof_map import DofMap, components, dof_map_from_patches
+from cpmkit.forms.galerkin.dof_map import DofMap, components, dof_map_from_patches
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
@@ -143,7 +143,7 @@ def _pairs(pairs: Ints, count: int) -> Ints:
 
 def _is_isolated(cells: Ints, touching: Ints) -> Bools:
     """Return (p,) which patches belong to pieces of the manifold that have one unknown."""
-    from cpmkit.forms.galerkin.space.dof_map_kernels import bounds
+    from cpmkit.forms.galerkin.dof_map_kernels import bounds
 
     pieces, label = components(len(cells), touching)
     each = np.arange(len(cells), dtype=np.int32)

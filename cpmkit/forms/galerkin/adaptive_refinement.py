@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+from cpmkit.forms.galerkin import residual_marking
+from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.quadrature.samples import Samples
-from cpmkit.forms.galerkin.refinement import residual_marking
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, RefinedSpace, build_refined_space
 from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import InsertedScene, insert_scene, sample_inserted
-from cpmkit.forms.galerkin.space.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
