@@ -1,10 +1,11 @@
 """Quadrature on the cells of a mesh: points, weights and normals, on whole cells or on pieces between knot planes.
 
-Between two knot planes splines are polynomials, so pieces that are clipped there are integrated to the degree of their
-rule; whole triangles only as accurately as they are small beside a lattice cell.
+A piece is a part of a triangle inside one lattice cell. There splines are polynomials, which are integrated to the
+degree of the rule. On whole triangles the error of a rule depends on their size relative to a lattice cell.
 
-Where flat triangles stand for a curved surface, the gradient of u has kinks at their edges, proportional to the angle
-there, which no spline has between knot planes. A rule on a piece of a triangle need not be more accurate than that.
+Where flat triangles approximate a curved surface, the gradient of u has kinks at their edges, proportional to the angle
+between them, which splines do not have between knot planes. The rule on a piece need not be more accurate than this
+error.
 """
 
 from __future__ import annotations
@@ -25,10 +26,11 @@ from cpmkit.types import Bools, Floats, Ints
 SAMPLINGS = ("auto", "plain", "clipped")
 #: Longest edge of whole triangles, in spacings: three points a triangle then resolve every spline.
 PLAIN_EDGE_SPACINGS = 0.5
-#: The same of clipped curved triangles: 19 samples an unknown, and on a sphere the error of edges half as long to 3 %.
+#: Longest edge of clipped curved triangles, in spacings: 19 samples an unknown; on a sphere the error differs by 3 %
+#: from that of edges half as long.
 CLIPPED_EDGE_SPACINGS = 0.7
-#: The same of clipped flat triangles: the error of whole ones half as long, with a tenth to a quarter fewer samples
-#: (measured on a square, a cube and Spot).
+#: Longest edge of clipped flat triangles, in spacings: the error is that of whole triangles with edges half as long,
+#: with a tenth to a quarter fewer samples (measured on a square, a cube and Spot).
 CLIPPED_FLAT_EDGE_SPACINGS = 1.0
 #: Pieces of flat triangles get one point if their area times their squared length, in spacings, is below this times
 #: the sine of the least angle to a neighbouring triangle,
@@ -37,36 +39,37 @@ SINGLE_MOMENT_OF_ANGLE = 0.5
 #: of the samples; on a ball of 1,280 facets, under smooth data, 1 to 4 percent more with three fifths; on Spot and a
 #: koala of 100,000 triangles, left whole on coarse lattices, up to 5 percent more with one sample a triangle.
 MOST_SINGLE_MOMENT = 5e-3
-#: The same for whole curved triangles, on lattices far coarser than a mesh. A sphere of 82,000 triangles and a torus of
-#: 58,000 have the same errors to 1 percent, Nefertiti and a koala of 100,000 up to 7 percent larger ones, with a third
-#: to three quarters of the samples; with ten times the limit the error on the sphere is a sixth larger.
+#: The limit of area times squared length, in spacings, for whole curved triangles, on lattices far coarser than a mesh.
+#: A sphere of 82,000 triangles and a torus of 58,000 have the same errors to 1 percent, Nefertiti and a koala of
+#: 100,000 up to 7 percent larger errors, with a third to three quarters of the samples; with ten times the limit the
+#: error on the sphere is a sixth larger.
 CURVED_SINGLE_MOMENT = 1e-4
 #: Triangles that are processed together: temporary arrays stay small beside the samples.
 TRIANGLES_AT_ONCE = 1 << 11
 
 
 def is_clipped(sampling: str, manifold_dim: int) -> bool:
-    """Tell whether triangles are clipped where it pays; segments end on knot planes in any case."""
+    """Return whether ``sampling`` lets triangles be clipped at knot planes; segments end on knot planes in any case."""
     return manifold_dim == 2 and sampling != "plain"
 
 
 def needs_degree_four(degree: int, geometry: CellGeometry) -> bool:
-    """Tell whether pieces of triangles need a rule of degree 4: for cubic splines on cells curved by closest points.
+    """Return whether pieces of triangles need a rule of degree 4: for cubic splines on cells curved by closest points.
 
-    On other meshes the error of the mesh dominates, and is the same without such a rule (measured).
+    On other meshes the error of the mesh dominates, so that the total error is the same without such a rule (measured).
     """
     return degree == 3 and geometry == "closest_point"
 
 
 def longest_edge(sampling: str, geometry: CellGeometry, manifold_dim: int) -> float:
-    """Return the largest length, in spacings, of edges of cells from which samples are taken."""
+    """Return the largest length of cell edges, in spacings, that the quadrature needs for its accuracy."""
     if not is_clipped(sampling, manifold_dim):
         return PLAIN_EDGE_SPACINGS
     return CLIPPED_FLAT_EDGE_SPACINGS if geometry == "flat" else CLIPPED_EDGE_SPACINGS
 
 
 def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing: float) -> Bools:
-    """Return which triangles (m,) are clipped at knot planes; "auto" omits small flat ones."""
+    """Return whether each triangle (m,) is clipped at knot planes; with "auto" small flat triangles are not."""
     if not is_clipped(sampling, mesh.manifold_dim):
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
@@ -77,11 +80,12 @@ def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing
 
 
 def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
-    """Return the moments (m,) below which pieces of each triangle get a single point.
+    """Return for each triangle the moment (m,) below which its pieces get a single quadrature point.
 
     The moment of a piece is its area times its squared length, in spacings. The limit is zero for triangles that touch
-    a boundary, because one side of it may see little of a cell; for flat triangles in the plane of a neighbour, or with
-    an edge that one triangle or more than two share; and for curved triangles that are not small as a whole.
+    a boundary, because little of a lattice cell may lie on one side of it; for flat triangles in the plane of a
+    neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
+    small as a whole.
     """
     from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turning_sine, mark_small_triangles
 
@@ -106,21 +110,21 @@ def quadrature(
     clipped: Bools | None = None,
     fine: bool = False,
 ) -> Samples:
-    """Return the quadrature points of all cells, in the order of the cells, followed by ``further`` ones.
+    """Return the quadrature points of all cells, in the order of the cells, followed by ``further`` samples.
 
-    Segments get three points of Gauss's rule of degree 5. Whole triangles get three of degree 2, at the barycentric
-    points (2/3, 1/6, 1/6). Pieces between knot planes get four of degree 3, small pieces three of degree 2, tiny pieces
-    their centroid, and with ``fine`` six for each triangle of a piece, of degree 4. The weights contain the measure of
-    the flat or quadratic cell: the speed of a curve, |x_r x x_s| of a surface.
+    Segments get the three points of Gauss's rule of degree 5. Whole triangles get the three points of degree 2 with
+    barycentric coordinates (2/3, 1/6, 1/6). Pieces between knot planes get four points of degree 3, small pieces three
+    of degree 2, tiny pieces their centroid; with ``fine`` pieces get six points of degree 4 on each triangle of their
+    fan. The weights contain the measure of the flat or quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
 
     Parameters
     ----------
     mesh : Mesh
         Flat or quadratic cells.
     clipped_at : float, optional
-        The spacing h of the lattice, if triangles are clipped at its knot planes, x = (k + 1/2) h.
+        The spacing h of the lattice if triangles are clipped at its knot planes x = (k + 1/2) h, else None.
     further : Samples, optional
-        Appended.
+        Samples that are appended.
     clipped : (m,) bool, optional
         Which triangles are clipped; by default all.
     fine : bool
@@ -131,7 +135,7 @@ def quadrature(
 
 
 def _segment_samples(mesh: Mesh) -> list[Any]:
-    """Return the arrays of the samples of segments."""
+    """Return the fields of `Samples` for the segments of a mesh: points, weights, normals and cells."""
     shares, slopes, weights = _segment_rule(mesh)
     tangents = _combine_nodes(mesh, slopes)
     cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
@@ -140,7 +144,7 @@ def _segment_samples(mesh: Mesh) -> list[Any]:
 
 
 def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
-    """Yield the arrays of the samples of `TRIANGLES_AT_ONCE` triangles at a time."""
+    """Yield the fields of `Samples` for `TRIANGLES_AT_ONCE` triangles at a time; arguments as of :func:`quadrature`."""
     spacing, cells = 1.0 if clipped_at is None else float(clipped_at), np.ascontiguousarray(mesh.cells)
     midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else np.ascontiguousarray(mesh.midpoints)
     if clipped is None or clipped_at is None:
@@ -159,7 +163,10 @@ def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None,
 def _all_samples(
     vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats, fine: bool
 ) -> list[Any]:
-    """Return the points, weights, normals and triangles of the samples, in the order of the triangles."""
+    """Return the points, weights, normals and triangle numbers of samples, in the order of the triangles.
+
+    Arguments from ``spacing`` on are those of `triangle_samples`, with ``limits`` for ``single``.
+    """
     from cpmkit.forms.galerkin.quadrature.clipping_kernels import triangle_samples
     from cpmkit.forms.galerkin.quadrature.whole_kernels import gather_nodes
 
@@ -169,7 +176,7 @@ def _all_samples(
 def _samples_by_count(
     vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
 ) -> list[Any]:
-    """Return the same; triangles that get a single point are sampled first, which is faster where they are many."""
+    """Return what `_all_samples` returns, faster if many triangles get a single point: these are sampled first."""
     from cpmkit.forms.galerkin.quadrature.whole_kernels import one_point_samples
 
     count = len(cells)
@@ -189,11 +196,12 @@ def _samples_by_count(
 
 
 def _arrays(samples: Samples) -> list[Any]:
+    """Return the fields of ``samples``: points, weights, normals and cells."""
     return [getattr(samples, field.name) for field in fields(Samples)]
 
 
 def _concatenate(parts: Iterable[list[Any]]) -> Samples:
-    """Return the samples of all parts; arrays grow in place, so that they are never in memory twice."""
+    """Return the samples whose fields are in ``parts``, one after the other; arrays grow in place to save memory."""
     whole: list[Any] = []
     for part in parts:
         if not whole:
@@ -207,7 +215,10 @@ def _concatenate(parts: Iterable[list[Any]]) -> Samples:
 
 
 def _combine_nodes(mesh: Mesh, shares: Floats) -> Floats:
-    """Return the combinations (m q, d) of each cell's corners and midpoints with ``shares`` (q, nodes)."""
+    """Return for each of m cells the q linear combinations of its nodes with coefficients ``shares`` (q, nodes).
+
+    The result is (m q, d), in the order of the cells; the nodes of a cell are its corners, then its midpoints.
+    """
     nodes = mesh.vertices[mesh.cells.T]
     if mesh.midpoints is not None:
         nodes = np.concatenate([nodes, mesh.midpoints.transpose(1, 0, 2)])
@@ -217,7 +228,10 @@ def _combine_nodes(mesh: Mesh, shares: Floats) -> Floats:
 
 
 def _segment_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats]:
-    """Return shape functions (3, nodes) at Gauss points, their slopes (3, nodes) from start to end, weights (3,)."""
+    """Return shape functions (3, nodes), their derivatives (3, nodes) and weights (3,) at a segment's Gauss points.
+
+    Derivatives are with respect to the coordinate from 0 at the start to 1 at the end.
+    """
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     if mesh.midpoints is None:
@@ -227,11 +241,11 @@ def _segment_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats]:
 
 
 def _normal_frames(tangents: Floats) -> Floats:
-    """Return orthonormal vectors (n, d - 1, d) perpendicular to ``tangents`` (n, d)."""
+    """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to ``tangents`` (n, d)."""
     t = unit(tangents)
     if t.shape[1] == 2:
         return np.stack([t[:, 1], -t[:, 0]], axis=1)[:, None]
-    # Perpendicular to the axis from which the direction is farthest: in the worst case by 54 degrees.
+    # The axis with the largest angle to the tangent: in the worst case 54 degrees.
     axis = np.eye(3)[np.argmin(np.abs(t), axis=1)]
     first = unit(np.cross(t, axis))
     return np.stack([first, np.cross(t, first)], axis=1)

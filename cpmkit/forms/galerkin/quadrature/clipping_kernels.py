@@ -1,4 +1,8 @@
-"""Compiled: quadrature points of flat or quadratic triangles, whole or clipped at the knot planes of the lattice."""
+"""Compiled: quadrature points of flat or quadratic triangles, whole or clipped at the knot planes of the lattice.
+
+A piece is a convex part of a triangle: a polygon whose corners are rows (r, s, x, y, z), with barycentric coordinates r
+and s in the triangle and the position in spacings. ``count`` is the number of its corners.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +22,12 @@ CLAMPED_SPACINGS = 2e-2
 INSIDE_SPACINGS = 1e-9
 #: Pieces with an area of no more than this in the barycentric coordinates of the triangle are omitted.
 LEAST_AREA = 1e-14
-#: A cross product has no reliable direction below this share of the squared length of the longer factor.
+#: A cross product of two vectors below this share of the squared length of the longer one has no reliable direction.
 NO_DIRECTION_SHARE = 1e-14
 #: A piece whose area times its cubed length, in spacings, is below this gets three points, others four: 19 samples an
-#: unknown in place of 22. With three everywhere, of degree 2, gradients on a sphere are a quarter worse at h = .05.
+#: unknown instead of 22. With three points everywhere gradients on a sphere are a quarter worse at h = .05.
 THREE_SAMPLES_MOMENT = 2e-3
-#: For flat triangles this bound is increased by so many times the limit for one point, up to three points for all.
+#: For flat triangles the limit for three points is increased by so many times the limit for one point.
 THREE_OVER_ONE = 1e3
 #: Upper bound of the splits of a triangle: a curved edge may cross a plane again after each split.
 MOST_SPLITS = 100_000
@@ -33,7 +37,7 @@ CROSSING_STEPS = 3
 
 @compiled
 def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> None:
-    """Fill ``point`` (3,) with the position at the barycentric coordinates (r, s, 1 - r - s) of a triangle."""
+    """Fill ``point`` (3,) with the position at barycentric coordinates (r, s, 1 - r - s) of a triangle."""
     t = 1.0 - r - s
     if curved:
         a, b, c = r * (2 * r - 1), s * (2 * s - 1), t * (2 * t - 1)
@@ -48,7 +52,7 @@ def position(nodes: Floats, curved: bool, r: float, s: float, point: Floats) -> 
 
 @compiled
 def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, second: Floats) -> None:
-    """Fill ``first`` and ``second`` (3,) with the derivatives of the position by r and by s."""
+    """Fill ``first`` and ``second`` (3,) with the derivatives of the :func:`position` with respect to r and s."""
     t = 1.0 - r - s
     for i in range(3):
         if curved:
@@ -63,10 +67,10 @@ def slopes(nodes: Floats, curved: bool, r: float, s: float, first: Floats, secon
 def cross_plane(
     nodes: Floats, curved: bool, start: Floats, end: Floats, axis: int, plane: float, corner: Floats
 ) -> None:
-    """Fill ``corner`` (5,) with the point between end corners ``start``, ``end`` of a piece that lies in a plane.
+    """Fill ``corner`` (5,) with the point where the edge of a piece from ``start`` to ``end`` (5,) crosses a plane.
 
-    Corners are (r, s, x, y, z). Along the edge the coordinate is interpolated quadratically, with its value at the
-    middle.
+    The plane is where coordinate ``axis`` equals ``plane``. Along a curved edge this coordinate is interpolated
+    quadratically between its values at the ends and the middle.
     """
     share = (plane - start[2 + axis]) / (end[2 + axis] - start[2 + axis])
     if curved:
@@ -87,7 +91,7 @@ def cross_plane(
 
 @compiled
 def first_plane(piece: Floats, count: int) -> tuple[int, float]:
-    """Return the axis and the coordinate of a knot plane that separates corners of the piece; axis -1 if none does."""
+    """Return the axis and the coordinate of a knot plane that separates corners of a piece; axis -1 if none does."""
     for axis in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -102,10 +106,10 @@ def first_plane(piece: Floats, count: int) -> tuple[int, float]:
 def split_at_plane(
     nodes: Floats, curved: bool, piece: Floats, count: int, axis: int, plane: float, below: Floats, above: Floats
 ) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the two parts of a piece at a plane; return their numbers of corners.
+    """Fill ``below`` and ``above`` with the two parts of a piece on each side of a plane; return their corner counts.
 
-    Only the crossing points belong to both parts; otherwise a piece nearly in the plane would count twice. The
-    edges must cross the plane twice, see :func:`crosses_twice`: then both parts of a convex piece are convex.
+    Only the crossing points are corners of both parts; otherwise a piece nearly in the plane would count twice. The
+    edges must cross the plane exactly twice, see :func:`crosses_twice`: then both parts of a convex piece are convex.
     """
     lower = upper = 0
     for k in range(count):
@@ -126,7 +130,7 @@ def split_at_plane(
 
 @compiled
 def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
-    """Return whether the edges of a piece cross a plane exactly twice; those of curved triangles may more often."""
+    """Return whether the edges of a piece cross a plane exactly twice; curved edges may cross it more often."""
     crossings, before = 0, piece[count - 1, 2 + axis] < plane
     for k in range(count):
         here = piece[k, 2 + axis] < plane
@@ -137,9 +141,10 @@ def crosses_twice(piece: Floats, count: int, axis: int, plane: float) -> bool:
 
 @compiled
 def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> tuple[int, int]:
-    """Fill ``below`` and ``above`` with the two parts of a piece at a chord of it; return their numbers of corners.
+    """Fill ``below`` and ``above`` with the parts of a piece on each side of a chord; return their corner counts.
 
-    Both have fewer corners than the piece, and a piece with three corners crosses any plane at most twice.
+    The chord connects the first corner and the middle one. Both parts have fewer corners than a piece with more than
+    three; the edges of a piece with three corners cross any plane at most twice.
     """
     half = count // 2
     below[: half + 1] = piece[: half + 1]
@@ -150,7 +155,10 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
 
 @compiled
 def whole_triangle_rule(places: Floats, shares: Floats) -> float:
-    """Fill ``places`` and ``shares`` with the rule of degree 2 for a whole triangle; return its area, 1/2."""
+    """Fill the first three ``places`` (k, 2) and ``shares`` (k,) with the rule of degree 2 on a whole triangle.
+
+    Places are barycentric coordinates (r, s), shares are weights with sum 1. Returns the area, 1/2.
+    """
     places[:], shares[:] = 1 / 6, 1 / 3
     places[0, 0] = places[1, 1] = 2 / 3
     return 0.5
@@ -158,7 +166,7 @@ def whole_triangle_rule(places: Floats, shares: Floats) -> float:
 
 @compiled
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the unit normal of second_square tangents, and return the area that they span."""
+    """Fill ``normal`` (3,) with the unit normal of two tangents, and return the area of their parallelogram."""
     a = first[1] * second[2] - first[2] * second[1]
     b = first[2] * second[0] - first[0] * second[2]
     c = first[0] * second[1] - first[1] * second[0]
@@ -166,7 +174,7 @@ def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
     first_square = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
     second_square = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
     if area <= NO_DIRECTION_SHARE * max(first_square, second_square):
-        # Without area the weight is zero: any vector perpendicular to the longer tangent.
+        # The weight is zero: take any vector perpendicular to the longer tangent.
         u, v = (first[0], first[1]) if first_square >= second_square else (second[0], second[1])
         a, b, c = (1.0, 0.0, 0.0) if u == 0 and v == 0 else (-v, u, 0.0)
         size = np.sqrt(a * a + b * b + c * c)
@@ -176,10 +184,10 @@ def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
 
 @compiled
 def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int:
-    """Return the number of quadrature points of a piece.
+    """Return the number of quadrature points that a piece needs: 1, 3 or 4.
 
     The error of one point is proportional to the area times the squared length, which must stay below ``single``; the
-    error of three points to the area times the cubed length.
+    error of three points is proportional to the area times the cubed length.
     """
     length = 0.0
     for i in range(3):
@@ -201,7 +209,7 @@ def points_needed(piece: Floats, count: int, curved: bool, single: float) -> int
 
 @compiled
 def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
-    """Fill ``cell`` (3,) with the lattice cell that contains the middle of the piece's box."""
+    """Fill ``cell`` (3,) with the indices of the lattice cell that contains the middle of a piece's bounding box."""
     for i in range(3):
         low, high = np.inf, -np.inf
         for k in range(count):
@@ -211,7 +219,7 @@ def lattice_cell(piece: Floats, count: int, cell: Floats) -> None:
 
 @compiled
 def clamp_to_cell(place: float, cell: float) -> float:
-    """Return a coordinate of a sample, moved into its lattice cell if it is slightly outside."""
+    """Return a coordinate ``place`` of a sample, in spacings, moved into lattice ``cell`` if it is slightly outside."""
     past = abs(place - cell) - 0.5 + INSIDE_SPACINGS
     if 0 < past < CLAMPED_SPACINGS:
         return place - past if place > cell else place + past
@@ -222,7 +230,7 @@ def clamp_to_cell(place: float, cell: float) -> float:
 def triangle_samples(
     nodes: Floats, spacing: float, clipped: Bools, single: Floats, fine: bool
 ) -> tuple[Floats, Floats, Floats, Any]:
-    """Return points (q, 3), weights (q,), unit normals (q, 1, 3) and triangles (q,) of samples.
+    """Return the points (q, 3), weights (q,), unit normals (q, 1, 3) and triangle numbers (q,) of quadrature points.
 
     Parameters
     ----------
@@ -231,11 +239,12 @@ def triangle_samples(
     spacing : float
         h: knot planes lie at (k + 1/2) h.
     clipped : (m,) bool
-        Whether each triangle is clipped there; others get the points (2/3, 1/6, 1/6), or their centroid.
+        Whether each triangle is clipped there; others get three points with barycentric coordinates (2/3, 1/6, 1/6), or
+        their centroid.
     single : (m,) float64
         Pieces of each triangle get one point if their area times their squared length, in spacings, is below this.
     fine : bool
-        Whether pieces get a rule of degree 4 with six points for each triangle of a fan, as cubic splines need.
+        Whether pieces get a rule of degree 4 with six points on each triangle of their fan, as cubic splines need.
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))

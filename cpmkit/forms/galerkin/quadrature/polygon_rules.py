@@ -1,4 +1,8 @@
-"""Compiled: quadrature rules on convex polygons, with one, three and four points, and of degree 4."""
+"""Compiled: quadrature rules on convex polygons, with one, three and four points, and of degree 4.
+
+A polygon is the first ``count`` rows of an array ``piece``, whose first two columns are coordinates. A rule consists of
+points ``places`` (k, 2) and weights ``shares`` (k,) with sum 1.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +18,10 @@ OUTER_POINT, OUTER_WEIGHT = 0.091576213509770743, 0.109951743655321868
 INNER_POINT, INNER_WEIGHT = 0.445948490915964886, 0.223381589678011466
 #: Largest number of points of a polygon: six for each triangle of its fan.
 MOST_POINTS = 6 * MOST_CORNERS
-#: Directions in which the search for the largest third moment starts, and Newton steps from the best of them.
+#: Directions among which the search for the largest third moment starts, and the number of Newton steps that follow.
 DIRECTIONS = np.stack([np.cos(np.arange(12) * np.pi / 12), np.sin(np.arange(12) * np.pi / 12)], axis=1)
 NEWTON_STEPS = 4
-#: Third moments that differ by less than this share count as equal, so that rounding does not choose among them.
+#: Third moments that differ by less than this share count as equal, so that the choice does not depend on rounding.
 SAME_MOMENT = 1e-6
 #: Second derivative of the third moment below which Newton's method is skipped: the moment is nearly constant.
 LEAST_SECOND_DERIVATIVE = 1e-12
@@ -25,10 +29,10 @@ LEAST_SECOND_DERIVATIVE = 1e-12
 
 @compiled
 def whiten(piece: Floats, count: int, frame: Floats, corners: Floats) -> float:
-    """Whiten a polygon: transform it so that its centroid is 0 and its covariance 1; return its area.
+    """Fill ``corners`` (count, 2) with a polygon transformed to centroid 0 and covariance 1; return its original area.
 
-    Fills ``frame`` (5,) with the centroid and the Cholesky factor of the covariance, (x, y, wide, skew, high), and
-    ``corners`` (count, 2) with the transformed corners.
+    ``frame`` (5,) is filled with the transformation: the centroid (x, y) and the entries (wide, skew, high) of the
+    Cholesky factor of the covariance. Nothing is filled if the area is not positive.
     """
     area = x = y = xx = xy = yy = 0.0
     r, s = piece[0, 0], piece[0, 1]
@@ -82,7 +86,10 @@ def third_moments(corners: Floats, count: int, thirds: Floats) -> None:
 
 @compiled
 def skewest_direction(thirds: Floats) -> tuple[float, float]:
-    """Return the direction (c, s) of the largest third moment; there the mean of e^2 f in rotated axes vanishes."""
+    """Return the unit vector (c, s) in whose direction the third moment of a polygon is largest in modulus.
+
+    ``thirds`` (4,) are its moments from :func:`third_moments`. In axes rotated by (c, s) the mean of e^2 f vanishes.
+    """
     most, c, s = 0.0, 1.0, 0.0
     for k in range(len(DIRECTIONS)):
         p, q = DIRECTIONS[k]
@@ -104,21 +111,21 @@ def skewest_direction(thirds: Floats) -> tuple[float, float]:
 
 @compiled
 def mixed_third_moment(thirds: Floats, c: float, s: float) -> float:
-    """Return the mean of e f^2 in axes rotated by (c, s)."""
+    """Return the mean of e f^2 in axes rotated by (c, s), from the moments ``thirds`` (4,) of a polygon."""
     first = s * s * thirds[0] - 2 * c * s * thirds[1] + c * c * thirds[2]
     return float(c * first + s * (s * s * thirds[1] - 2 * c * s * thirds[2] + c * c * thirds[3]))
 
 
 @compiled
 def place_point(frame: Floats, e: float, f: float, place: Floats) -> None:
-    """Fill ``place`` (2,) with the position of the whitened point (e, f)."""
+    """Fill ``place`` (2,) with the original coordinates of the point (e, f) in the axes of :func:`whiten`."""
     place[0] = frame[0] + frame[2] * e
     place[1] = frame[1] + frame[3] * e + frame[4] * f
 
 
 @compiled
 def centroid(piece: Floats, count: int, place: Floats) -> float:
-    """Fill ``place`` (2,) with the centroid of a convex polygon; return its area."""
+    """Fill ``place`` (2,) with the centroid of a convex polygon, unless its area is zero; return its area."""
     area = x = y = 0.0
     r, s = piece[0, 0], piece[0, 1]
     for k in range(1, count - 1):
@@ -135,7 +142,7 @@ def centroid(piece: Floats, count: int, place: Floats) -> float:
 
 @compiled
 def triangle_rule(piece: Floats, places: Floats, shares: Floats) -> float:
-    """Fill three of ``places`` and ``shares`` with the rule of degree 2 on a triangle; return its area."""
+    """Fill the first three ``places`` and ``shares`` with the rule of degree 2 on a triangle; return its area."""
     for i in range(2):
         third = (piece[0, i] + piece[1, i] + piece[2, i]) / 6
         for k in range(3):
@@ -156,24 +163,25 @@ def polygon_rule(
     places: Floats,
     shares: Floats,
 ) -> float:
-    """Fill ``places`` (4, 2) and ``shares`` (4,) with a rule on a convex polygon; return its area.
+    """Fill ``places`` and ``shares`` with a rule of one, three or four points on a convex polygon; return its area.
 
-    In axes e, f with covariance 1 in which the mean of e^2 f vanishes, the rule with four points, of degree 3, has two
-    positions along e by Gauss's rule and two points across at each. The rule with three points, of degree 2, has them
-    at equal angles on a circle, the first in the direction of the largest third moment; in a triangle they lie between
-    the centroid and the corners. The weights are positive; on 5000 random polygons with 3 to 7 corners all four points
-    were inside. The rule with one point, of degree 1, is the centroid.
+    Let e, f be axes in which the covariance of the polygon is 1 and the mean of e^2 f vanishes. The rule with four
+    points, of degree 3, has the two positions of Gauss's rule along e, with two points along f at each. The points of
+    the rule with three points, of degree 2, lie at equal angles on a circle, the first in the direction of the largest
+    third moment; in a triangle they lie between the centroid and the corners. The weights are positive; on 5000 random
+    polygons with 3 to 7 corners all four points were inside. The rule with one point, of degree 1, is the centroid.
 
     Parameters
     ----------
     piece : (count, 2 or more) float64
         Corners of the polygon; the first two columns are used.
     count : int
+        Number of corners.
     taken : int
         Number of points: 1, 3 or 4.
     frame, thirds, corners : (5,), (4,), (count, 2) float64
         Work space.
-    places, shares : float64
+    places, shares : (taken or more, 2), (taken or more,) float64
         Points, and weights with sum 1.
     """
     if taken == 1:
@@ -210,9 +218,9 @@ def polygon_rule(
 
 @compiled
 def fan_rule(piece: Floats, count: int, places: Floats, shares: Floats) -> float:
-    """Fill ``places`` and ``shares`` with a rule of degree 4 with six points on each triangle of a polygon's fan.
+    """Fill ``places`` and ``shares`` with a rule of degree 4 on a convex polygon; return its area.
 
-    Returns the area. The polygon is convex; the triangles of the fan share its first corner.
+    The polygon is divided into a fan of triangles at its first corner; each triangle has six points.
     """
     total = 0.0
     for k in range(1, count - 1):

@@ -1,4 +1,4 @@
-"""Compiled: encoding and decoding of quantised positions and normals of samples."""
+"""Compiled: encoding and decoding of the quantised positions and normals of samples, see `QuantisedSamples`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: Floats) -> None:
-    """Fill ``points`` (q, d) from ``places`` (q, d) relative to the nodes of ``cells`` (p, d), by ``patch`` (q,)."""
+    """Fill ``points`` (q, d) with the positions of samples, relative to the origin of the lattice.
+
+    ``places`` (q, d) are the quantised positions relative to the centres of lattice cells; sample q is in cell
+    ``cells[patch[q]]``, with ``cells`` (p, d) and ``patch`` (q,).
+    """
     for q in range(len(places)):
         for axis in range(places.shape[1]):
             points[q, axis] = spacing * (cells[patch[q], axis] + PLACE_UNIT * places[q, axis])
@@ -21,7 +25,10 @@ def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: 
 
 @compiled
 def encode_normals(normals: Floats, directions: Any) -> None:
-    """Fill ``directions`` (q, 1, 2) with the positions of ``normals`` (q, 1, 3) on an unfolded octahedron."""
+    """Fill ``directions`` (q, 1, 2) with quantised ``normals`` (q, 1, 3) of a surface.
+
+    A normal is projected to the octahedron |x| + |y| + |z| = 1, which is unfolded into a square.
+    """
     for q in range(len(normals)):
         n = normals[q, 0]
         size = abs(n[0]) + abs(n[1]) + abs(n[2])
@@ -33,7 +40,10 @@ def encode_normals(normals: Floats, directions: Any) -> None:
 
 @compiled
 def decode_normals(directions: Any, normals: Floats) -> None:
-    """Fill ``normals`` (c, d) of a sample from its ``directions`` (c, e), orthonormalised."""
+    """Fill ``normals`` (c, d) with the orthonormal normals of a sample, from its quantised ``directions`` (c, e).
+
+    e is d where directions are components of normals, or 2 where they are positions on an unfolded octahedron.
+    """
     codim, d = normals.shape
     for c in range(codim):
         if directions.shape[1] == d:
@@ -61,6 +71,6 @@ def decode_normals(directions: Any, normals: Floats) -> None:
 
 @compiled
 def decode_all_normals(directions: Any, normals: Floats) -> None:
-    """Fill ``normals`` (q, c, d) of all samples from their ``directions`` (q, c, e)."""
+    """Fill ``normals`` (q, c, d) with the orthonormal normals of samples, from their ``directions`` (q, c, e)."""
     for q in range(len(normals)):
         decode_normals(directions[q], normals[q])

@@ -1,9 +1,9 @@
 """Quadrature points of a manifold with weights and normals, exact or quantised to half of the memory.
 
 A surface has some twenty samples for each unknown. A spline space stores their positions in their lattice cells and
-their normals in fixed-point numbers, rounded once, before anything is summed: to 2^-33 spacings and some 2^-30. All
-integrals are then sums over one and the same samples, so that constants, means and totals are reproduced to rounding.
-The few samples of curves are not rounded.
+their normals as fixed-point numbers, rounded once, before anything is summed: to 2^-33 spacings and about 2^-30. All
+integrals are then sums over the same rounded samples, so that constants, means and totals are reproduced to rounding.
+Curves have few samples, which are not rounded.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.types import Floats, Ints
 
-#: Unit of a quantised coordinate in spacings, and of a quantised normal component: 1 and -1 are multiples of it.
+#: Unit of a quantised coordinate, in spacings, and of a quantised component of a normal: 1 and -1 are multiples of it.
 PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30
 #: Samples that are rounded or decoded together, so that temporary arrays stay small.
 SAMPLES_AT_ONCE = 1 << 16
@@ -29,13 +29,14 @@ class Samples:
     Attributes
     ----------
     points : (q, d) float64
-        Relative to the lattice's origin.
+        Positions relative to the lattice's origin.
     weights : (q,) float64
-        Share of the manifold's measure; zero for points that only read u beside a boundary.
+        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
+        evaluated.
     normals : (q, c, d) float64
-        Orthonormal vectors that span the normal space, c = d - manifold_dim of them.
+        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
     cell : (q,) int32
-        The cell of the mesh in which each lies.
+        The cell of the mesh that contains each sample.
     """
 
     points: Floats
@@ -64,23 +65,23 @@ class Samples:
 
 @dataclass(frozen=True, eq=False)
 class QuantisedSamples:
-    """Samples in fixed-point numbers, relative to the lattice cells of their patches.
+    """Samples stored as fixed-point numbers, relative to the lattice cells of their patches.
 
     Attributes
     ----------
     dof_map : DofMap
-        Of these samples.
+        The dof map of these samples.
     places : (q, d) int32, float64 for curves
-        Position relative to the node at the centre of the patch's lattice cell, in spacings over `PLACE_UNIT`.
+        Position relative to the node at the centre of the patch's lattice cell, in units of `PLACE_UNIT` spacings.
     directions : (q, c, e) int32, float64 for curves
-        The normals over `NORMAL_UNIT`, orthonormalised when read. e = d; for surfaces e = 2, the position on an
-        octahedron that is unfolded into a square.
+        The normals in units of `NORMAL_UNIT`, orthonormalised when they are decoded. For surfaces e = 2: a position on
+        the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves e = d.
     weights : (q,) float64
-        Share of the manifold's measure; zero for points that only read u beside a boundary.
+        Quadrature weights, as of `Samples`.
     cell_starts : (m + 1,) int32
-        The first sample of each cell of the mesh, for the samples that are ordered by cell.
+        The first sample of each cell of the mesh, for the first samples, which are ordered by cell.
     further_cells : (k,) int32
-        The cells of the samples behind these.
+        The cells of the k last samples, which are not ordered by cell.
     """
 
     dof_map: DofMap
@@ -92,7 +93,7 @@ class QuantisedSamples:
 
     @classmethod
     def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:
-        """Return the ``samples`` of a dof map, rounded."""
+        """Return the ``samples`` of a dof map as quantised samples."""
         from cpmkit.forms.galerkin.quadrature.quantised_kernels import encode_normals
 
         codim, d = samples.normals.shape[1:]
@@ -124,17 +125,17 @@ class QuantisedSamples:
 
     @property
     def points(self) -> Floats:
-        """(q, d) relative to the lattice's origin; decoded at each access."""
+        """Positions (q, d) relative to the lattice's origin; decoded at each access."""
         return self.points_at(slice(None))
 
     @property
     def normals(self) -> Floats:
-        """(q, c, d) orthonormal vectors that span the normal space; decoded at each access."""
+        """Orthonormal bases (q, c, d) of the normal space; decoded at each access."""
         return self.normals_at(slice(None))
 
     @property
     def cell(self) -> Any:
-        """(q,) int32 the cell of the mesh in which each lies; computed at each access."""
+        """The cell (q,) of the mesh that contains each sample, int32; computed at each access."""
         cells = np.arange(len(self.cell_starts) - 1, dtype=np.int32)
         return np.concatenate([np.repeat(cells, np.diff(self.cell_starts)), self.further_cells])
 

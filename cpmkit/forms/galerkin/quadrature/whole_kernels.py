@@ -1,6 +1,6 @@
 """Compiled: samples of whole triangles with a single point, and the angles between neighbouring flat triangles.
 
-On lattices far coarser than a mesh nearly all triangles need a single point, and none of them is clipped.
+On lattices far coarser than a mesh nearly all triangles need a single point and are not clipped.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.quadrature.clipping_kernels import (
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
 
-#: Barycentric coordinates of the centroid, rounded as the rule with one point rounds them on a whole triangle.
+#: Barycentric coordinates of the centroid, with the same rounding as by `centroid` on a whole triangle.
 FIRST_SHARE, SECOND_SHARE = 1.0 - (1.0 / 3.0) / 0.5, (0.5 / 3.0) / 0.5
 
 
@@ -39,7 +39,11 @@ def gather_nodes(vertices: Floats, cells: Ints, midpoints: Floats) -> Floats:
 
 @compiled
 def needs_one_point(corners: Floats, clipped: bool, single: float, cell: Floats) -> bool:
-    """Tell whether a triangle gets one point and is not clipped; fill ``cell`` (3,) with its lattice cell."""
+    """Return whether a triangle gets a single point and is not clipped.
+
+    If so ``cell`` (3,) is filled with the lattice cell of the middle of its bounding box. ``corners`` (3, 3) are in
+    spacings; ``clipped`` and ``single`` are the triangle's entries of those arguments of `triangle_samples`.
+    """
     if single <= 0:
         return False
     length = 0.0
@@ -67,18 +71,21 @@ def one_point_samples(
     samples: tuple[Floats, Floats, Floats, Any],
     remaining: Ints,
 ) -> tuple[int, int]:
-    """Fill ``samples`` with the points, weights, normals and triangles of triangles that get a single point.
+    """Fill ``samples`` with the quadrature points of triangles that get a single point.
 
-    Fills ``remaining`` (m,) with the numbers of all other triangles; returns the numbers of both.
+    ``remaining`` is filled with the numbers of all other triangles. Returns how many triangles get a single point, and
+    how many remain.
 
     Parameters
     ----------
     vertices, cells, midpoints
         As of :func:`gather_nodes`.
     spacing, clipped, single
-        As of ``triangle_samples``, whose samples these are.
+        As of ``triangle_samples``, which gives the same samples.
     samples : (m, 3), (m,), (m, 1, 3) float64, (m,) int32
+        Arrays for points, weights, normals and triangle numbers.
     remaining : (m,) int64
+        Array for triangle numbers.
     """
     points, weights, normals, triangle = samples
     curved = midpoints.shape[1] == 3
@@ -110,7 +117,7 @@ def one_point_samples(
 
 @compiled
 def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the normal of a triangle as long as twice its area, and return this length."""
+    """Fill ``normal`` (3,) with the normal of a triangle whose length is twice the area, and return this length."""
     total = 0.0
     for i in range(3):
         j, k = (i + 1) % 3, (i + 2) % 3
@@ -123,9 +130,10 @@ def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
 
 @compiled
 def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
-    """Return the least sine (m,) of the angles of each triangle with its neighbours over the edges ``of_cells`` (m, 3).
+    """Return for each triangle the least sine (m,) of the angles between its plane and those of its neighbours.
 
-    Orientations do not matter. The sine is 0 where an edge has one triangle or more than two, or a triangle no area.
+    ``of_cells`` (m, 3) are the edges of the triangles. Orientations do not matter. The sine is 0 if an edge belongs to
+    one triangle or more than two, or if a triangle has no area.
     """
     normals, sizes = np.empty((len(cells), 3)), np.empty(len(cells))
     for cell in range(len(cells)):
@@ -156,7 +164,7 @@ def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
 
 @compiled
 def mark_small_triangles(vertices: Floats, cells: Ints, spacing: float, most: float, limits: Floats) -> None:
-    """Set ``limits`` (m,) to ``most`` where a triangle's area times its squared length, in spacings, is less."""
+    """Set ``limits`` (m,) to ``most`` where a triangle's area times its squared length, in spacings, is smaller."""
     a, b, c = np.empty(3), np.empty(3), np.empty(3)
     for cell in range(len(cells)):
         squared = 0.0

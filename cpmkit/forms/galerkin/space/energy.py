@@ -1,14 +1,15 @@
-"""Matrices and loads of the splines: energies summed over samples, and the stabilisation that completes them.
+"""Matrices and loads of the splines: energies summed over samples, and the stabilisation off the manifold.
 
 The energy of u is sum w a |tangential part of grad u|^2. It does not determine the spline off the manifold. The
-stabilisation does: e1 a |normal derivative|^2, e2 h^2 a (n' H n)^2 and, of cubic splines, e3 h^4 a times the square of
-the third derivative along normals, summed over the same samples; and the ghost penalty, squares of differences of
-coefficients along the axes of an order one above the degree. The derivatives along normals vanish where u is constant
-along normals, the ghost penalty where u is a polynomial of the degree of the splines.
+stabilisation does: e1 a |normal derivative|^2, e2 h^2 a (n' H n)^2 with H the Hessian of u and, for cubic splines, e3
+h^4 a times the square of the third derivative along normals, summed over the same samples; and the ghost penalty, the
+sum of squared differences of the coefficients along the axes, of order degree + 1. The derivatives along normals vanish
+where u is constant along normals, the ghost penalty where u is a polynomial of the degree of the splines.
 
-Unknowns whose splines the manifold only grazes have almost no energy. A floor holds their differences along the axes,
-so that no boundary term outweighs the energy; it vanishes on polynomials of a lower degree than the splines', where a
-penalty on the coefficients themselves would leave an error that grows with refinement and with contrasts of a.
+Splines whose support contains almost nothing of the manifold have almost no energy. The floor is a penalty on the
+differences of their coefficients along the axes, so that no boundary term is larger than the energy. It vanishes on
+polynomials of a lower degree than the splines'; a penalty on the coefficients themselves would leave an error that
+grows with refinement and with contrasts of a.
 """
 
 from __future__ import annotations
@@ -33,16 +34,16 @@ EVERY_SAMPLE = slice(None)
 
 @dataclass(frozen=True)
 class Stabilisation:
-    """Factors of the stabilisation, numbers without unit.
+    """Dimensionless factors of the terms of the stabilisation.
 
     Attributes
     ----------
     e1, e2 : float
-        Of the first and second derivative along normals.
+        Factors of the squares of the first and second derivatives along normals.
     g : float
-        Of the ghost penalty.
+        Factor of the ghost penalty.
     e3 : float
-        Of the third derivative along normals, of cubic splines.
+        Factor of the square of the third derivative along normals, for cubic splines.
     """
 
     e1: float
@@ -59,31 +60,31 @@ STABILISATIONS_OF_DEGREE = {
     2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
     3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
 }
-#: Those of degree 2.
+#: Stabilisation of splines of degree 2, by name.
 STABILISATIONS = STABILISATIONS_OF_DEGREE[2]
-#: The floor acts where the diagonal over the coefficient is below this share of its median.
+#: The floor is added for unknowns whose diagonal entry over the coefficient is below this share of the median.
 LIGHT_SHARE = 1e-4
-#: The floor as a share of that median. For splines of degree 1: with half of it a circle in a knot plane is still
-#: definite, with a tenth it is not.
+#: The factor of the floor as a share of that median. For splines of degree 1 the matrix of a circle in a
+#: knot plane is still definite with half of the second number, and not with a tenth of it.
 FLOOR_SHARE, LINEAR_FLOOR_SHARE = 1e-3, 0.2
 
 
 def differences(order: int) -> Floats:
-    """Return (order + 1,) the factors of a difference of neighbouring values: 1, -2, 1 for order 2."""
+    """Return the coefficients (order + 1,) of a finite difference of neighbouring values: 1, -2, 1 for order 2."""
     return np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
 
 
 def stiffness(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> csr_array:
-    """Return K + S (n, n), symmetric to the last bit: the energy and the stabilisation.
+    """Return the stiffness matrix with stabilisation, K + S (n, n), symmetric to the last bit.
 
     Parameters
     ----------
     space : SplineSpace
         The splines and their samples.
     a : float or (q,) or (q, d, d) float64
-        The coefficient at the samples; of symmetric tensors, of which the tangential part counts.
+        The diffusivity at the samples: numbers, or symmetric tensors whose tangential part is used.
     stabilisation : Stabilisation
-        `NO_STABILISATION` leaves K.
+        Factors of S; with `NO_STABILISATION` K is returned.
     """
     data = energy_data(space, a, None, stabilisation)
     add_ghosts(space, a, stabilisation, data)
@@ -97,16 +98,16 @@ def stiffness_with_floor(
     c: Floats | float | None = None,
     scale: Floats | None = None,
 ) -> csr_array:
-    """Return the stiffness of ``a`` plus the mass of ``c``, with stabilisation and floor.
+    """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with stabilisation and floor.
 
     Parameters
     ----------
     space, a, stabilisation
         As of `stiffness`.
     c : float or (q,) float64, optional
-        The coefficient of u v at the samples; None for no such term.
+        The coefficient of u v at the samples; None where there is no such term.
     scale : (q,) float64, optional
-        The coefficient that stabilisation and floor are proportional to; by default ``a``.
+        The coefficient at the samples to which stabilisation and floor are proportional; by default ``a``.
     """
     data = energy_data(space, a, c, stabilisation, scale)
     diagonal = space.matrix(data).diagonal()
@@ -117,12 +118,15 @@ def stiffness_with_floor(
 
 
 def mass(space: SplineSpace, c: Floats | float) -> csr_array:
-    """Return the matrix (n, n) of sum w c u v, with ``c`` a number or (q,) at the samples."""
+    """Return the mass matrix (n, n), the sum of w c u v over the samples; ``c`` is a number or (q,) at the samples."""
     return space.matrix(energy_data(space, None, c, NO_STABILISATION))
 
 
 def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
-    """Return (n, channels) sum w f v over ``some`` samples, with ``f`` (q, channels) at them, or (1, channels)."""
+    """Return the load (n, channels), the sum of w f v over the samples ``some`` for each spline v.
+
+    ``f`` is (q, channels) at these samples, or (1, channels) where it is constant.
+    """
     from cpmkit.forms.galerkin.space.sample_kernels import add_load
 
     dof_map, samples = space.dof_map, space.samples
@@ -134,7 +138,10 @@ def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
 
 
 def gradient_load(space: SplineSpace, field: Floats) -> Floats:
-    """Return (n,) sum w field . grad v, ``field`` (p, d) at the first samples, of which the tangential part counts."""
+    """Return the load (n,), the sum of w field . grad v over the first p samples for each spline v.
+
+    Only the tangential part of ``field`` (p, d) at these samples is used.
+    """
     from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load_of_samples
 
     dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
@@ -145,7 +152,7 @@ def gradient_load(space: SplineSpace, field: Floats) -> Floats:
 
 
 def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_SAMPLE) -> Floats:
-    """Return (q, channels) the values of u at ``some`` samples, from coefficients ``u`` (n, channels)."""
+    """Return the values (q, channels) at the samples ``some`` of the splines with coefficients ``u`` (n, channels)."""
     from cpmkit.forms.galerkin.space.sample_kernels import read_values
 
     dof_map, places = space.dof_map, space.samples.places[some]
@@ -155,7 +162,10 @@ def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_
 
 
 def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
-    """Return (count, channels, d) the tangential gradients of u at the first ``count`` samples."""
+    """Return the tangential gradients (count, channels, d) at the first ``count`` samples.
+
+    ``u`` (n, channels) are the coefficients of the splines.
+    """
     from cpmkit.forms.galerkin.space.sample_kernels import read_slopes_at_samples
 
     dof_map, samples = space.dof_map, space.samples
@@ -166,9 +176,9 @@ def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
 
 
 def gradients_at(space: SplineSpace, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
-    """Return (k, channels, d) the tangential gradients of u at ``points`` (k, d) in the patches ``patch`` (k,).
+    """Return the tangential gradients (k, channels, d) at ``points`` (k, d), each read in its patch ``patch`` (k,).
 
-    ``normals`` (k, c, d) are orthonormal and normal to the manifold there.
+    ``normals`` (k, c, d) are orthonormal bases of the normal space at the points; ``u`` (n, channels) are coefficients.
     """
     from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
 
@@ -181,7 +191,10 @@ def gradients_at(space: SplineSpace, patch: Ints, points: Floats, normals: Float
 
 
 def _with_true_lengths(gradients: Floats, magnification: Floats) -> Floats:
-    """Return gradients (k, channels, d) of magnified splines as gradients of the splines themselves, in place."""
+    """Scale gradients (k, channels, d) on magnified lattices to true lengths, in place, and return them.
+
+    ``magnification`` (k,) is the factor by which lengths are enlarged; (1,) where nothing is magnified.
+    """
     if len(magnification) > 1:
         gradients *= magnification[:, None, None]
     return gradients
@@ -194,9 +207,10 @@ def energy_data(
     stabilisation: Stabilisation,
     scale: Floats | None = None,
 ) -> Floats:
-    """Return the entries (z,) of the sums over samples, in the pattern of ``space``: neither ghost penalty nor floor.
+    """Return the entries (z,) of the matrix of energy, mass and derivatives along normals, summed over the samples.
 
-    ``a`` or ``c`` may be None for no such term; ``scale`` as of `stiffness_with_floor`.
+    They are in the sparsity pattern of ``space``, without ghost penalty and floor. ``a`` or ``c`` is None where there
+    is no such term; ``scale`` is that of `stiffness_with_floor`.
     """
     d = space.samples.places.shape[1]
     scalars, tensors = np.zeros(0), np.zeros((0, d, d))
@@ -209,7 +223,7 @@ def energy_data(
 
 
 def stabilisation_data(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> Floats:
-    """Return the entries (z,) of the derivatives along normals alone, without the energy, in proportion to ``a``."""
+    """Return the entries (z,) of the penalty on derivatives along normals, with factor ``a``, without the energy."""
     d = space.samples.places.shape[1]
     return _summed_energy(space, _at_each(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
 
@@ -217,6 +231,7 @@ def stabilisation_data(space: SplineSpace, a: Floats | float, stabilisation: Sta
 def _summed_energy(
     space: SplineSpace, scalars: Floats, tensors: Floats, masses: Floats, stabilisation: Stabilisation
 ) -> Floats:
+    """Return the entries (z,) that `add_energy` sums for a = ``scalars``, A = ``tensors`` and c = ``masses``."""
     from cpmkit.forms.galerkin.space.energy_kernels import add_energy
 
     samples, data = space.samples, np.zeros(len(space.indices))
@@ -227,7 +242,11 @@ def _summed_energy(
 
 
 def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation, data: Floats) -> None:
-    """Add the ghost penalty g a h^(m - 2) sum (differences of order degree + 1)^2 to the entries ``data``."""
+    """Add the ghost penalty to the matrix entries ``data`` (z,).
+
+    It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
+    order degree along its short runs; m is the dimension of the manifold.
+    """
     means = space.means(mean_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
@@ -235,10 +254,11 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
 
 
 def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Floats) -> None:
-    """Add the floor to the entries ``data``; ``diagonal`` (n,) is that of the energy, before ghosts and conditions.
+    """Add the floor, a penalty on differences of unknowns with little energy, to the matrix entries ``data`` (z,).
 
-    For splines of degree 1 differences along lines would penalise slopes. There the floor is on second differences
-    along runs, and only beside boundaries, for elsewhere it would cost iterations and is of no use.
+    ``diagonal`` (n,) is that of the energy, without ghost penalty and conditions. The differences are along the lines
+    through these unknowns inside a patch. For splines of degree 1 these would penalise slopes: then the floor is on
+    second differences along runs, and only beside boundaries, since elsewhere it would only cost iterations.
     """
     means = space.means(mean_coefficient(space, a))
     ratio = diagonal / means
@@ -255,14 +275,20 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 
 
 def _read_by_boundary_patches(space: SplineSpace) -> Bools:
-    """Return (n,) which unknowns are read by patches with samples on boundaries, which have weight zero."""
+    """Return whether each unknown (n,) is read by a patch with a sample on a boundary.
+
+    Samples on boundaries are those of weight zero.
+    """
     is_read = np.zeros(space.dof_map.size, dtype=bool)
     is_read[space.dof_map.unknowns[space.dof_map.patch[space.samples.weights == 0]]] = True
     return is_read
 
 
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
-    """Add to the entries ``data`` squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,)."""
+    """Add squared differences of order k - 1 along ``runs`` (r, k), times ``factors`` (r,), to the entries ``data``.
+
+    Each run is a sequence of k unknowns along an axis.
+    """
     from cpmkit.forms.galerkin.space.pattern_kernels import add_squares
     from cpmkit.runtime.inverse_index import inverse_index
 
@@ -271,23 +297,31 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
 
 
 def mean_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
-    """Return (q,), or (1,) for all, a coefficient at the samples as a number: of a tensor the mean over tangents."""
+    """Return a scalar coefficient (q,) at the samples, or (1,) where it is constant.
+
+    A tensor (q, d, d) is replaced by its mean over tangents.
+    """
     return _at_each(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
 
 
 def mean_over_tangents(tensors: Floats, normals: Floats) -> Floats:
-    """Return (q,) the means of t . A t over unit tangents t of tensors A (q, d, d), with normals (q, c, d)."""
+    """Return the means (q,) of t . A t over the unit tangents t, for tensors A (q, d, d) and normals (q, c, d)."""
     normal = np.einsum("qci,qij,qcj->q", normals, tensors, normals)
     tangents = normals.shape[2] - normals.shape[1]
     return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / tangents)
 
 
 def _at_each(values: Floats | float) -> Floats:
+    """Return ``values`` as a contiguous array (q,), or (1,) for a number."""
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
 def _spline_counts(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return tuples as long as there are splines along the first axes and along the third, one in the plane."""
+    """Return two tuples whose lengths are the numbers of splines that a patch reads along an axis.
+
+    The first is for the first two axes, the second for the third axis, of length 1 in the plane. Their entries are
+    unused: a compiled kernel knows the length of a tuple when it is compiled.
+    """
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
     along = SPLINES[space.dof_map.degree]
@@ -295,7 +329,10 @@ def _spline_counts(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]
 
 
 def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
-    """Return the first arguments of the kernels that sum over samples: of patches, splines and their samples."""
+    """Return the first arguments of `add_energy`: unknowns, spacing, tuple of splines, sample order and starts.
+
+    The last two are those of :meth:`SplineSpace.samples_by_patch`.
+    """
     from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
 
     dof_map = space.dof_map

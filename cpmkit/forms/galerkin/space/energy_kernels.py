@@ -1,8 +1,11 @@
 """Kernels that sum energies over samples, patch by patch, directly into the rows of a sparse matrix.
 
-The plane is treated as a space one node deep. Inside a patch all is measured in spacings. A sample adds products of
-linear forms in the coefficients: of the slopes along the axes with what its tensor makes of them, of the second
-derivatives along normals, of the value.
+In the plane the third factor of every spline is 1, so that the same kernels serve plane and space (``kind`` is 0 in the
+plane and 1 in space). Inside a patch lengths are in spacings; x, y and z are coordinates in [0, 1] in its lattice cell.
+A sample adds products of linear forms in the coefficients of u: the slopes along the axes times the tensor times these
+slopes, and squares of second and third derivatives along normals and of the value. Each product is a pair of rows
+of an array ``forms``: one row for each linear form, the second times tensor or weight, with one entry for each spline
+that the patch reads.
 """
 
 from __future__ import annotations
@@ -17,20 +20,21 @@ from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
 from cpmkit.runtime.compilation import compiled, inlined
 from cpmkit.types import Floats, Ints
 
-#: Number of linear forms that are gathered before their products are added, and the largest number for one sample.
+#: Number of pairs of rows that are gathered before their products are added, and the largest number for one sample.
 GATHERED, FORMS_OF_A_SAMPLE = 64, 12
-#: Number of forms in one sweep over a block.
+#: Number of pairs whose products are added in one pass over a block.
 SWEEP = 8
-#: Tuples whose length is the number of splines along an axis: the compiler knows it.
+#: By degree a tuple whose length is the number of splines that a cell reads along an axis: a constant for the compiler.
 SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
-#: The first row of the coefficients of values, slopes, second and third derivatives in `POLYNOMIALS`.
+#: Where the coefficients of values, slopes, second and third derivatives start on the fourth axis of `POLYNOMIALS`.
 VALUE, SLOPE, SECOND, THIRD = 0, 4, 7, 9
 
 
 def _polynomials() -> Floats:
-    """Return (3, 2, 3, 10, 64), by degree, for plane and space, by axis: the spline of each place as a polynomial in t.
+    """Return the polynomials in t (3, 2, 3, 10, 64) of the splines that a cell reads, and of their derivatives.
 
-    Four coefficients of its value, that of 1 first, three of its slope, two of its second derivative, one of the third.
+    The axes are: the degree less 1; plane or space; the coordinate axis; four coefficients of the value, that of 1
+    first, three of the slope, two of the second and one of the third derivative; the number of the spline in the cell.
     """
     table = np.zeros((len(DEGREES), 2, 3, 10, 64))
     for degree in DEGREES:
@@ -51,19 +55,19 @@ POLYNOMIALS = _polynomials()
 
 @inlined
 def splines_read(splines: Any) -> int:
-    """Return the number of splines that a cell of space reads: a constant for the compiler."""
+    """Return the number of splines that a cell in space reads: a constant for the compiler."""
     return len(splines) ** 3
 
 
 @inlined
 def room_for(splines: Any) -> int:
-    """Return the same in whole vectors of four: the length of rows."""
+    """Return the length of a row of forms: the number of splines that a cell in space reads, rounded up to fours."""
     return (len(splines) ** 3 + 3) // 4 * 4
 
 
 @inlined
 def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the value at t of the factor along an axis of the spline at place i."""
+    """Return the value at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
         return T[p, kind, axis, VALUE, i] + t * T[p, kind, axis, VALUE + 1, i]
@@ -75,7 +79,7 @@ def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
 
 @inlined
 def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return its slope."""
+    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
         return T[p, kind, axis, SLOPE, i]
@@ -86,7 +90,7 @@ def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
 
 @inlined
 def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return its second derivative."""
+    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
     T, p = POLYNOMIALS, len(splines) - 2
     if len(splines) == 2:
         return 0.0
@@ -97,7 +101,7 @@ def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
 
 @compiled
 def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
-    """Write a pair of rows: the value at (x, y, z) in the cell, and it times the weight."""
+    """Fill a pair of rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
     room = room_for(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -121,7 +125,10 @@ def slope_forms(
     yz: float,
     zz: float,
 ) -> None:
-    """Write three pairs of rows: the slopes along the axes, and their products with the tensor of these six numbers."""
+    """Fill three pairs of rows of ``forms``: the slopes of the splines along each axis, and tensor times slopes.
+
+    The symmetric tensor has the entries xx, xy, xz, yy, yz and zz.
+    """
     room = room_for(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -141,7 +148,7 @@ def slope_forms(
 def second_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Write a pair of rows: the second derivative along n = (nx, ny, nz), and it times the weight."""
+    """Fill a pair of rows of ``forms`` with second derivatives of splines along ``n``, and ``weight`` times these."""
     room, (nx, ny, nz) = room_for(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -170,9 +177,9 @@ def forms_on_hypersurface(
     second_weight: float,
     value_weight: float,
 ) -> None:
-    """Write the three pairs of rows of `slope_forms`, that of `second_form` and that of `value_form`.
+    """Fill the three pairs of rows of `slope_forms`, then those of `second_form` and `value_form`.
 
-    All in one go, since they are made of the same splines.
+    Each factor of the splines at ``place`` (x, y, z) is evaluated once for all of them.
     """
     room, (x, y, z), (nx, ny, nz) = room_for(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
@@ -204,7 +211,7 @@ def forms_on_hypersurface(
 def third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
-    """Write a pair of rows: the third derivative along n = (nx, ny, nz) of cubic splines, and it times the weight."""
+    """Fill a pair of rows of ``forms`` with third derivatives of splines along ``n``, and ``weight`` times these."""
     room, (nx, ny, nz) = room_for(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -225,7 +232,11 @@ def third_form(
 
 @compiled
 def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, weight: float, C: Floats) -> None:
-    """Fill ``C`` (3, 3) with the weight times the coefficient between tangents, and times e1 a between normals."""
+    """Fill ``C`` (3, 3) with ``weight`` times (P A P + e1 a (I - P)), P the projection onto the tangent space.
+
+    ``normals`` (c, d) are orthonormal; A is ``tensors[q]``, or ``tensors[0]`` if there is one for all samples, or a
+    times the identity where ``tensors`` is empty.
+    """
     codim, d = normals.shape
     for i in range(d):
         for j in range(d):
@@ -237,7 +248,7 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
                 C[i, j] = weight * tensors[q if len(tensors) > 1 else 0, i, j]
     if len(tensors) == 0:
         return
-    for c in range(codim):  # less the tensor's parts along normals, which are orthonormal: one after the other
+    for c in range(codim):  # subtract the parts along each of the orthonormal normals in turn
         n = normals[c]
         for side in range(2):
             for i in range(d):
@@ -257,7 +268,7 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
 
 @inlined
 def tangential(n: Any, less: float, a: float) -> Any:
-    """Return the six numbers of a times the identity, of which the part along n counts ``less`` than the rest."""
+    """Return the entries xx, xy, xz, yy, yz, zz of the tensor a (I - less n n'), for a unit vector ``n``."""
     x, y, z = n
     return (
         a * (1.0 - less * (x * x)),
@@ -271,7 +282,10 @@ def tangential(n: Any, less: float, a: float) -> Any:
 
 @compiled
 def add_products(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
-    """Add to the upper half of ``block`` the products of the first ``count`` pairs of rows, a multiple of SWEEP."""
+    """Add the outer products of the first ``count`` pairs of rows of ``forms`` to the upper half of ``block``.
+
+    ``count`` is a multiple of `SWEEP`; ``width`` is the number of splines that a patch reads.
+    """
     room = room_for(splines)
     for i in range(splines_read(splines)):  # a constant number, so that the compiler lays out each row for itself
         if i == width:
@@ -292,7 +306,7 @@ def add_products(forms: Floats, splines: Any, count: int, width: int, block: Flo
 
 @compiled
 def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
-    """Fill ``ascending`` (k,) with the ``columns`` (k,) in order, and ``rank`` (k,) with where each stood."""
+    """Fill ``ascending`` (k,) with ``columns`` (k,) sorted, and ``rank`` (k,) with the index of each in ``columns``."""
     for i in range(len(columns)):
         at = i
         while at > 0 and ascending[at - 1] > columns[i]:
@@ -303,9 +317,10 @@ def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
 
 @compiled
 def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any) -> None:
-    """Add the upper half of a symmetric ``block`` of the unknowns ``columns``, and its mirror image, to a matrix.
+    """Add a dense symmetric ``block``, of which the upper half is filled, to a sparse matrix in CSR format.
 
-    ``room``: the length of its rows; ``standing`` (n,) is room for where columns stand in a row.
+    ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
+    work space for the position of each column in a row of the matrix.
     """
     width = len(columns)
     for i in range(width):
@@ -339,10 +354,31 @@ def add_energy(
 ) -> None:
     """Add sum w [grad u' A grad u + e1 a |normal part|^2 + e2 h^2 a (n' H n)^2 + c u^2] to ``matrix``.
 
-    Of cubic splines e3 h^4 a times the square of the third derivative along n as well. ``splines``: see `SPLINES`.
-    ``places`` and ``directions`` are those of `FixedSamples`; ``a`` (q,), or (1,) for all, or empty for no energy of
-    slopes; ``tensors`` (q, d, d), or empty where A is a times the identity; ``c`` (q,), (1,) or empty; ``matrix``:
-    (indptr, indices, data).
+    The gradient is the tangential one, its normal part the derivative along normals, and H the Hessian. For cubic
+    splines e3 h^4 a times the square of the third derivative along n is added too.
+
+    Parameters
+    ----------
+    unknowns : (p, w)
+        The unknowns that each patch reads.
+    spacing : float
+        h.
+    splines : tuple
+        That of the degree in `SPLINES`.
+    order, start : (q,), (p + 1,)
+        The samples sorted by patch, and where the samples of each patch start.
+    places, weights, directions
+        As in `QuantisedSamples`.
+    a : (q,), (1,) or (0,) float64
+        At the samples, constant, or absent: then only the term with c is added.
+    tensors : (q, d, d), (1, d, d) or (0, d, d) float64
+        A, or none where A is a times the identity.
+    c : (q,), (1,) or (0,) float64
+        At the samples, constant, or absent.
+    e1, e2, e3 : float
+        Factors of the stabilisation.
+    matrix : (indptr, indices, data)
+        The matrix in CSR format, of which ``data`` is added to.
     """
     indptr, indices, data = matrix
     codim, d = directions.shape[1], places.shape[1]
@@ -403,7 +439,7 @@ def add_energy(
                         continue
                     third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                     count += 1
-                    if one < two:  # the fourth cubic of two normals
+                    if one < two:  # a cubic form in two normals has four coefficients
                         n = combined(normals, one, two, share, -other)
                         third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                         count += 1
@@ -413,7 +449,7 @@ def add_energy(
 
 @compiled
 def combined(normals: Floats, one: int, two: int, share: float, other: float) -> tuple[float, float, float]:
-    """Return the sum of two of the normals (c, d), each times its share."""
+    """Return ``share`` times normal number ``one`` plus ``other`` times number ``two`` of ``normals`` (c, d)."""
     nx = share * normals[one, 0] + other * normals[two, 0]
     ny = share * normals[one, 1] + other * normals[two, 1]
     nz = share * normals[one, 2] + other * normals[two, 2] if normals.shape[1] == 3 else 0.0
@@ -422,6 +458,7 @@ def combined(normals: Floats, one: int, two: int, share: float, other: float) ->
 
 @compiled
 def _add_gathered(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
+    """Add the products of ``count`` pairs of rows to ``block``; pairs up to a multiple of `SWEEP` are set to zero."""
     room, whole = room_for(splines), (count + SWEEP - 1) // SWEEP * SWEEP
     forms[2 * room * count : 2 * room * whole] = 0.0
     add_products(forms, splines, whole, width, block)

@@ -1,4 +1,4 @@
-"""The functions that unknowns stand for: splines of one spacing. Refined and enriched spaces derive from this one."""
+"""The space of discrete functions: splines of one spacing. Refined and enriched spaces derive from this class."""
 
 from __future__ import annotations
 
@@ -31,15 +31,16 @@ if TYPE_CHECKING:
 class FunctionSpace:
     """Functions u = sum_j c_j N_j on the manifold, with N_j the splines of the lattice.
 
-    The unknowns are the n coefficients c_j. A derived space may have its splines as combinations of those in
-    :attr:`splines` (refined spaces), or further unknowns behind the c_j (enriched spaces).
+    The unknowns are the n coefficients c_j. In refined spaces the functions are linear combinations of the N splines in
+    :attr:`splines`: the prolongation R (N, spline_count) maps unknowns to the coefficients of these. In enriched spaces
+    further unknowns follow the c_j.
 
     Attributes
     ----------
     splines : SplineSpace
         The splines that are evaluated and integrated, with their q samples.
     interior : int
-        Number p of the samples on the manifold; those on boundaries follow.
+        Number p of the samples on the manifold, which precede those on boundaries.
     stabilisation : Stabilisation
         Factors of the stabilisation.
     """
@@ -54,22 +55,22 @@ class FunctionSpace:
 
     @property
     def dof_map(self) -> DofMap:
-        """The patches of the samples, and the splines that each reads."""
+        """The dof map of :attr:`splines`: the patches of the samples, and the splines that each patch reads."""
         return self.splines.dof_map
 
     @property
     def base_dof_map(self) -> DofMap:
-        """The dof map of the lattice, without refinement; it tells how many pieces the manifold has."""
+        """The dof map of the lattice without refinement; the connected pieces of the manifold are counted in it."""
         return self.dof_map
 
     @property
     def spacing(self) -> float:
-        """H of the lattice."""
+        """The spacing h of the lattice."""
         return self.dof_map.spacing
 
     @property
     def finest_spacing(self) -> float:
-        """The smallest spacing of splines."""
+        """The smallest spacing of the splines in the space."""
         return self.spacing
 
     @property
@@ -79,7 +80,7 @@ class FunctionSpace:
 
     @property
     def spline_count(self) -> int:
-        """Number of unknowns that are coefficients of splines: the first ones."""
+        """Number of unknowns that are coefficients of splines; these precede all other unknowns."""
         return self.dof_map.size
 
     @property
@@ -89,23 +90,23 @@ class FunctionSpace:
 
     @property
     def constant(self) -> Floats:
-        """(n, 1) the unknowns of the function 1: splines sum to one."""
+        """The unknowns (n, 1) of the constant function 1: 1 for the splines, which sum to 1, and 0 for the others."""
         return (np.arange(self.size) < self.spline_count).astype(np.float64)[:, None]
 
     def to_coefficients(self, u: Floats) -> Floats:
-        """Return the coefficients (N, k) of :attr:`splines` of the unknowns ``u`` (n, k): R u."""
+        """Return the coefficients R u (N, k) of :attr:`splines` for the unknowns ``u`` (n, k)."""
         return u[: self.spline_count]
 
     def restrict_loads(self, loads: Floats) -> Floats:
-        """Return R' times loads (N, k) of :attr:`splines`, (spline_count, k)."""
+        """Return R' ``loads`` (spline_count, k) from the loads (N, k) of :attr:`splines`."""
         return loads
 
     def restrict_matrix(self, matrix: csr_array) -> csr_array:
-        """Return R' A R, (spline_count, spline_count), of a matrix A over :attr:`splines`."""
+        """Return R' A R (spline_count, spline_count) from a ``matrix`` A (N, N) over :attr:`splines`."""
         return matrix
 
     def restrict_rows(self, rows: csr_array) -> csr_array:
-        """Return ``rows`` (k, N), which evaluate :attr:`splines`, times R, (k, spline_count)."""
+        """Return ``rows`` R (k, spline_count) from rows (k, N) that evaluate :attr:`splines`."""
         return rows
 
     # Evaluation
@@ -115,35 +116,41 @@ class FunctionSpace:
         return self.restrict_rows(value_rows(self.dof_map, patch, points))
 
     def spline_derivative_rows(self, patch: Ints, points: Floats, directions: Floats) -> csr_array:
-        """Return the matrix (k, spline_count) that evaluates derivatives along ``directions`` (k, d)."""
+        """Return the matrix (k, spline_count) of derivatives of the splines along ``directions`` (k, d)."""
         return self.restrict_rows(derivative_rows(self.dof_map, patch, points, directions))
 
     def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
-        """Return the matrix (k, n) that evaluates u at ``points`` (k, d) in these patches and mesh cells (k,)."""
-        del cells  # of spaces with further functions
+        """Return the matrix (k, n) that evaluates u at ``points`` (k, d) in patches (k,) and mesh ``cells`` (k,)."""
+        del cells  # used by spaces with functions beside the splines
         return self.spline_rows(patch, points)
 
     def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
-        """Return d matrices (k, n - spline_count), the gradients of the functions beside the splines; none here."""
+        """Return d matrices (k, n - spline_count) that evaluate the gradient of the functions beside the splines.
+
+        There is one for each component, at ``points`` (k, d) in mesh ``cells`` (k,); none if there are only splines.
+        """
         del points, cells
         return ()
 
     def values_at_samples(self, u: Floats, rows: slice | Ints | None = None) -> Floats:
-        """Return the values (p, channels) of u at the samples of the manifold, or at those numbered ``rows``."""
+        """Return the values (p, channels) of u at the samples on the manifold, or at the samples ``rows``."""
         return energy.values_at_samples(
             self.splines, self.to_coefficients(u), slice(self.interior) if rows is None else rows
         )
 
     def spline_gradients_at_samples(self, u: Floats) -> Floats:
-        """Return the tangential gradients (p, channels, d) of the splines in u at the samples of the manifold."""
+        """Return the tangential gradients (p, channels, d) of the spline part of u at the samples on the manifold."""
         return energy.gradients_at_samples(self.splines, self.interior, self.to_coefficients(u))
 
     def gradients_at_samples(self, u: Floats) -> Floats:
-        """Return the tangential gradients (p, channels, d) of u at the samples of the manifold."""
+        """Return the tangential gradients (p, channels, d) of u at the samples on the manifold."""
         return self.spline_gradients_at_samples(u)
 
     def gradients_beside_boundaries(self, u: Floats, points: Floats, normals: Floats) -> Floats:
-        """Return the tangential gradients (b, channels, d) of the splines in u at the samples on boundaries."""
+        """Return the tangential gradients (b, channels, d) of the spline part of u at the samples on boundaries.
+
+        ``points`` (b, d) and ``normals`` (b, c, d) are those of these samples.
+        """
         patch = self.dof_map.patch[self.interior :]
         return energy.gradients_at(self.splines, patch, points, normals, self.to_coefficients(u))
 
@@ -151,35 +158,35 @@ class FunctionSpace:
 
     @cached_property
     def areas(self) -> Floats:
-        """(spline_count,) the integral of each spline over the manifold."""
+        """The integrals (spline_count,) of each spline over the manifold."""
         return self.spline_loads(np.ones((1, 1)))[:, 0]
 
     @cached_property
     def totals(self) -> Floats:
-        """(n,) the integral of each function over the manifold."""
+        """The integrals (n,) of each function of the space over the manifold."""
         return self.areas
 
     def spline_loads(self, values: Floats) -> Floats:
-        """Return the integrals (spline_count, k) of ``values`` (q, k) at all samples, or (1, k), times each spline."""
+        """Return the integrals (spline_count, k) of ``values``, (q, k) at all samples or (1, k), times each spline."""
         return self.restrict_loads(energy.load(self.splines, values))
 
     def load(self, values: Floats) -> Floats:
-        """Return the integrals (n, k) of ``values`` (p, k) at the samples of the manifold times each function."""
+        """Return the integrals (n, k) of ``values`` (p, k) at the samples on the manifold times each function."""
         count = len(self.splines.samples) - self.interior
         return self.spline_loads(np.concatenate([values, np.zeros((count, values.shape[1]))]) if count else values)
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Return the integrals (n,) of vectors (p, d) at the samples times the gradient of each function."""
+        """Return the integrals (n,) of a vector field (p, d) at the samples times the gradient of each function."""
         return energy.gradient_load(self.splines, values)
 
     @cached_property
     def mass(self) -> CsrOperator:
-        """M, the integrals of products of functions; singular, for some splines are zero at all samples."""
+        """The mass matrix M (n, n) of the functions; it is singular, as some splines are zero at all samples."""
         matrix = self.restrict_matrix(energy.mass(self.splines, 1.0))
         return CsrOperator(self.extend_matrix(matrix, None, np.ones(1)), symmetric=True)
 
     def weighted_mass(self, c: Floats) -> csr_array:
-        """Return the integrals (n, n) of c u v, c (q,) at all samples."""
+        """Return the mass matrix (spline_count, spline_count) of the splines, weighted with ``c`` (q,) at samples."""
         return self.restrict_matrix(energy.mass(self.splines, c))
 
     def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
@@ -190,34 +197,36 @@ class FunctionSpace:
         return energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale)
 
     def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
-        """Return a ``matrix`` over the splines with the integrals of a grad u . grad v + c u v of further functions.
+        """Return a ``matrix`` over the splines extended by the functions beside the splines, (n, n).
 
-        ``a`` and ``c``: (q,) at all samples, or (1,); None for no such term.
+        Its further entries are the integrals of a grad u . grad v + c u v. ``a`` and ``c`` are (q,) at all samples or
+        (1,); None where there is no such term.
         """
         del a, c
         return matrix
 
     def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
-        """Return conditions on the splines as conditions on all functions."""
+        """Return the ``terms`` of conditions, given in the coefficients of the splines, in all unknowns."""
         return terms
 
     # Projection
 
     @cached_property
     def projection(self) -> Projection:
-        """The solver with M + h^2 S, S the stabilisation for the coefficient 1."""
+        """The solver of systems with M + h^2 S, where S is the stabilisation for the diffusivity 1."""
         return Projection((self.mass.matrix + self.spacing**2 * self._unit_stabilisation()).tocsr())
 
     def _unit_stabilisation(self) -> csr_array:
+        """Return the stabilisation S (n, n) for the diffusivity 1: the stiffness with it less the stiffness without."""
         unit = (energy.stiffness(self.splines, 1.0, factors) for factors in (self.stabilisation, NO_STABILISATION))
         return self.extend_matrix(next(unit) - next(unit), None, None)
 
     def project(self, values: Floats) -> Floats:
-        """Return the unknowns (n, k) of the functions nearest in mean square to ``values`` (p, k) at the samples."""
+        """Return the unknowns (n, k) of the L2 projections of ``values`` (p, k) at the samples on the manifold."""
         return self.projection.solve(self.load(values))
 
     def project_gradients(self, u: Floats) -> Floats:
-        """Return the unknowns (n, channels d) of the functions nearest to the gradient of the splines in u."""
+        """Return the unknowns (n, channels d) of the L2 projection of the tangential gradient of the splines in u."""
         gradients = self.spline_gradients_at_samples(u)
         return self.project(gradients.reshape(len(gradients), -1))
 
@@ -225,24 +234,24 @@ class FunctionSpace:
 
     @cached_property
     def plain_levels(self) -> list[Level]:
-        """The steps to coarser lattices, of twice the spacing and so on."""
+        """The multigrid levels of coarser lattices, with prolongations: of twice the spacing, four times, and so on."""
         return coarser_levels(self.base_dof_map, self.base_dof_map.patch[self.interior :])
 
     @cached_property
     def refined_levels(self) -> list[Level]:
-        """The steps between spaces of several levels, which precede :attr:`plain_levels`."""
+        """The multigrid levels between refined spaces, which precede :attr:`plain_levels`; none without refinement."""
         return []
 
     # Description
 
     def describe(self) -> dict[str, Any]:
-        """Return what reports say of the space, as plain values."""
+        """Return the entries that describe the space in reports, as plain values; none here."""
         return {}
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays by which the space of a saved solution is recognised."""
+        """Return the arrays that are saved with a solution, from which :meth:`differs_from` compares spaces."""
         return {"nodes": self.base_dof_map.nodes}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how the space of a saved solution, known by its :meth:`arrays`, differs; empty where it does not."""
+        """Return how this space differs from that of a ``saved`` solution, given by its :meth:`arrays`; "" if equal."""
         return "" if np.array_equal(self.base_dof_map.nodes, saved["nodes"]) else "its nodes are others"

@@ -1,10 +1,10 @@
 """Coarser levels for multigrid: dof maps of lattices of twice the spacing, and prolongations between their splines.
 
-The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other one of the finer
-lattice: a cell lies in one coarser cell, a patch in one coarser patch. A coarser node may have several unknowns. A
-finer unknown depends on those that the coarser patch of any of its patches reads. The choice of the patch does not
-matter: the patches that read the unknown are connected by touching patches that read it too, so that their coarser
-patches touch or are equal, and all of these read the coarser node.
+The coarser lattice has spacing 2h and its origin at h/2, so that its knot planes are every other knot plane of the
+finer lattice: a cell lies in one coarser cell, a patch in one coarser patch. A coarser node may have several unknowns.
+A finer unknown is interpolated from the unknowns that the coarser patch reads which contains any patch that reads the
+finer unknown. The choice of the patch does not matter: the patches that read the unknown are connected by touching
+patches that read it too, so that their coarser patches touch or are equal, and all of these read the coarser node.
 """
 
 from __future__ import annotations
@@ -28,20 +28,20 @@ if TYPE_CHECKING:
 def two_scale(
     cells: Ints, unknowns: Ints, n: int, parent: Ints, coarse_cells: Ints, coarse_unknowns: Ints, shares: Floats
 ) -> tuple[Any, Any, Any]:
-    """Return row pointers, columns (ascending in each row) and weights of the prolongation P (n, m).
+    """Return row pointers (n + 1,), columns, ascending in each row, and weights of the prolongation P (n, m).
 
     Parameters
     ----------
     cells, unknowns : (p, d), (p, (degree + 1)^d)
-        Of the finer patches.
+        Lattice cells of the finer patches, and the unknowns that they read.
     n : int
         Number of finer unknowns.
     parent : (p,)
-        The coarser patch of each finer one.
+        The coarser patch that contains each finer patch.
     coarse_cells, coarse_unknowns
-        Of the coarser patches.
+        Lattice cells of the coarser patches, and the unknowns that they read.
     shares : (degree + 2,)
-        Coefficients of the finer splines whose sum is a coarser spline, along an axis.
+        Coefficients of the two-scale relation: a coarser spline as a sum of finer splines, along an axis.
     """
     p, d = cells.shape
     width, along = unknowns.shape[1], len(shares) - 1
@@ -51,7 +51,7 @@ def two_scale(
         for place in range(width):
             if reader[unknowns[a, place]] < 0:
                 reader[unknowns[a, place]] = a * width + place
-    most = (along + 2) // 2  # coarser splines an axis that a finer one is part of
+    most = (along + 2) // 2  # coarser splines, along an axis, in whose sums a finer spline occurs
     pointers = np.zeros(n + 1, dtype=np.int32)
     columns = np.empty(n * most**d, dtype=np.int32)
     weights = np.empty(n * most**d, dtype=np.float32)  # of multiples of 2^(-degree d), exactly
@@ -87,11 +87,14 @@ def two_scale(
 
 @compiled
 def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight: float) -> int:
-    """Add a weight to the row that starts at ``begin`` and return where it ends now."""
+    """Add ``weight`` in ``column`` to the last row of a CSR matrix, from ``begin`` to ``used``; return its new end.
+
+    Columns stay ascending; weights in the same column are summed.
+    """
     at = begin
     while at < used and columns[at] < column:
         at += 1
-    if at < used and columns[at] == column:  # of an isolated piece, whose nodes are one unknown
+    if at < used and columns[at] == column:  # on an isolated piece, all nodes of which have the same unknown
         weights[at] += weight
         return used
     for k in range(used, at, -1):
@@ -100,8 +103,8 @@ def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight:
     return used + 1
 
 
-#: A piece of the manifold within so many cells along every axis has one unknown. Pieces that have one unknown on the
-#: finer level lie within three of its cells, and so within two coarser ones.
+#: A connected piece of the manifold that extends over at most so many cells along every axis has one unknown. Pieces
+#: with one unknown on the finer level extend over at most three cells there, and so over at most two coarser cells.
 ISOLATED_CELLS = 2
 
 
@@ -131,18 +134,21 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
 
 
 def two_scale_shares(degree: int) -> Floats:
-    """Return (degree + 2,) the coefficients of a spline of spacing 2h in splines of spacing h, along an axis."""
+    """Return the coefficients (degree + 2,) of a spline of spacing 2h in splines of spacing h, along an axis."""
     return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
 
 
 def _pairs(pairs: Ints, count: int) -> Ints:
-    """Return the distinct pairs (k, 2) among ``pairs`` of numbers below ``count``, the smaller number first."""
+    """Return the distinct pairs (k, 2) among ``pairs`` (t, 2) of numbers below ``count``, the smaller number first."""
     codes = np.unique(pairs.min(axis=1) * count + pairs.max(axis=1))
     return np.stack([codes // count, codes % count], axis=1)
 
 
 def _is_isolated(cells: Ints, touching: Ints) -> Bools:
-    """Return (p,) which patches belong to pieces of the manifold that have one unknown."""
+    """Return whether each patch (p,) belongs to a connected piece of the manifold that is small enough for one unknown.
+
+    ``cells`` (p, d) are the lattice cells of the patches, ``touching`` (t, 2) the pairs of patches that touch.
+    """
     from cpmkit.forms.galerkin.dof_map_kernels import bounds
 
     pieces, label = components(len(cells), touching)
@@ -151,22 +157,22 @@ def _is_isolated(cells: Ints, touching: Ints) -> Bools:
     return small[label]
 
 
-#: A level of at most so many unknowns is the coarsest: its systems are solved by factors.
+#: A level of at most so many unknowns is the coarsest: its systems are solved by a factorisation.
 COARSEST_UNKNOWNS = 400
-#: Coarsening ends where a level has more than this share of the unknowns before: isolated pieces are left alone.
+#: Coarsening ends where a level has more than this share of the unknowns of the finer level, as for isolated pieces.
 LARGEST_REMAINING_SHARE = 0.9
 
 
 def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
-    """Return the steps to coarser levels, the finest first.
+    """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
     Parameters
     ----------
     dof_map : DofMap
-        Of the finest level.
+        Dof map of the finest level.
     boundary_patches : (k,) int64
-        The patches with samples on boundaries. The unknowns that these patches read, and on coarser levels the coarser
-        patches that contain them, are the strip of each level, which the smoother treats by blocks.
+        The patches with samples on boundaries. On each level the unknowns that these patches read, or the coarser
+        patches that contain them, form the strip, which the smoother treats by blocks.
     """
     level = replace(dof_map, patch=np.unique(boundary_patches))
     levels: list[Level] = []
@@ -180,7 +186,7 @@ def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
 
 
 def _lines(dof_map: DofMap) -> Ints:
-    """Return (r, degree + 1) the unknowns on the lines along the axes inside all patches, each line once."""
+    """Return the lines (r, degree + 1) of unknowns along the axes inside all patches, each line once."""
     width, dim = dof_map.width, dof_map.dim
     blocks = dof_map.unknowns.reshape(-1, *(width,) * dim)
     lines = np.unique(

@@ -1,4 +1,7 @@
-"""Kernels of the sparsity pattern: unknowns are coupled within a patch, and within a run along an axis."""
+"""Kernels of the sparsity pattern: unknowns are coupled if one patch reads both, or if both are in one run.
+
+A run is a sequence of neighbouring unknowns along an axis.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +15,10 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
-    """Return ``starts`` (n + 1,) and ``after``: the neighbours of each unknown in the direction of an axis.
+    """Return the next neighbours of each unknown along an axis, as ``starts`` (n + 1,) and ``after``.
 
-    Unknowns are neighbours where one patch reads both; ``stride`` is how far they stand apart in it, ``along`` how many
-    it reads along an axis.
+    Those of unknown i are ``after[starts[i] : starts[i + 1]]``: the unknowns ``stride`` places behind i in a row of
+    ``unknowns`` (p, w), on the same line along the axis. A patch reads ``along`` unknowns on each line.
     """
     head = np.full(n, -1)
     other, link = np.empty(n + 1, dtype=np.int64), np.empty(n + 1, dtype=np.int64)
@@ -24,7 +27,7 @@ def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, In
     for p in range(len(unknowns)):
         for place in before:
             i, j = unknowns[p, place], unknowns[p, place + stride]
-            if i == j:  # a speck
+            if i == j:  # an isolated piece of the manifold, with one unknown
                 continue
             at = head[i]
             while at >= 0 and other[at] != j:
@@ -50,6 +53,7 @@ def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, In
 
 @compiled
 def _grown(values: Ints) -> Ints:
+    """Return a copy of ``values`` (k,) of twice the length; the second half is not filled."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
     return more
@@ -57,7 +61,10 @@ def _grown(values: Ints) -> Ints:
 
 @compiled
 def runs_of(starts: Ints, after: Ints, length: int) -> Any:
-    """Return (r, length) all ways to go from neighbour to neighbour, so many unknowns each."""
+    """Return all runs (r, length): sequences of unknowns each of which is a next neighbour of the one before.
+
+    ``starts`` and ``after`` are the table of next neighbours along an axis from :func:`following`.
+    """
     n = len(starts) - 1
     runs = np.arange(n).astype(np.int32).reshape(n, 1)
     for size in range(1, length):
@@ -81,9 +88,11 @@ def runs_of(starts: Ints, after: Ints, length: int) -> Any:
 def pattern(
     unknowns: Ints, starts: Ints, places: Ints, runs: Ints, run_starts: Ints, run_places: Ints, indptr: Any
 ) -> Any:
-    """Return the columns of all rows, ascending, and fill in ``indptr`` (n + 1,), whose type they have.
+    """Return the column indices (z,) of the sparsity pattern in CSR format, and fill ``indptr`` (n + 1,).
 
-    ``starts``, ``places``: the inverse of ``unknowns``; ``run_starts``, ``run_places``: that of ``runs`` (r, k).
+    Columns are ascending in each row and have the type of ``indptr``. ``starts`` and ``places`` are the inverse index
+    of ``unknowns.ravel()``, with ``unknowns`` (p, w); ``run_starts`` and ``run_places`` that of ``runs.ravel()``, with
+    ``runs`` (r, k).
     """
     n = len(starts) - 1
     width, steps = unknowns.shape[1], runs.shape[1]
@@ -98,7 +107,7 @@ def pattern(
         for at in range(starts[i], starts[i + 1]):
             row = unknowns[places[at] // width]
             for j in row:
-                columns[used] = j  # and stays where it is new: no branch, which would often be guessed wrongly
+                columns[used] = j  # counted only if it is new; without a branch, which would often be mispredicted
                 used += np.uint64(seen[j] != i)
                 seen[j] = i
         for at in range(run_starts[i], run_starts[i + 1]):
@@ -122,9 +131,10 @@ def pattern(
 
 @compiled
 def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors: Floats, matrix: Any) -> None:
-    """Add the squares of differences: ``factors`` (r,) times (stencil . u[runs])^2 with ``runs`` (r, k).
+    """Add sum_r factors[r] (stencil . u[runs[r]])^2 to a ``matrix`` (indptr, indices, data) in CSR format.
 
-    Row after row of the matrix; ``starts`` (n + 1,) and ``places`` are the inverse of ``runs.ravel()``.
+    ``stencil`` (k,) are the coefficients of a difference and ``runs`` (r, k) sequences of unknowns. ``starts`` (n + 1,)
+    and ``places`` are the inverse index of ``runs.ravel()``, by which the matrix is filled row by row.
     """
     indptr, indices, data = matrix
     k = len(stencil)

@@ -1,8 +1,8 @@
-"""Projection of values onto functions: the solution of ``(M + h^2 S) u = loads``.
+"""Projection of values at samples onto the functions of a space: the solution of ``(M + h^2 S) u = loads``.
 
 The mass matrix M alone is singular, for some splines are zero at all samples; the stabilisation S determines them. The
-condition number stays below about 200 at any spacing, so that conjugate gradients with the diagonal are quicker than
-factors on all but the smallest scenes.
+condition number stays below about 200 at any spacing, so that conjugate gradients preconditioned by the diagonal are
+faster than a factorisation on all but the smallest scenes.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Projection:
     __getstate__ = state_without_cached
 
     def solve(self, loads: Floats) -> Floats:
-        """Return the unknowns (n, k) of the ``loads`` (n, k), integrals of values times each function."""
+        """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
+
+        The ``loads`` (n, k) are integrals of k functions times each function of the space.
+        """
         u = np.zeros_like(loads)
         nonzero = np.flatnonzero(np.any(loads != 0, axis=0))
         if len(loads) <= MOST_FACTORISED_PROJECTION:
@@ -53,6 +56,10 @@ class Projection:
         return u
 
     def _iterate(self, loads: Floats) -> Floats:
+        """Return the solutions (n, k) for nonzero ``loads`` (n, k) by preconditioned conjugate gradients.
+
+        The preconditioner is the diagonal. If the iteration does not converge the matrix is factorised.
+        """
         target = PROJECTION_TOLERANCE * np.linalg.norm(loads, axis=0)
         apply, inverse_diagonal = self._compiled.apply, 1 / self.matrix.diagonal()[:, None]
         most = MOST_PROJECTION_STEPS
@@ -61,8 +68,10 @@ class Projection:
 
     @cached_property
     def _compiled(self) -> UnsignedCsr:
+        """The matrix in the format whose product with vectors is compiled."""
         return UnsignedCsr.of(self.matrix)
 
     @cached_property
     def _factors(self) -> Any:
+        """The factorisation of the matrix, with a method ``solve``."""
         return factorize_matrix(self.matrix, symmetric_pattern=True)

@@ -1,4 +1,8 @@
-"""Compiled: loads summed over samples, and splines read at them."""
+"""Compiled: loads summed over samples, and values and gradients of splines at samples.
+
+Tuples ``splines`` and ``third`` have the lengths of the numbers of splines that a patch reads along each of the first
+two axes and along the third, 1 in the plane: the compiler knows these lengths, and the entries are unused.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +18,7 @@ from cpmkit.types import Floats, Ints
 
 @inlined
 def spline_values(t: float, width: int, values: Floats) -> None:
-    """Fill ``values`` (width,) with the splines that a cell reads at t along an axis: 2, 3 or 4 of degree 1, 2 or 3."""
+    """Fill ``values`` (width,) with the values at ``t`` of the splines of degree width - 1 on a cell, along an axis."""
     s = 1.0 - t
     if width == 3:
         values[0], values[1], values[2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
@@ -27,7 +31,7 @@ def spline_values(t: float, width: int, values: Floats) -> None:
 
 @inlined
 def spline_slopes(t: float, width: int, slopes: Floats) -> None:
-    """Fill ``slopes`` (width,) with their derivatives with respect to t."""
+    """Fill ``slopes`` (width,) with the derivatives at ``t`` of the splines of degree width - 1 on a cell."""
     s = 1.0 - t
     if width == 3:
         slopes[0], slopes[1], slopes[2] = -s, s - t, t
@@ -40,7 +44,7 @@ def spline_slopes(t: float, width: int, slopes: Floats) -> None:
 
 @inlined
 def splines_along(width: int, d: int) -> int:
-    """Return how many splines an axis a patch reads that reads ``width`` of them."""
+    """Return the number of splines along an axis for a patch that reads ``width`` splines in ``d`` dimensions."""
     along = 2
     while along**d < width:
         along += 1
@@ -49,7 +53,7 @@ def splines_along(width: int, d: int) -> int:
 
 @inlined
 def gather(unknowns: Ints, u: Floats, of_patch: Floats) -> None:
-    """Fill ``of_patch`` with the coefficients in u (n, channels) of a patch's ``unknowns``, channel after channel."""
+    """Fill ``of_patch`` (channels w,) with the entries of ``u`` (n, channels) at ``unknowns`` (w,), by channel."""
     width = len(unknowns)
     for channel in range(u.shape[1]):
         for place in range(width):
@@ -67,11 +71,10 @@ def add_load(
     f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum w[q] f[q] N_j(y_q) to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all.
+    """Add sum_q weights[q] f[q] N_j(y_q) to each row j of ``load`` (n, channels), for the splines N_j.
 
-    ``places`` (q, d): as of `FixedSamples`. Consecutive samples of one ``patch`` (q,) are summed locally before they
-    are scattered. ``splines`` and ``third`` are tuples as long as there are splines along the first axes and along the
-    third, one in the plane: numbers that the compiler knows.
+    ``f`` is (q, channels), or (1, channels) where it is constant; ``places`` (q, d) are those of `QuantisedSamples`.
+    Consecutive samples in the same ``patch`` (q,) are summed before they are added to ``load``.
     """
     width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
     along, depth = len(splines), len(third)
@@ -102,7 +105,10 @@ def add_load(
 
 @compiled
 def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: Any, u: Floats, values: Floats) -> None:
-    """Fill ``values`` (q, channels) with those of u (n, channels) at the samples; ``splines``, ``third`` as above."""
+    """Fill ``values`` (q, channels) with those of the splines with coefficients ``u`` (n, channels) at samples.
+
+    ``places`` (q, d) are those of `QuantisedSamples`, and ``patch`` (q,) are the patches of the samples.
+    """
     channels = u.shape[1]
     along, depth = len(splines), len(third)
     X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
@@ -134,7 +140,10 @@ def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
 
 @inlined
 def splines_by_axis(point: Floats, cell: Any, spacing: float, along: int, values: Floats, steps: Floats) -> None:
-    """Fill ``values`` and ``steps`` (3, along) with the splines of a cell at a point and their slopes, by axis."""
+    """Fill ``values`` and ``steps`` (3, along), for each axis, with the splines at ``point`` (d,) and their slopes.
+
+    Slopes are derivatives with respect to coordinates in spacings. Rows of a missing third axis are left as they are.
+    """
     for axis in range(len(cell)):
         t = point[axis] / spacing - cell[axis] + 0.5
         spline_values(t, along, values[axis])
@@ -145,7 +154,11 @@ def splines_by_axis(point: Floats, cell: Any, spacing: float, along: int, values
 def read_slopes(
     unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, slopes: Floats
 ) -> None:
-    """Fill ``slopes`` (q, channels, d) with the tangential gradients of u (n, channels) at the samples."""
+    """Fill ``slopes`` (q, channels, d) with the tangential gradients at ``points`` (q, d).
+
+    ``u`` (n, channels) are coefficients of splines, ``patch`` (q,) the patches of the points, and ``normals`` (q, c, d)
+    orthonormal bases of the normal space.
+    """
     d = cells.shape[1]
     along = splines_along(unknowns.shape[1], d)
     depth = along if d == 3 else 1
@@ -180,7 +193,11 @@ def read_slopes(
 
 @inlined
 def splines_by_place(place: Any, along: int, depth: int, values: Floats, steps: Floats) -> None:
-    """Fill ``values`` and ``steps`` (3, along) with the splines of a cell at a place and their slopes, by axis."""
+    """Fill ``values`` and ``steps`` (3, along), for each axis, with the splines at a sample and their slopes.
+
+    ``place`` (d,) is that of the sample in `QuantisedSamples`. Slopes are derivatives with respect to coordinates in
+    spacings. In the plane, where ``depth`` is 1, the third rows are left as they are.
+    """
     for axis in range(3 if depth > 1 else 2):
         t = PLACE_UNIT * place[axis] + 0.5
         spline_values(t, along, values[axis])
@@ -189,7 +206,7 @@ def splines_by_place(place: Any, along: int, depth: int, values: Floats, steps: 
 
 @inlined
 def make_tangential(normals: Floats, vector: Floats) -> None:
-    """Take the part along ``normals`` (c, d), orthonormal, out of a ``vector`` (3,)."""
+    """Subtract from ``vector`` (3,), in place, its components along orthonormal ``normals`` (c, d)."""
     for c in range(normals.shape[0]):
         across = 0.0
         for axis in range(normals.shape[1]):
@@ -210,9 +227,9 @@ def read_slopes_at_samples(
     u: Floats,
     slopes: Floats,
 ) -> None:
-    """Fill ``slopes`` (q, channels, d) with the tangential gradients of u (n, channels) at the first q samples.
+    """Fill ``slopes`` (q, channels, d) with the tangential gradients at the first q samples.
 
-    ``splines`` and ``third``: as of `add_load`.
+    ``u`` (n, channels) are coefficients of splines; ``places`` and ``directions`` are those of `QuantisedSamples`.
     """
     channels, d = u.shape[1], places.shape[1]
     along, depth = len(splines), len(third)
@@ -264,9 +281,9 @@ def add_slope_load_of_samples(
     field: Floats,
     load: Floats,
 ) -> None:
-    """Add sum w[q] field[q] . grad N_j(y_q) over the first samples to ``load`` (n,), of ``field`` (q, d) as tangential.
+    """Add sum_q weights[q] field[q] . grad N_j(y_q) over the first samples to ``load`` (n,), for the splines N_j.
 
-    ``splines`` and ``third``: as of `add_load`.
+    Only the tangential part of ``field`` (q, d) is used; ``places`` and ``directions`` are those of `QuantisedSamples`.
     """
     width, d, last = unknowns.shape[1], places.shape[1], len(field) - 1
     along, depth = len(splines), len(third)

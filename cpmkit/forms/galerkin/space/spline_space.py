@@ -1,4 +1,4 @@
-"""Splines over samples, and the sparsity pattern that all their matrices share, whatever the coefficients."""
+"""Splines with their samples, and the sparsity pattern of all matrices of energies summed over these samples."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class SplineSpace:
-    """Splines over samples, and the pattern of the matrices of their energies.
+    """Splines with the samples over which they are integrated, and the sparsity pattern of their matrices.
 
     Attributes
     ----------
     dof_map : DofMap
-        The unknowns, which are coefficients of splines.
-    samples : FixedSamples
-        The samples that ``dof_map`` numbers: those on the manifold, then those on boundaries.
+        The patches of the samples, and the n unknowns, which are coefficients of splines.
+    samples : QuantisedSamples
+        The samples of ``dof_map``, in its order: those on the manifold, then those on boundaries.
     heaviest : (n,) int32
-        The place of each unknown in the patch of largest weight that reads it: an index into
-        ``dof_map.unknowns.ravel()``.
+        For each unknown an index into ``dof_map.unknowns.ravel()`` where it stands: in the patch with the largest sum
+        of weights among those that read it.
     runs : (r, degree + 2) int32
-        Sequences of neighbouring unknowns along an axis, one longer than a patch reads. Where an unknown has several
-        neighbours there is one run for each.
+        All sequences of degree + 2 neighbouring unknowns along an axis, one more than a patch reads. Where an unknown
+        has several neighbours in one direction, there is a run through each of them.
     short_runs : (s, degree + 1) int32
-        Sequences inside the heaviest patch: of unknowns that are in no run, and of curves in space along axes on which
-        the curve stays in one layer of cells.
+        Sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that is in no run, and,
+        for curves in space, along axes on which a piece of the curve stays in one layer of cells.
     indptr, indices : (n + 1,), (z,) int32 or int64
-        The pattern of every matrix in CSR format, columns ascending.
+        The sparsity pattern of every matrix in CSR format, columns ascending.
     """
 
     dof_map: DofMap
@@ -53,7 +53,7 @@ class SplineSpace:
         return self.dof_map.dim - self.samples.codim
 
     def matrix(self, data: Floats) -> csr_array:
-        """Return the (n, n) matrix with the entries ``data`` (z,); all such matrices share the pattern."""
+        """Return the matrix (n, n) with the entries ``data`` (z,); it shares the arrays of the sparsity pattern."""
         from scipy.sparse import csr_array
 
         n = self.dof_map.size
@@ -62,10 +62,10 @@ class SplineSpace:
         return matrix
 
     def samples_by_patch(self) -> tuple[Any, Ints]:
-        """Return the samples sorted by patch, ``order`` (q,), and where each patch begins in it, ``start`` (p + 1,).
+        """Return the numbers (q,) of the samples sorted by patch, and where each patch starts among them (p + 1,).
 
-        Computed anew at each call, which takes a thirtieth of an assembly: stored they would add a tenth to the memory
-        of the samples.
+        They are computed at each call, which takes a thirtieth of an assembly; stored they would add a tenth to the
+        memory of the samples.
         """
         from cpmkit.runtime.inverse_index import inverse_index
 
@@ -73,7 +73,7 @@ class SplineSpace:
         return order, start
 
     def means(self, values: Floats) -> Floats:
-        """Return (n,) the mean of ``values`` (q,) or (1,) over the samples of the patches that read each unknown."""
+        """Return the mean (n,) of ``values`` (q,) or (1,) over the samples in the patches that read each unknown."""
         if len(values) == 1:
             return np.full(self.dof_map.size, values[0])
         patches, unknowns = len(self.dof_map.cells), self.dof_map.unknowns
@@ -85,7 +85,7 @@ class SplineSpace:
 
 
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
-    """Return the splines with the unknowns of ``dof_map`` over the ``samples`` that it numbers."""
+    """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
     from cpmkit.forms.galerkin.space.pattern_kernels import following, pattern, runs_of
     from cpmkit.runtime.inverse_index import inverse_index
 
@@ -113,10 +113,11 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
 
 
 def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints], heaviest: Ints) -> Ints:
-    """Return lines (k, degree + 1) inside patches along axes on which a whole piece of a curve in space has no run.
+    """Return lines (k, degree + 1) of unknowns for connected pieces of a curve in space that have no run along an axis.
 
-    Such a piece stays in one layer of cells. Where it is straight, y^2 z vanishes on it with all derivatives in the
-    energy, y and z being coordinates along such axes; the differences along these lines control that function.
+    The lines are inside patches and along these axes, one through each unknown of such a piece. Such a piece stays in
+    one layer of cells. Where it is straight, y^2 z and all its derivatives in the energy vanish on it, with y and z
+    coordinates along such axes; the penalty on differences along the lines is not zero for that function.
     """
     count, piece = connected_pieces(dof_map)
     lines = []
@@ -128,7 +129,10 @@ def _lines_across_straight_pieces(dof_map: DofMap, runs_by_axis: Sequence[Ints],
 
 
 def _heaviest_places(weights: Floats, starts: Ints, places: Ints) -> Ints:
-    """Return (n,) for each unknown the one of its ``places`` with the largest weight, the first of equal ones."""
+    """Return for each unknown (n,) its place of largest weight, the first if several have it.
+
+    The places of unknown i are ``places[starts[i] : starts[i + 1]]``, with weights in the same slice of ``weights``.
+    """
     largest = np.maximum.reduceat(weights, starts[:-1])
     hits = np.flatnonzero(weights == largest.repeat(np.diff(starts)))
     row = np.searchsorted(starts, hits, side="right") - 1

@@ -1,7 +1,7 @@
-"""Tensor products of B-splines of degree 1, 2 or 3, evaluated through the polynomial of a patch.
+"""Tensor products of B-splines of degree 1, 2 or 3, evaluated as polynomials on the lattice cell of a patch.
 
-With z = x / h and the lattice cell r of the patch, t = z - r + 1/2 runs over [0, 1] inside the cell. Outside of the
-cell the same polynomial is continued.
+Along each axis t = x / h - r + 1/2 is in [0, 1] inside the cell, whose centre is node r of the lattice of spacing h.
+Points outside the cell are evaluated by the same polynomial.
 """
 
 from __future__ import annotations
@@ -24,10 +24,11 @@ DEGREES = (1, 2, 3)
 
 @cache
 def spline_pieces(degree: int) -> Floats:
-    """Return (degree + 1, degree + 1) the splines that a cell reads, as coefficients of 1, t, t^2 and so on.
+    """Return the polynomials in t of the degree + 1 splines that are not zero on a cell, along an axis.
 
-    By the recursion of Cox and de Boor: spline k of degree p is the sum of (t + p - k)/p times spline k - 1 of degree
-    p - 1, and of (k + 1 - t)/p times spline k of degree p - 1.
+    Row k has the coefficients (degree + 1,) of spline k, that of 1 first, by the recursion of Cox and de
+    Boor: spline k of degree p is (t + p - k)/p times spline k - 1 of degree p - 1, plus (k + 1 - t)/p times spline k of
+    degree p - 1.
     """
     if degree == 0:
         return np.ones((1, 1))
@@ -41,17 +42,17 @@ def spline_pieces(degree: int) -> Floats:
 
 
 def spline_values(t: Floats, degree: int) -> Floats:
-    """Return (..., degree + 1) the splines that a cell reads, at t (...)."""
+    """Return the values (..., degree + 1) at t (...) of the splines that are not zero on a cell, along an axis."""
     return _evaluate(t, spline_pieces(degree).T)
 
 
 def spline_slopes(t: Floats, degree: int) -> Floats:
-    """Return (..., degree + 1) their derivatives with respect to t."""
+    """Return the derivatives (..., degree + 1) at t (...) of the splines that are not zero on a cell, along an axis."""
     return _evaluate(t, np.asarray(np.polynomial.polynomial.polyder(spline_pieces(degree).T), dtype=np.float64))
 
 
 def _evaluate(t: Floats, coefficients: Floats) -> Floats:
-    """Return (..., w) polynomials at t (...), by Horner's rule; ``coefficients`` (k, w) with those of 1 first."""
+    """Return the values (..., w) of w polynomials at t (...) by Horner's rule; ``coefficients`` (k, w), of 1 first."""
     values = np.multiply.outer(t, coefficients[-1]) if len(coefficients) > 1 else np.zeros((*t.shape, 1))
     for row in coefficients[-2:0:-1]:
         values = (values + row) * t[..., None]
@@ -59,7 +60,7 @@ def _evaluate(t: Floats, coefficients: Floats) -> Floats:
 
 
 def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
-    """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each through the splines of its ``patch`` (k,).
+    """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each by the splines of its ``patch`` (k,).
 
     Points are relative to the origin of the lattice.
     """
@@ -71,7 +72,10 @@ def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
 
 
 def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Floats) -> csr_array:
-    """Return the matrix (k, n) that evaluates the derivatives of u along ``directions`` (k, d) at ``points`` (k, d)."""
+    """Return the matrix (k, n) that evaluates the derivative of u along ``directions`` (k, d) at ``points`` (k, d).
+
+    Each point is evaluated by the splines that its ``patch`` (k,) reads.
+    """
     t = _local(dof_map, patch, points)
     along = directions * dof_map.magnification(patch)[:, None] / dof_map.spacing
     values = spline_values(t, dof_map.degree)
@@ -84,17 +88,17 @@ def derivative_rows(dof_map: DofMap, patch: Ints, points: Floats, directions: Fl
 
 
 def _local(dof_map: DofMap, patch: Ints, points: Floats) -> Floats:
-    """Return t (k, d) of points in the cells of their patches."""
+    """Return the coordinates t (k, d) of ``points`` (k, d) in the cells of their patches (k,): in [0, 1] inside."""
     return np.asarray(dof_map.magnify(patch, points) / dof_map.spacing - dof_map.cells[patch] + 0.5)
 
 
 def _outer(first: Floats, second: Floats) -> Floats:
-    """Return (k, v w) the products of entries (k, v) and (k, w), the latter running fastest."""
+    """Return the outer products (k, v w) of rows of ``first`` (k, v) and ``second`` (k, w); the latter runs fastest."""
     return (first[:, :, None] * second[:, None, :]).reshape(len(first), first.shape[1] * second.shape[1])
 
 
 def _rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
-    """Return the matrix (k, n) with ``entries`` (k, w) at the unknowns that the patches read."""
+    """Return the matrix (k, n) with ``entries`` (k, w) in the columns of the unknowns that the patches (k,) read."""
     from scipy.sparse import csr_array
 
     k, width = entries.shape
