@@ -38,13 +38,13 @@ def join_at_corners(
     Parameters
     ----------
     runs : sequence of (k,) int64
-        Numbers of points in order.
+        Indices of points, in order along a curve or a part of it.
     closed : sequence of bool
         Which runs are closed.
     points, tangents : (n, d) float64
-        Points, and unit vectors in the direction of the curves.
+        Points, and unit tangents in the direction of the curves.
     weights : (n,) float64
-        Length of each point, half of it on either side.
+        Length of curve that each point represents, half of it on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -62,7 +62,10 @@ def join_at_corners(
 
 
 def _join_runs(opened: Sequence[Ints], follows: Bools, others: Sequence[Ints]) -> tuple[list[Ints], tuple[bool, ...]]:
-    """Return the closed runs ``others`` and the joined open runs, where ``follows`` (i, j) says that j follows i."""
+    """Return the closed runs ``others`` and then the joined open runs, and which of them are closed.
+
+    ``follows`` (i, j) is whether open run j begins where open run i ends.
+    """
     following = np.where(follows.any(axis=1), follows.argmax(axis=1), -1)
     joined, are_closed, left = list(others), [True] * len(others), np.ones(len(opened), dtype=bool)
     starts = [*np.flatnonzero(~follows.any(axis=0)), *np.flatnonzero(follows.any(axis=0))]  # loops begin anywhere
@@ -97,11 +100,11 @@ class BoundaryPoints:
     points : (k, d) float64
         Points of the manifold, in the scene's coordinates.
     weights : (k,) float64
-        Lengths; 1 for a point.
+        Length of curve that each point represents; 1 where the boundary is points.
     tangents : (k, d) float64
         Unit vectors in the direction of the boundary; zero where it is points.
     conormals : (k, d) float64
-        Unit vectors of the manifold across the boundary, to its left if it has one; zero for points of a surface.
+        Unit tangents of the manifold normal to the boundary, to its left if it has sides; zero for points of a surface.
     curve : (k,) int64
         Number of the curve of each point, from 0.
     arc_length : (k,) float64
@@ -129,7 +132,7 @@ class BoundaryPoints:
         return np.asarray(np.bincount(self.curve, self.weights, minlength=len(self.closed)), dtype=np.float64)
 
     def spaced(self, count: int, curve: int = 0) -> Floats:
-        """Return ``count`` points (count, d) of a curve at equal arc lengths, both ends of an open one among them.
+        """Return ``count`` points (count, d) of a curve at equal arc lengths, with both ends of an open curve.
 
         Raises
         ------
@@ -154,7 +157,7 @@ class BoundaryPoints:
 
 
 def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryPoints:
-    """Return points along a boundary of ``surface``, a few to each ``spacing``.
+    """Return quadrature points along a boundary of ``surface``, several per ``spacing``.
 
     Parameters
     ----------
@@ -204,10 +207,10 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
 def directions_along(
     source: ClosestPointSource, surface: ClosestPointSource
 ) -> Callable[[Floats], tuple[Floats, Floats]]:
-    """Return a function of points (k, d) of a boundary that gives unit tangents and conormals to the left (k, d) there.
+    """Return a function of points (k, d) of a boundary: the unit tangents (k, d) and the left conormals (k, d) there.
 
-    They are those of :class:`BoundaryPoints`; by differences with a thousandth of the surface's size as step where
-    sources have no directions of their own.
+    The directions are those of :class:`BoundaryPoints`. Where the sources have no directions of their own, they are
+    differences of closest points with a step of a thousandth of the surface's size.
     """
     oriented, step = _oriented(source, surface), STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
     return lambda points: _directions(oriented, np.asarray(points, dtype=np.float64), step)
@@ -216,7 +219,8 @@ def directions_along(
 def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
     """Return unit normals (k, d) of a surface in space, or a curve in the plane, at the points nearest to ``points``.
 
-    Of either sign where the surface has no normals of its own; then by differences of a thousandth of its size.
+    Where the surface has no normals of its own, they are differences of closest points with a step of a thousandth of
+    its size, and their sign is arbitrary.
     """
     local = LocalSource(surface, np.zeros(surface.dim))
     step = STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
@@ -224,6 +228,7 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
 
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
+    """Return the boundary ``source`` of ``surface`` with its sides; a SceneError if the two do not belong together."""
     if (source.manifold_dim or 0) > 1:
         raise SceneError(f"points are distributed along curves, got a boundary of dimension {source.manifold_dim}.")
     boundary = Boundary("boundary", source, both=Neumann())
@@ -232,7 +237,10 @@ def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> Orient
 
 
 def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tuple[Floats, Floats]:
-    """Return unit tangents and conormals to the left (k, d) at points of a boundary; zero where undefined."""
+    """Return unit tangents and left conormals (k, d) at points (k, d) of a boundary; zero where undefined.
+
+    ``step`` is that of differences of closest points where the sources have no directions.
+    """
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)
     feet, on = oriented.feet(points - oriented.left.origin)
@@ -245,7 +253,7 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
 
 
 def _in_direction(points: Floats, tangents: Floats, order: Ints) -> Ints:
-    """Return the order of a chain of points, reversed if it runs against the tangents."""
+    """Return the indices ``order`` of a chain of points, reversed if the chain runs against the tangents."""
     if len(order) < 2:
         return order
     ahead = np.einsum("kd,kd->", points[order[1:]] - points[order[:-1]], tangents[order[:-1]])

@@ -1,9 +1,8 @@
 """The mesh that pictures and files show: the surface's own, as fine as the grid, cut along the boundaries.
 
-Data differ on the two sides of a boundary, so a triangle that a boundary crosses cannot carry one
-value a vertex. Every such triangle is split along the curve, and the two sides get vertices of
-their own at the same place: the jump stays as sharp as the data. Segments are split alike; a point,
-of a cloud or of a union, shows the value of the side on which it lies.
+A solution may jump across a boundary. Triangles that a boundary crosses are therefore split along it, and each of its
+sides has vertices of its own at the same places, so that the jump stays sharp. Segments are split likewise; a point of
+a cloud or of a union shows the value of the side on which it lies.
 """
 
 from __future__ import annotations
@@ -26,13 +25,13 @@ if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
     from cpmkit.solution.record import SolutionRecord
 
-#: In spacings; longer edges are halved, for between its vertices a cell shows less than the solution knows.
+#: Longest edge in spacings: longer edges are halved, since values are shown linear between vertices.
 LONGEST_EDGE_SPACINGS = 2.0
 
-#: Points of a cloud, itself included, whose plane gives the normal at one of them.
+#: Number of nearest points of a cloud, a point itself included, to which its tangent plane is fitted.
 PLANE_NEIGHBOURS = 9
 
-#: Rounds of projections that lead to the crossing of two curves.
+#: Rounds of alternating projections onto curves that converge to their crossing.
 CROSSING_ROUNDS = 20
 
 
@@ -43,16 +42,16 @@ class DisplayMesh:
     Attributes
     ----------
     points : (v, d) float64
-        Vertices, in the scene's unit of length. A vertex on a boundary appears once a side.
+        Vertices, in the scene's unit of length. A vertex on a boundary appears once for each side.
     cells : (m, k) int64
         Triangles, segments of a curve, and points; rows with fewer corners than k end in -1.
     values : (v, channels) float64
         The solution at the vertices, each on the side that its cells lie on.
     normals : (v, 3) float64 or None
-        Unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have any
-        sign. Zero where there are none; ``None`` in the plane and where there are segments alone.
+        Unit normals of the uncut mesh, so that the cut does not show as a crease; those of points have an arbitrary
+        sign. Zero where there are none; ``None`` in the plane and where there are only segments.
     original : int
-        The first so many vertices are those of the surface's own mesh.
+        Number of vertices of the surface's own mesh, which come first.
     sides : (v, boundaries) int64, optional
         1 where a vertex lies on a boundary and has its left value, -1 where it has the right one, 0 off the
         boundary. ``None`` where nothing was cut.
@@ -67,17 +66,17 @@ class DisplayMesh:
 
     @property
     def triangles(self) -> Ints:
-        """(t, 3) the cells with three corners."""
+        """Cells (t, 3) with three corners."""
         return with_corners(self.cells, 3)
 
     @property
     def segments(self) -> Ints:
-        """(s, 2) the cells with two."""
+        """Cells (s, 2) with two corners."""
         return with_corners(self.cells, 2)
 
     @property
     def dots(self) -> Ints:
-        """(p,) the vertices that are cells of their own."""
+        """Vertices (p,) that are cells with one corner."""
         return with_corners(self.cells, 1)[:, 0]
 
 
@@ -111,7 +110,7 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
 
 
 def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
-    """Return (v, 3) unit normals for shading, zero at vertices of segments; None where nothing is shaded."""
+    """Return unit normals (v, 3) at the vertices for shading, zero at those of segments; None without shaded cells."""
     triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
         return None
@@ -124,9 +123,9 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
 
 
 def plane_normals(points: Floats) -> Floats:
-    """Return (p, 3) unit normals, of any sign, of the planes in which the points around each lie.
+    """Return unit normals (p, 3), of arbitrary sign, of the planes fitted to the nearest neighbours of points (p, 3).
 
-    Zero where points on a line, or too few of them, span no plane.
+    They are zero where the neighbours are too few or lie on a line.
     """
     from scipy.spatial import cKDTree
 
@@ -139,7 +138,10 @@ def plane_normals(points: Floats) -> Floats:
 
 
 def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> Floats:
-    """Return the solution (n, channels) at points, on boundaries from the sides (n, boundaries) given by 1 and -1."""
+    """Return the solution (n, channels) at points (n, d), on each boundary from a given side.
+
+    ``sides`` (n, boundaries) is 1 for the left and -1 for the right side of a boundary, and 0 off it.
+    """
     values = np.empty((len(points), solution.channels))
     boundaries = solution.scene.boundaries
     moved = moved_onto_boundaries(solution.scene, points, sides)
@@ -151,10 +153,10 @@ def evaluate_on_sides(solution: SolutionRecord, points: Floats, sides: Ints) -> 
 
 
 def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
-    """Return ``points`` (n, d) moved onto those boundaries of which each has a side: a solution has sides only there.
+    """Return ``points`` (n, d) projected onto the boundaries for which ``sides`` (n, boundaries) is not zero.
 
-    A cut is straight across a cell, so it misses a bent curve by a second-order distance. Where
-    curves cross, projections in turn lead to the crossing.
+    A solution has two sides only on the curve, and a cut, which is straight across a cell, is off a bent curve by a
+    distance of second order. Where curves cross, alternating projections lead to the crossing.
     """
     moved = np.array(points)
     for combination, rows in _by_sides(sides):
@@ -166,7 +168,7 @@ def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
 
 
 def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
-    """Yield each combination of sides that occurs, and the rows that have it."""
+    """Yield each combination (boundaries,) of sides that occurs in ``sides`` (n, boundaries), and its rows."""
     combinations, member = np.unique(sides, axis=0, return_inverse=True)
     for index, combination in enumerate(combinations):
         yield combination, np.flatnonzero(member.ravel() == index)

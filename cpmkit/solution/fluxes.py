@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Width, in spacings, of the bump around a boundary without a mesh.
+#: Width, in spacings, of the bump function around a boundary without a mesh.
 BUMP_WIDTH_SPACINGS = 3.0
 #: The bump is (1 - r^2)^POWER, r in widths.
 BUMP_POWER = 4
-#: Closest points on a rim are computed from points this share of a spacing beyond the mesh.
+#: Points of a rim are the closest points of points this share of a spacing beyond the mesh.
 BEYOND_RIM_SPACINGS = 0.25
 
 
@@ -40,7 +40,10 @@ class BoundaryRule:
 
 
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
-    """Return a quadrature rule over a boundary, with points on ``surface``; without a mesh from closest points."""
+    """Return a quadrature rule over a boundary, with points on ``surface``.
+
+    It is of curved cells on the mesh of ``source``, if it has one, else of closest points of lattice nodes.
+    """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
         return _from_bump(source, surface, spacing, dim)
@@ -77,7 +80,7 @@ def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing:
 
 
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
-    """Return quadrature points on the rim, or on one ``loop`` of it, with weights.
+    """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
     Raises
     ------
@@ -105,6 +108,11 @@ def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> t
 def _rim_of_triangles(
     surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
 ) -> tuple[ClosestPoints, Floats]:
+    """Return quadrature points on edges that belong to one triangle only, as closest points, and weights (n,).
+
+    The closest points are those of points slightly beyond the mesh, so that they lie on the rim and have its loop
+    number.
+    """
     edges = outward_edges(points, cells)
     single = np.flatnonzero(edges.outward.any(axis=1))
     nodes = np.concatenate([points, edge_midpoints_on(surface, points, edges)])
@@ -118,6 +126,7 @@ def _rim_of_triangles(
 def _rim_of_segments(
     surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
 ) -> tuple[ClosestPoints, Floats]:
+    """Return the ends of a mesh of segments, as closest points of points slightly beyond, and weights (n,) of 1."""
     uses = np.bincount(cells.ravel(), minlength=len(points))
     ends = np.concatenate([cells, cells[:, ::-1]])
     ends = ends[uses[ends[:, 0]] == 1]
@@ -126,7 +135,7 @@ def _rim_of_segments(
     return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))
 
 
-#: The name of the manifold's edge in place of a boundary.
+#: The name that stands for the edge of the manifold in place of a boundary.
 EDGE_WORD = "edge"
 
 
@@ -157,6 +166,7 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
 
 
 def _check_side(boundary: str, side: Side | None) -> Side:
+    """Return ``side``; an InputError if it is None."""
     if side is None:
         raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
     return side

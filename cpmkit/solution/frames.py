@@ -15,17 +15,17 @@ from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Bytes of a value in memory while frames are saved: two copies of eight bytes.
+#: Bytes per value in memory while frames are saved: two copies of eight bytes.
 FRAME_VALUE_BYTES = 16
 
 
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
-    """Refuse, before the first time step, more frames than the available memory can hold.
+    """Raise, before the first time step, if the available memory cannot hold the frames.
 
     Raises
     ------
     ResolutionError
-        With the number of frames that would fit.
+        If it cannot; the message names a number of frames that fits.
     """
     frame_bytes, available = FRAME_VALUE_BYTES * unknowns * channels, available_bytes()
     if frames * frame_bytes > available:
@@ -46,9 +46,9 @@ class EvolvedRecord(SolutionRecord):
     steps : int
         Number of time steps up to it.
     energy : (channels,) float64, optional
-        Of a wave in a form with symmetric operators: kinetic and elastic energy, less the work of the load.
+        Kinetic and elastic energy of a wave, less the work of the load; only in forms with symmetric operators.
     frames : tuple of EvolvedSolution
-        The solutions at the times that ``frames`` of the problem names, in order; they share all tables.
+        The solutions at the times that the problem's ``frames`` request, in order; they share all tables.
     """
 
     time: float = field(kw_only=True)
@@ -63,11 +63,11 @@ class EvolvedRecord(SolutionRecord):
 
     @property
     def totals(self) -> Floats | None:
-        """(channels,) integrals of u over the manifold, such as its heat; None in forms without exact integrals."""
+        """Integrals (channels,) of u over the manifold, such as its heat; None in forms without exact integrals."""
         return integrals(self.discretized, self.values)
 
     def frame_meshes(self) -> list[DisplayMesh]:
-        """Return the display mesh of each frame: one mesh, made once, with the values of each frame."""
+        """Return the display meshes of all frames: the same mesh, cut once, with the values of each frame."""
         all_values = np.concatenate([frame.values for frame in self.frames], axis=1)
         mesh = replace(self, values=all_values, frames=()).display_mesh()
         parts = np.split(mesh.values, len(self.frames), axis=1)
@@ -95,6 +95,7 @@ class EvolvedRecord(SolutionRecord):
         return {**super().arrays(), "time": np.array(self.time), "frame_times": times, "frames": frames}
 
     def _figures(self) -> list[tuple[str, str]]:
+        """Return the rows (name, text) that a notebook shows beside the picture, with the time."""
         frames = f", {len(self.frames)} frames" if self.frames else ""
         return [*super()._figures(), ("time", f"{self.time:g} after {self.steps} steps{frames}")]
 

@@ -40,15 +40,17 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
 
 
 def _one_or_each(total: Floats) -> float | Floats:
+    """Return a total (channels,) as a float if it has one channel, else as it is."""
     return float(total[0]) if len(total) == 1 else total
 
 
 def mean(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral divided by the length or area."""
+    """Return the integral divided by the length, area or volume; see :meth:`SolutionRecord.mean`."""
     return integrate(solution, function, dim) / float(integrate(solution, 1.0, dim))
 
 
 def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
+    """Return the integrand (n,) or (n, k) at ``points`` (n, d), where the solution is ``values`` (n, channels)."""
     if not callable(function):
         return evaluate_data(function, points, None, "the integrand")
     columns = values[:, 0] if values.shape[1] == 1 else values
@@ -56,7 +58,7 @@ def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
 
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
-    """Return the dimension of the parts that are integrated; a sum of lengths and areas is refused."""
+    """Return the dimension of the parts to integrate over; an InputError if ``dim`` is needed or not among them."""
     dimensions = member_dimensions(surface)
     if dim is None and len(dimensions) > 1:
         raise InputError(
@@ -71,7 +73,11 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
 
 
 def _nodes_with_values(solution: SolutionRecord, dim: int) -> tuple[Floats, Floats, Ints]:
-    """Return nodes of curved cells on the manifold, the solution at the nodes, and the cells."""
+    """Return the nodes (n, d) of curved cells on the manifold, the solution (n, channels) there, and the cells.
+
+    A cell (a row of indices of nodes) has its corners first, then the midpoints of its edges. On boundaries the
+    solution is that of the cell's side.
+    """
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)

@@ -23,7 +23,7 @@ class EigenRecord(SolutionRecord):
     """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
 
     Each has unit mean square over the manifold (in the collocation form over the nodes of the band, which is about the
-    same). Its sign is such that the first of the values of nearly the greatest size is positive. Those of one
+    same). Its sign is such that the first value of nearly the largest modulus is positive. Eigenfunctions of a multiple
     eigenvalue are orthogonal.
 
     Attributes
@@ -32,10 +32,10 @@ class EigenRecord(SolutionRecord):
         Ascending; real parts where the discrete operator, which is not symmetric in the collocation form, has a complex
         pair.
     imaginary : (count,) float64
-        Imaginary parts; zero but for such a pair, whose eigenfunctions are real and imaginary part.
+        Imaginary parts, zero except for such a pair, whose two channels are the real and the imaginary part.
     residuals : (count,) float64
-        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; about, where a
-        multigrid cycle stands for the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
+        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration, approximate if a
+        multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
     """
 
     eigenvalues: Floats
@@ -60,6 +60,7 @@ class EigenRecord(SolutionRecord):
         return f"{super().__repr__()}, {self._eigenvalues_text}"
 
     def _figures(self) -> list[tuple[str, str]]:
+        """Return the rows (name, text) that a notebook shows beside the picture, with the eigenvalues."""
         return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
 
     @property
@@ -68,20 +69,22 @@ class EigenRecord(SolutionRecord):
         return f"eigenvalues {first}{', ...' if len(self.eigenvalues) > MOST_SHOWN_EIGENVALUES else ''}"
 
 
-#: Additional modes at twice the spacing, where modes may have another order.
+#: Number of additional modes at twice the spacing, where the modes may be in another order.
 FURTHER_MODES = 6
 #: A mode is recovered at twice the spacing if at least this share of its mean square lies in the modes there.
 RECOVERED_SHARE = 0.5
 
 
 def with_further_modes(scene: Scene) -> Scene:
-    """Return the scene of the coarse solution, with FURTHER_MODES more modes than requested."""
+    """Return the scene that is solved at twice the spacing, with FURTHER_MODES more modes than requested."""
     assert isinstance(scene.problem, Eigen)
     return replace(scene, problem=replace(scene.problem, count=scene.problem.count + FURTHER_MODES))
 
 
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:
-    """Return differences (count,) of eigenvalues, infinite where a mode is not recovered, and of functions (n, count).
+    """Return the differences of the eigenvalues (count,) and of the eigenfunctions (n, count) of two solutions.
+
+    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode.
 
     Each function of the finer solution is approximated by least squares in the functions of the coarser one, which also
     works for multiplets, whose basis is arbitrary. Its eigenvalue is compared with the mean of the coarse eigenvalues,
@@ -103,7 +106,8 @@ def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tup
     return np.where(recovered >= RECOVERED_SHARE, differences, np.inf), remainder
 
 
-#: Errors of an eigenvalue within which zero makes the problem undetermined, and beyond which it amplifies no errors.
+#: A problem is undetermined if its eigenvalue is within so many of its errors of zero; beyond the second number of
+#: errors from zero, the eigenvalue's error does not matter.
 NEAR_RESONANCE_ERRORS, AMPLIFYING_ERRORS = 2.0, 20.0
 
 
@@ -114,8 +118,8 @@ class Resonance:
     Attributes
     ----------
     gap : float
-        The discrete eigenvalue of (-div(a grad u) + c u) / a nearest to zero: of standing waves the signed difference
-        of an eigenvalue of -Lap and k^2.
+        The discrete eigenvalue of (-div(a grad u) + c u) / a nearest to zero; for standing waves this is an eigenvalue
+        of -Lap minus k^2.
     error : float
         Estimated error of the form's eigenvalues there.
     rms, largest : float
@@ -133,7 +137,7 @@ class Resonance:
         return abs(self.gap) <= NEAR_RESONANCE_ERRORS * self.error
 
     def amplified_error(self, measured: float) -> tuple[float, float]:
-        """Return the error of the solution, rms and largest, from the eigenvalue's error, as shares of its range.
+        """Return the rms and the largest error of u that the eigenvalue's error causes, as shares of the range of u.
 
         The part in its modes is f / gap, with the relative error ``error / (|gap| - error)``; the error is the whole
         range where the eigenvalue may be zero. The eigenvalue's error is the ``measured`` one, and at least half of the

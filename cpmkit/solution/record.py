@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from cpmkit.solution.modes import Resonance
 
 UserClass = TypeVar("UserClass", bound="type[SolutionRecord]")
-#: Farther from the surface, in spacings, a vertex of the user's mesh (as one in no face may be) has no value.
+#: A vertex of the user's mesh farther from the surface than this, in spacings, has no value; it is in no face.
 FARTHEST_VERTEX_SPACINGS = 0.5
-#: The class that is constructed in place of a record class.
+#: For each record class the class that is constructed in its place.
 _user_classes: dict[type, type] = {}
 
 
@@ -54,10 +54,10 @@ class SolveHistory(Protocol):
 
 
 def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
-    """Let objects of class ``record`` be constructed as objects of the decorated class, which is derived from it.
+    """Return a class decorator: objects of class ``record`` are then constructed as objects of the decorated class.
 
-    Families construct records. The derived class adds the methods that save and draw, whose rooms lie above the
-    families.
+    The decorated class is derived from ``record`` and adds saving and drawing. Families of equations construct records,
+    and cannot import it.
     """
 
     def register(user_class: UserClass) -> UserClass:
@@ -100,7 +100,7 @@ class SolutionRecord:
     seconds : mapping
         Wall-clock seconds of each stage.
     warnings : tuple of str
-        Sentences on what may spoil the solution.
+        Sentences on what may make the solution less accurate.
     imbalances : tuple of Imbalance
         Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
         solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
@@ -126,11 +126,11 @@ class SolutionRecord:
     solve_history: SolveHistory | None = field(default=None, kw_only=True)
     resonance: Resonance | None = field(default=None, kw_only=True)
 
-    #: The name of :attr:`solve_history` before.
+    #: The former name of :attr:`solve_history`.
     trade = DeprecatedMember("solve_history")
 
     def __new__(cls, *_args: Any, **_fields: Any) -> Self:
-        """Return an object of the class that users hold, once it is registered."""
+        """Return an object of the class that is registered for this record class, if there is one."""
         made: Self = object.__new__(_user_classes.get(cls, cls))
         return made
 
@@ -151,7 +151,7 @@ class SolutionRecord:
 
     @property
     def data_time(self) -> float | None:
-        """At which data that depend on the time are read; None where nothing does."""
+        """Time at which data that depend on the time are evaluated; None in problems without time."""
         return None
 
     @property
@@ -183,7 +183,7 @@ class SolutionRecord:
         points : (n, d) array, or one point (d,)
             In the scene's coordinates, at most the tube's radius away from the manifold.
         side : "left", "right", "both" or {boundary name: side}, optional
-            From which side a point on a boundary is read; left if not said. Points off the boundary are
+            The side from which a point on a boundary is read, by default the left. Points off the boundary are
             not affected.
 
         Returns
@@ -204,13 +204,14 @@ class SolutionRecord:
         return self.evaluate(points, side)
 
     def _values_at(self, points: Any, side: ReadSides) -> Floats:
+        """Return the solution (n,) or (n, channels) at points (n, d); with both sides, left first, on a second axis."""
         if isinstance(side, str) and side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side, self.data_time)
         return values[:, 0] if self.channels == 1 else values
 
     def _at(self, points: Any, read: Callable[[Any], Floats]) -> Any:
-        """Return what is read at points (n, d), or at one point (d,) without the axis of points."""
+        """Return the result of ``read`` for points (n, d), or for one point (d,) without the axis of points."""
         try:
             one = np.shape(points) == (self.scene.surface.dim,)
         except ValueError:  # rows of different lengths, which the reader refuses
@@ -223,9 +224,9 @@ class SolutionRecord:
     def at_vertices(self, side: Sides = None) -> Floats:
         """Return the solution at the vertices of the mesh, polyline or cloud that the surface was made from.
 
-        One row a vertex, in the order of the file or array, whatever was welded or mended since. A vertex in no face
-        has the value of the surface beside it, NaN where that is farther than half a spacing. ``side`` is as for
-        :meth:`evaluate`.
+        There is one row per vertex, in the order of the file or array, also if vertices were welded or mended since. A
+        vertex in no face has the value of the nearest point of the surface; it is NaN if that is farther than half a
+        spacing, or the vertex is not finite. ``side`` is as for :meth:`evaluate`.
 
         Returns
         -------
@@ -285,7 +286,7 @@ class SolutionRecord:
         return self._at(points, read)
 
     def flux(self, boundary: str | int, side: Side | None = None) -> float | Floats:
-        """Return what flows out of a side of a boundary: the integral of du/db over it.
+        """Return the flux out of a side of a boundary: the integral of du/db over the boundary.
 
         b is the conormal out of that side: across the boundary to the right out of the left side and to the left
         out of the right side, outwards at an edge. By the divergence theorem the fluxes out of a piece of the
@@ -335,21 +336,21 @@ class SolutionRecord:
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distance (n,) of points of the manifold from boundary ``name``, positive on its left.
 
-        NaN where the point has no side of it: past an open end, far from it, where the boundary has no part on the
-        point's sheet, or if the boundary is a point on a surface.
+        It is NaN where it is not defined: beyond an open end of the boundary, far from it, on a sheet of the surface
+        that the boundary does not touch, or if the boundary is a point on a surface.
         """
         return self.discretized.signed_distance(name, points)
 
     def discretization(self) -> dict[str, Any]:
-        """Return how the scene was discretised, as plain values."""
+        """Return a description of the discretisation as plain values."""
         return self.discretized.describe()
 
     def integrate(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
         """Return the integral over the manifold of the solution, or of a function of it.
 
-        In the Galerkin form taken over its own samples, which stand for the surface that is solved on, else cell by
-        cell over the mesh that the boundaries cut, with curved cells. Jumps stay sharp in both: the error is of the
-        order spacing^3 at least on smooth manifolds, less than that of the solution.
+        The Galerkin form integrates over its own quadrature points, on its discrete surface; other forms over curved
+        cells of the mesh that is cut along the boundaries. Both keep jumps sharp: the error is at least of the order
+        spacing^3 on smooth manifolds, less than that of the solution.
 
         Parameters
         ----------
@@ -382,14 +383,14 @@ class SolutionRecord:
         return integrate(self, function, dim)
 
     def mean(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
-        """Return the integral of :meth:`integrate` divided by the length or area."""
+        """Return the integral of :meth:`integrate` divided by the length, area or volume."""
         from cpmkit.solution.integrals import mean
 
         return mean(self, function, dim)
 
     @property
     def doubled(self) -> Floats:
-        """(k, d) the feet of further unknowns at nodes that several sheets of the surface share."""
+        """Closest points (k, d) of the second unknowns at nodes that several sheets of the surface share."""
         doubled = self.discretized.diagnosis().doubled
         return np.zeros((0, self.scene.surface.dim)) if doubled is None else doubled
 
@@ -399,17 +400,18 @@ class SolutionRecord:
 
     @cached_property
     def _display_mesh(self) -> DisplayMesh:
+        """The display mesh: that of the form if it has one, else the surface's mesh cut along the boundaries."""
         from cpmkit.solution.display_mesh import display_mesh
 
         own = self.discretized.display_mesh(self.values)
         return display_mesh(self) if own is None else own
 
     def summary(self) -> dict[str, Any]:
-        """Return what was solved, what it cost and what it reached, as plain values."""
+        """Return the scene, the discretisation, the cost and the result as plain values."""
         return summarize(self)
 
     def arrays(self) -> dict[str, Any]:
-        """Return the arrays from which the discrete solution is rebuilt; none where the mesh holds it."""
+        """Return the arrays from which the solution is rebuilt; none if the display mesh holds the whole solution."""
         known = self.discretized.arrays()
         return {**known, "unknowns": self.values} if known else {}
 
@@ -423,7 +425,7 @@ class SolutionRecord:
         )
 
     def _figures(self) -> list[tuple[str, str]]:
-        """Return what a notebook shows beside the picture."""
+        """Return the rows (name, text) that a notebook shows beside the picture."""
         low, high = (float(function(self.values)) for function in (np.min, np.max))
         return [
             ("equation", f"{self.scene.problem.kind}: {self.scene.problem}"),

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def summarize(solution: SolutionRecord) -> dict[str, Any]:
-    """Return the summary that ``summary.json`` holds."""
+    """Return the summary of a solution as plain values, as ``summary.json`` holds it."""
     versions = {name: version_of(name) or "not installed" for name in solution.discretized.traits.libraries}
     return {
         "scene": describe_scene(solution.scene),
@@ -37,7 +37,7 @@ def summarize(solution: SolutionRecord) -> dict[str, Any]:
 
 
 def describe_scene(scene: Scene) -> dict[str, Any]:
-    """Return a scene as plain values; functions only as the text ``of position``."""
+    """Return a scene as plain values; the text ``of position`` stands for functions."""
     edge = scene.edge
     if isinstance(edge, Mapping):
         of_edge: Any = {str(loop): _on_loop(conditions) for loop, conditions in edge.items()}
@@ -61,7 +61,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
 
 
 def _on_loop(conditions: LoopConditions) -> Any:
-    """Return the condition of a loop of the edge, or pairs of a condition and the place of its part."""
+    """Return the condition of a loop of the edge in words, or [condition, formula of its part] for each part."""
     if not isinstance(conditions, ByPosition):
         return _condition(conditions)
     places = [None if part.where is None else getattr(part.where, "text", "of position") for part in conditions.parts]
@@ -69,14 +69,14 @@ def _on_loop(conditions: LoopConditions) -> Any:
 
 
 def _condition(condition: Condition) -> str:
-    """Return a condition's kind and its data; a single datum without its name."""
+    """Return the kind of a condition and its data in words; a single datum without its name."""
     data = {name: _plain(value) for name, value in _arguments(condition).items() if (name, value) != ("order", None)}
     alone = len(data) == 1 and "order" not in data
     return " ".join([condition.kind, *(f"{value}" if alone else f"{name}={value}" for name, value in data.items())])
 
 
 def _arguments(term: Any) -> dict[str, Any]:
-    """Return the constructor arguments of an equation or a condition."""
+    """Return the constructor arguments of an equation or a condition, by name."""
     return {entry.name: getattr(term, entry.name) for entry in fields(term) if entry.init} if is_dataclass(term) else {}
 
 

@@ -1,5 +1,5 @@
-"""Studies: one scene solved over and over, against a solution that is known, to see how errors and costs go.
+"""Studies: one scene solved at several resolutions by several methods, and compared with a known solution.
 
-A study file is a scene file with the tables [exact] and [sweep]. Its runs are recorded one line each, and the
-records are made into tables and figures.
+A study file is a scene file with the tables [exact] and [sweep]. Each run is recorded in one line; tables and figures
+are made from the records.
 """

@@ -1,8 +1,8 @@
-"""Two older ways to hold Dirichlet data in a band, which studies compare with: they fix nodes instead of adding any.
+"""Two older ways to impose Dirichlet data in the closest point method, for comparison: both fix nodes at boundaries.
 
 ``nearest`` fixes the nodes nearest to the boundary (King et al. (2024), section 4.8),
 ``ball`` all nodes within the tube's radius of it (Auer, Macdonald, Treib, Schneider and Westermann 2012).
-Both are of first order, know no sides and hold no other condition.
+Both are of first order, do not distinguish the sides of a boundary, and impose no other condition.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Progress, no_progress
 
-#: Nodes this many spacings from a boundary are projected onto it, with this many points a side of their cells between.
+#: Cells around nodes up to this many spacings from a boundary are projected onto it, by so many points along each axis.
 PROJECTED_REACH_SPACINGS, CELL_SIDE_SAMPLES = 2.0, 4
-#: Nodes at just the radius of the tube are in it.
+#: The tube includes nodes at exactly its radius.
 TUBE_RADIUS_FACTOR = 1 + 1e-4
 
 
@@ -43,12 +43,12 @@ def solve_by_fixed_nodes(
     progress: Progress = no_progress,
     **options: Any,
 ) -> Solution:
-    """Solve a scene whose boundaries hold one Dirichlet condition each, by fixing nodes near them.
+    """Solve a scene with Dirichlet boundaries by the closest point method, with fixed values at nodes near boundaries.
 
     Parameters
     ----------
     scene : Scene
-        Of a steady problem: one linear system.
+        A steady problem; each boundary has the same Dirichlet condition on both sides.
     method : str
         ``nearest`` or ``ball``.
     spacing, progress, **options
@@ -57,7 +57,7 @@ def solve_by_fixed_nodes(
     Returns
     -------
     Solution
-        Of the scene without its boundaries; the fixed nodes are among its values.
+        The solution of the scene without its boundaries; its values include those of the fixed nodes.
 
     Raises
     ------
@@ -90,7 +90,7 @@ def solve_by_fixed_nodes(
 
 
 def check_fixable(scene: Scene, method: str) -> None:
-    """Refuse a scene that cannot be solved by fixing nodes.
+    """Raise if a scene cannot be solved by fixing nodes.
 
     Raises
     ------
@@ -111,7 +111,10 @@ def check_fixable(scene: Scene, method: str) -> None:
 
 
 def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource], method: str) -> tuple[Bools, Floats]:
-    """Return which inner nodes are fixed (n,), and values (n, channels): of several boundaries the nearest one's."""
+    """Return a mask (n,) of the band's inner nodes that are fixed, and values (n, channels).
+
+    The value of a fixed node is the datum of the nearest boundary at its closest point; the others are zero.
+    """
     layout = tables.layout
     positions = layout.band.positions[: layout.band.inner]
     values = np.zeros((len(positions), scene.channels))
@@ -126,7 +129,11 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
 
 
 def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
-    """Return which inner nodes are the nearest one of some point of the boundary, of points close together."""
+    """Return a mask (n,) of the inner nodes that are the node nearest to some point of the boundary.
+
+    The points are closest points of samples of the cells around nodes near the boundary. ``distance`` (n,) is the
+    distance of each inner node from the boundary.
+    """
     near = band.positions[: band.inner][distance <= PROJECTED_REACH_SPACINGS * band.spacing]
     steps = (np.arange(CELL_SIDE_SAMPLES) / CELL_SIDE_SAMPLES - 0.5) * band.spacing
     around = np.array(list(product(steps, repeat=band.dim)))
@@ -139,7 +146,7 @@ def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
 
 
 def _ball(band: Band, source: LocalSource, distance: Floats) -> Bools:
-    """Return which inner nodes lie within the radius of the tube, King et al. (2024), eq. 4, of the boundary."""
+    """Return a mask (n,) of the inner nodes within the tube's radius, King et al. (2024), eq. 4, of the boundary."""
     del source
     half = 0.5 * (band.degree + 1)
     return np.asarray(distance <= TUBE_RADIUS_FACTOR * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)
@@ -149,7 +156,10 @@ METHODS: Mapping[str, Callable[[Band, LocalSource, Floats], Bools]] = {"nearest"
 
 
 def _without(operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats) -> tuple[ExtensionOperator, Floats]:
-    """Return the system for the nodes that are not fixed; the fixed ones' values go to the right side."""
+    """Return the operator and the right-hand side for the nodes that are not ``fixed`` (n,).
+
+    The columns of fixed nodes, times their ``values``, are moved to the right-hand side.
+    """
     free, diagonal = np.flatnonzero(~fixed), operator.diagonal
     b = b + operator.spread(operator.extension[:, np.flatnonzero(fixed)] @ values[fixed])
     diagonal = diagonal[free] if isinstance(diagonal, np.ndarray) else diagonal

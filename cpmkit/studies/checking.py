@@ -16,7 +16,7 @@ from cpmkit.studies.sweep import BASELINES, REFINED, closest_points
 
 
 def check_study(study: Study) -> None:
-    """Refuse a study none of whose runs could be solved.
+    """Raise if a study cannot be run: if its scene, formula, sweep or a back end is not accepted.
 
     Raises
     ------
@@ -40,12 +40,12 @@ def check_study(study: Study) -> None:
 
 
 def check_comparable(scene: Scene) -> None:
-    """Refuse scenes whose solution is not one function.
+    """Raise if the solution of a scene is not a single function with one channel.
 
     Raises
     ------
     SceneError
-        If the scene has several channels, or its solution is eigenfunctions, which have any multiples.
+        If the scene has several channels, or its solution is eigenfunctions, whose factors are arbitrary.
     """
     if scene.problem.family == "eigen":
         raise SceneError("a study compares one function, and an eigenvalue problem has many; solve it without [exact].")
@@ -54,7 +54,9 @@ def check_comparable(scene: Scene) -> None:
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps, not longer than ``step_per_spacing`` times the spacing.
+    """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing.
+
+    If one of the two is None, the scene is returned as it is.
 
     Raises
     ------

@@ -17,10 +17,10 @@ def sphere_eigenvalues(count: int, radius: float = 1.0) -> Floats:
 
 
 def torus_eigenvalues(count: int, major: float = 1.0, minor: float = 0.4, nodes: int = 65) -> Floats:
-    """Return the first eigenvalues (count,) of a torus, ascending, to about 1e-10.
+    """Return the first eigenvalues (count,) of a torus with these radii, ascending, to about 1e-10.
 
-    For every wave number around the axis they solve a Sturm-Liouville problem in the small angle, by trigonometric
-    polynomials on ``nodes`` points, an odd number.
+    For each wave number around the axis, they solve a Sturm-Liouville problem in the angle around the tube, which
+    trigonometric polynomials on ``nodes`` points, an odd number, discretise.
     """
     from scipy.linalg import eigh
 

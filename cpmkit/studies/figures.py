@@ -1,4 +1,4 @@
-"""The figures of a study: error against spacing with fitted orders, and error against what it cost."""
+"""Figures of a study: error against spacing with fitted orders, and error against cost."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from cpmkit.studies.record_series import Series
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Okabe and Ito's colours, which the colour-blind tell apart; the yellow, too light for lines, is left out.
+#: Okabe and Ito's colours for the colour-blind, without the yellow, which is too light for lines.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 STYLES = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1)))
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 GREY = "#777777"
-#: Of a line of the title.
+#: Most characters in a line of a title.
 TITLE_LINE_CHARACTERS = 68
-#: Slopes that are drawn for comparison.
+#: Slopes of the dotted lines that fitted orders are compared with.
 REFERENCE_SLOPES = (1, 2)
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return error against spacing, log-log, with the fitted order in the legend and slopes 1 and 2 dotted."""
+    """Return a figure of error against spacing, log-log, with fitted orders in the legend and slopes 1 and 2 dotted."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(6.4, 5.4), layout="constrained")
@@ -44,7 +44,10 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def difference_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return rms differences from a reference against spacing, log-log, with their mean kept in and with it removed."""
+    """Return a figure of rms differences from a reference against spacing, log-log.
+
+    The left axes show the differences with their mean, the right axes without it.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 4.8), layout="constrained")
@@ -61,7 +64,7 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def work_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return error against seconds of the processor and against unknowns, log-log, side by side."""
+    """Return a figure of error against CPU seconds and against unknowns, log-log, side by side."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
@@ -79,7 +82,7 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def trade_figure(series: Sequence[Series], title: str) -> Figure:
-    """Return rms error against seconds and against memory, log-log, with what no other attempt beats in both."""
+    """Return a figure of rms error against CPU seconds and against memory, log-log, with the Pareto fronts in grey."""
     from matplotlib.figure import Figure
 
     made = attempts(series)
@@ -101,11 +104,12 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
 
 
 def _plain(text: str) -> str:
-    """Return text whose dollar signs are no mathematics."""
+    """Return text with escaped dollar signs, which matplotlib would read as the start of a formula."""
     return text.replace("$", r"\$")
 
 
 def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
+    """Plot ``y`` over ``x`` in the colour, line style and marker of series ``number``."""
     axes.plot(
         x,
         y,
@@ -117,7 +121,7 @@ def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label:
 
 
 def _slopes(axes: Any, series: Sequence[Series]) -> None:
-    """Draw dotted lines of slopes 1 and 2 through the geometric middle of the errors at the coarsest spacing."""
+    """Draw dotted lines of slopes 1 and 2 that end at the geometric mean of the errors at the coarsest spacings."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
     coarsest = [one.errors[0] for one in series if one.errors[0] > 0]
     if len(spacings) == 1 or not coarsest:
@@ -133,6 +137,7 @@ def _slopes(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
+    """Use logarithmic scales, with a tick at each spacing of the series and no minor ticks."""
     spacings = sorted({spacing for one in series for spacing in one.spacings})
     _log_scales(axes)
     axes.set_xticks(spacings, [f"{spacing:g}" for spacing in spacings])
@@ -141,7 +146,7 @@ def _spacing_ticks(axes: Any, series: Sequence[Series]) -> None:
 
 
 def _log_scales(axes: Any) -> None:
-    """Make the axes logarithmic that have anything above zero on them, and draw their grid."""
+    """Use a logarithmic scale in each direction in which lines have positive values, and draw the grid."""
     axes.grid(alpha=0.25)
     for name, change in (("x", axes.set_xscale), ("y", axes.set_yscale)):
         if any(np.any(np.asarray(getattr(line, f"get_{name}data")()) > 0) for line in axes.lines):
@@ -149,6 +154,6 @@ def _log_scales(axes: Any) -> None:
 
 
 def _legend(figure: Figure, columns: int) -> None:
-    """Draw the legend below the axes, where it hides no line."""
+    """Draw the legend of the first axes, in ``columns`` columns below the figure."""
     lines, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9, handlelength=4)

@@ -1,4 +1,4 @@
-"""Named formulas of a study file, [let], which replace their names in other formulas. Nothing is evaluated."""
+"""Named formulas of the table [let] of a study file, which replace their names in other formulas as text."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ KEYS_WITHOUT_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "sch
 
 
 def expand_names(table: Any) -> dict[str, str]:
-    """Return the formulas of a table [let], each with the names of earlier ones replaced by their formulas.
+    """Return the formulas of a table [let], with the names of earlier formulas in each replaced by those formulas.
 
     Raises
     ------
     SceneError
-        If it is no table, a name is reserved or invalid, a value is no formula, or a formula becomes too long.
+        If [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes too long.
 
     Examples
     --------
@@ -54,7 +54,7 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
     Raises
     ------
     SceneError
-        If the result is too long: each name may double it.
+        If the result is too long: each further name of [let] may double the length.
     """
     try:
         tree = parse(formula)
@@ -75,7 +75,10 @@ def expand(formula: str, known: Mapping[str, str]) -> str:
 
 
 def expand_all(value: Any, known: Mapping[str, str]) -> Any:
-    """Return tables and lists with names replaced by the ``known`` formulas in every formula."""
+    """Return a value of a study file with the names in all its formulas replaced by ``known`` formulas.
+
+    The value may be a text, a list or a table, nested to any depth.
+    """
     if isinstance(value, str):
         return expand(value, known)
     if isinstance(value, list):
@@ -89,7 +92,10 @@ def expand_all(value: Any, known: Mapping[str, str]) -> Any:
 
 
 def _tables_in(value: Any, known: Mapping[str, str]) -> Any:
-    """Return names and files unchanged; expand formulas in tables among them, such as the sources of a union."""
+    """Return the value of a key that holds names or files, with formulas expanded only in tables inside a list of them.
+
+    Such tables are the sources of a union.
+    """
     if isinstance(value, list):
         return [_tables_in(entry, known) for entry in value]
     return expand_all(value, known) if isinstance(value, dict) else value

@@ -1,4 +1,4 @@
-"""What error is bought at what cost: the attempts that no other beats in both, and the cheapest for each error."""
+"""Pareto fronts of error and cost: attempts that no other beats in both, and the cheapest for each decade of error."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ from dataclasses import dataclass
 from cpmkit.studies.record_series import Series
 from cpmkit.studies.tables import table_row, table_rule
 
-#: What attempts cost, by the name that they have for it, in words.
+#: The costs of an attempt: name of the attribute, and heading of its column.
 COSTS = {"seconds": "CPU seconds", "mebibytes": "MiB"}
 BYTES_PER_MEBIBYTE = 2**20
-#: Errors below this share are rounding, and have no decade.
+#: Smaller errors, as shares of the range, are rounding; they count as this large.
 LEAST_ERROR = 1e-16
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """One way to a solution: with which method, how fine, how far off, for how much.
+    """One entry of a series, with its error and its costs: the result of one method at one resolution.
 
     Attributes
     ----------
     label, setting : str
-        The method with its options, and its spacing or what was asked for.
+        The method with its options; its spacing or accuracy target.
     error : float
-        Root mean square, as a share of the solution's range; in its own unit where it is constant.
+        Root mean square error as a share of the solution's range; in the unit of the solution where it is constant.
     seconds, mebibytes : float
-        Of the processor, and of memory at the peak; not a number where it was not recorded.
+        CPU seconds and peak memory; nan where they were not recorded.
     """
 
     label: str
@@ -37,7 +37,7 @@ class Attempt:
     mebibytes: float
 
     def cost(self, name: str) -> float:
-        """Return one of the costs."""
+        """Return the cost ``name``, a key of :data:`COSTS`."""
         return float(getattr(self, name))
 
     def __str__(self) -> str:
@@ -57,7 +57,7 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 
 
 def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
-    """Return the attempts that no other beats in both error and cost, the cheapest first."""
+    """Return the Pareto front: the attempts that no other beats in both error and ``cost``, the cheapest first."""
     best, kept = math.inf, []
     priced = [one for one in made if not math.isnan(one.cost(cost))]
     for one in sorted(priced, key=lambda one: (one.cost(cost), one.error)):
@@ -68,7 +68,10 @@ def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
 
 
 def winners(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
-    """Return for each power of ten that an error is below the cheapest attempt below it, the largest power first."""
+    """Return the cheapest attempt with an error of at most 10^k for each whole k that the errors allow.
+
+    The keys k run from that of the largest error on the Pareto front down.
+    """
     on_front = front(made, cost)
     if not on_front:
         return {}
@@ -81,7 +84,7 @@ def winners(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
 
 
 def winners_table(made: Sequence[Attempt]) -> str:
-    """Return, by decade of error, who gets below it for the least of each cost."""
+    """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
     costs = [cost for cost in COSTS if front(made, cost)]
     found = {cost: winners(made, cost) for cost in costs}
     heads = [head for cost in costs for head in (f"least {COSTS[cost]}", COSTS[cost])]
@@ -96,7 +99,7 @@ def winners_table(made: Sequence[Attempt]) -> str:
 
 
 def front_table(made: Sequence[Attempt]) -> str:
-    """Return the attempts that no other beats in error and seconds, or in error and memory."""
+    """Return a Markdown table of the attempts on the Pareto fronts of error and each cost, the largest error first."""
     fronts = {cost: front(made, cost) for cost in COSTS}
     kept = sorted({one for on_front in fronts.values() for one in on_front}, key=lambda one: -one.error)
     lines = [table_row(["", "", "unbeaten in", "rms error", *COSTS.values()]), table_rule(3, 1 + len(COSTS))]

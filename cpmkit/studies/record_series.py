@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.studies.records import Record
 from cpmkit.studies.sweep import Run
 
-#: Least number of spacings that give an order.
+#: Least number of spacings from which an order is fitted.
 LEAST_SPACINGS = 2
 #: Spacings that differ by a smaller share are equal.
 SAME_SPACING_SHARE = 1e-9
@@ -38,7 +38,7 @@ class Entry:
     spacing : float
         With an accuracy target the mean of the resulting spacings.
     error : float
-        The largest error at any sample point; of several origins the root mean square.
+        The largest error at any sample point; with several origins the root mean square of their largest errors.
     rms_error, rms_without_mean : float
         Root mean square of errors over sample points and origins, with and without the mean error.
     half_range : float
@@ -74,17 +74,17 @@ class Entry:
 
 @dataclass(frozen=True)
 class Series:
-    """One method with its options over all spacings with a record without error.
+    """The results of one method with given options, over spacings or accuracy targets.
 
     Attributes
     ----------
     method : str
     options : mapping
-        Its options of those whose values a study lists.
+        Values of those of its options that a study varies.
     label : str
-        Names the differences from other series.
+        The method and the options in which it differs from other series.
     entries : sequence of Entry
-        Results, the coarsest first.
+        Results, the coarsest spacing, largest tolerance or shortest time first.
     reference : str or None
         The back end whose solution is the reference; None where the solution is known.
     target : str
@@ -105,12 +105,12 @@ class Series:
 
     @property
     def errors(self) -> list[float]:
-        """Errors of the entries."""
+        """Largest errors of the entries."""
         return [entry.error for entry in self.entries]
 
     @property
     def fitted_order(self) -> float | None:
-        """Least-squares slope of log(error) over log(spacing); None of less than two spacings that differ."""
+        """Least-squares slope of log(error) over log(spacing); None with fewer than two spacings or a zero error."""
         if len(self.entries) < LEAST_SPACINGS or min(self.errors) <= 0:
             return None
         across = np.log(self.spacings) - np.mean(np.log(self.spacings))
@@ -120,18 +120,20 @@ class Series:
 
 
 def gather(records: Sequence[Record]) -> list[Series]:
-    """Return the series of records in the order in which they first appear; runs with errors are left out."""
+    """Return the series of records, in the order in which they first appear; runs with errors are left out."""
     good = [record for record in records if "error" not in record]
     keys = list(dict.fromkeys(_key(record) for record in good))
     return [_series(key, keys, [record for record in good if _key(record) == key]) for key in keys]
 
 
 def _key(record: Record) -> tuple[Any, ...]:
+    """Return the method, options and kind of target of a record: records of one series have the same."""
     run = Run.of(record)
     return run.method, run.options, next(iter(run.target), "")
 
 
 def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
+    """Return the series of the records with this key; ``keys`` are those of all series."""
     method, options, target = key
     fineness = f"asked_{target}" if target else "spacing"
     given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
@@ -140,6 +142,8 @@ def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequ
 
 
 def _entry(records: Sequence[Record], target: str) -> Entry:
+    """Return the means, or root mean squares, over the records of one spacing or target, one for each origin."""
+
     def of(name: str) -> Any:
         return np.array([record.get(name) for record in records], dtype=np.float64)
 
@@ -154,12 +158,16 @@ def _entry(records: Sequence[Record], target: str) -> Entry:
 
 
 def _shift(records: Sequence[Record]) -> float:
+    """Return the largest correction of a mean in the records; nan if none has a correction."""
     shifts = [abs(value) for record in records for one in record.get("imbalances", ()) for value in one["shift"]]
     return max(shifts, default=float("nan"))
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the method's name if methods differ, and each option that differs within it; the order if none does."""
+    """Return the method's name if methods differ, and each option that differs between series of the method.
+
+    If none differs, the order of the method is given, else the method's name alone.
+    """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]
     differ = [name for name, _ in options if len({other[name] for other in own}) > 1]

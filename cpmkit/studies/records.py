@@ -1,4 +1,4 @@
-"""The records of a study: one JSON object a line, in a file that is only appended to."""
+"""The records of a study: one JSON object per line, in a file to which lines are only appended."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ IMBALANCE_KIND = Kind(
         isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
     ),
 )
-#: How the bytes of a record were obtained.
+#: How the bytes of memory in a record were obtained.
 MEASURED, FORETOLD = "measured", "foretold"
 OPTIONAL_ENTRIES = {
     "study": TEXT,
@@ -74,7 +74,7 @@ OPTIONAL_ENTRIES = {
 
 
 def read_records(file: Path) -> list[Record]:
-    """Return the records of a file, none if there is no such file; an unfinished last line is ignored.
+    """Return the records of a file, none if the file does not exist; an unfinished last line is ignored.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def read_records(file: Path) -> list[Record]:
 
 
 def _record(line: bytes, where: str) -> Record:
-    """Return the record of a line."""
+    """Return the record in a line; an InputError that names the line as ``where`` if it is no valid record."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -106,12 +106,12 @@ def _record(line: bytes, where: str) -> Record:
 
 
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
-    """Append one line in a single write; earlier lines stay whole if it is interrupted.
+    """Append a record as one line in a single write; earlier lines stay whole if the write is interrupted.
 
     Raises
     ------
     InputError
-        If it cannot be written.
+        If the file cannot be written.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
     with explain_system_error(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
@@ -121,7 +121,7 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
 
 
 def drop_unfinished_line(file: Path) -> None:
-    """Remove an unfinished last line that an interrupted write left.
+    """Remove an unfinished last line, left by an interrupted write, if there is one.
 
     Raises
     ------
@@ -136,6 +136,7 @@ def drop_unfinished_line(file: Path) -> None:
 
 
 def _content(file: Path) -> bytes:
+    """Return the bytes of a file, none if it does not exist; an InputError if it cannot be read."""
     try:
         return file.read_bytes()
     except FileNotFoundError:
@@ -145,5 +146,5 @@ def _content(file: Path) -> bytes:
 
 
 def of_content(records: Sequence[Record], content: str) -> list[Record]:
-    """Return the records of a study with this content hash."""
+    """Return the records that belong to the content hash ``content`` of a study file."""
     return [record for record in records if record["content"] == content]

@@ -22,14 +22,14 @@ from cpmkit.studies.studyfile import VERTICES_WORD, Study
 from cpmkit.types import Floats, Ints, Progress, no_progress
 
 SAMPLING_SEED = 7
-#: Points nearer to a boundary than this share of the size are left out, since data may jump there.
+#: Points nearer to a boundary than this share of the surface's size are left out, since data may jump there.
 CLEAR_OF_BOUNDARIES_SHARE = 1e-6
-#: The box of random points exceeds the bounds by this share of the size on each side.
+#: The box of random points exceeds the surface's bounds by this share of its size on each side.
 BOX_MARGIN_SHARE = 0.1
 
 
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
-    """Return sample points (n, d) of the surface, none on a boundary, the same at every call.
+    """Return sample points (n, d) of the surface, off all boundaries, the same at every call.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
 
 
 def _vertices(surface: ClosestPointSource, size: float) -> Floats:
-    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing."""
+    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing; a SceneError for others."""
     if isinstance(surface, HasMesh):
         (vertices, _), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
         if np.array_equal(vertices, finer):
@@ -91,7 +91,7 @@ class Reference:
 
 
 def reference_of(study: Study) -> Reference:
-    """Return the reference values of a study; another back end solves once, at its own resolution.
+    """Return the reference values of a study, from its formula or from one solution of another back end.
 
     Raises
     ------
@@ -117,10 +117,10 @@ def reference_of(study: Study) -> Reference:
 
 @dataclass(frozen=True, eq=False)
 class RefinedMesh:
-    """The surface ``of`` with a mesh that has no edge longer than the spacing.
+    """A surface with a mesh that is refined until no edge is longer than the spacing.
 
-    New vertices are closest points. On a surface that is itself a mesh they lie on its flat triangles, whose error
-    stays.
+    New vertices are closest points. If the surface is itself a mesh, they lie on its flat triangles, whose distance
+    from a smooth surface remains.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class RefinedMesh:
         return refined_mesh, (self.of,)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices (v, d), of which the new ones are closest points, and triangles (m, 3)."""
+        """Return vertices (v, d) and triangles (m, 3) of the refined mesh, the vertices of the surface's mesh first."""
         points, cells = mesh_of(self.of)(spacing)
         refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
@@ -142,19 +142,23 @@ class RefinedMesh:
 
 
 def refined_mesh(of: ClosestPointSource) -> RefinedMesh:
-    """Return a surface with a refined mesh and all abilities of ``of``."""
+    """Return a surface with a refined mesh, and with all further attributes and methods of ``of``."""
     return _class_for(type(of))(of)
 
 
 @cache
 def _class_for(kind: type) -> type[RefinedMesh]:
-    """Return a class with the public names of another class: the abilities of a source are attributes of its class."""
+    """Return a subclass of RefinedMesh with the public attributes of class ``kind``, each read from the surface.
+
+    Which abilities a source has is judged by the attributes of its class.
+    """
     names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())} - {*dir(RefinedMesh), "of"}
     passed = {name: _forwarding_property(name) for name in names if not name.startswith("_")}
     return type(RefinedMesh.__name__, (RefinedMesh,), passed)
 
 
 def _forwarding_property(name: str) -> property:
+    """Return a property that reads the attribute ``name`` of the surface."""
     return property(lambda self: getattr(self.of, name))
 
 
@@ -166,7 +170,7 @@ def solve_on_refined_mesh(
     Raises
     ------
     CpmkitError
-        As the back end ``fem`` does, and if the surface has no mesh.
+        If the back end ``fem`` raises it, or the surface has no mesh.
     """
     surface: Any = refined_mesh(scene.surface)
     refined = replace(scene, surface=surface)

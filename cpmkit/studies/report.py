@@ -35,7 +35,7 @@ class Report:
     title : str
         Title of the study.
     series : sequence of Series
-        Results of each method and its options.
+        Results of each method with each set of options.
     failed : int
         Number of runs that ended with an error.
     files : sequence of Path
@@ -49,7 +49,7 @@ class Report:
 
     @property
     def by_spacing(self) -> list[Series]:
-        """The series over spacings; others are over target errors or times."""
+        """The series over spacings; the others are over accuracy targets."""
         return [each for each in self.series if not each.target]
 
     @property
@@ -59,7 +59,7 @@ class Report:
 
 
 def write_report(folder: Path, content: str | None = None) -> Report:
-    """Write tables and figures of the records in ``folder``.
+    """Write a page with tables and figures of the records in ``folder``, and return the report.
 
     Parameters
     ----------
@@ -108,18 +108,18 @@ def _one_line(text: str) -> str:
 
 
 def trades(series: Sequence[Series]) -> bool:
-    """Return whether there are several methods or accuracy targets, of which a user may choose."""
+    """Return whether there are several methods or an accuracy target, so that costs can be compared."""
     return any(each.target for each in series) or len({each.method for each in series}) > 1
 
 
 def trade_of(report: Report) -> str:
-    """Return the cheapest attempt below each decade of error, and the Pareto front of error and cost."""
+    """Return Markdown tables: the cheapest attempt for each decade of error, and the Pareto front of error and cost."""
     made = attempts(report.series)
     return "\n\n".join([winners_table(made), "Unbeaten in error and cost:", front_table(made)])
 
 
 def table_of(reports: Sequence[Report]) -> str:
-    """Return the tables of studies: those with a reference share a table, each other study has its own."""
+    """Return Markdown tables of errors: one table for all studies with a reference, and one for each other study."""
     compared = [(report.title, report.by_spacing) for report in reports if report.compares and report.by_spacing]
     tables = [comparison_table(compared)] if compared else []
     for report in reports:
@@ -130,12 +130,15 @@ def table_of(reports: Sequence[Report]) -> str:
 
 
 def costs_of(reports: Sequence[Report]) -> str:
-    """Return one table of errors and costs of all studies, ordered by spacing, with a row for each method."""
+    """Return one Markdown table of errors and costs of all studies, ordered by spacing, with a row for each method."""
     return costs_table([(report.title, report.series) for report in reports])
 
 
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the page: errors and orders, figures, costs, and the runs that ended with errors."""
+    """Return the page in Markdown: errors and orders, ``figures``, costs, and the runs that ended with errors.
+
+    ``left_out`` is the number of records that belong to other versions of the study file.
+    """
     errors_line = differences_sentence(report.series) if report.compares else error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]

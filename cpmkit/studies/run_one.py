@@ -1,4 +1,4 @@
-"""Runs of a study: each is solved, its error and cost are measured and recorded; recorded runs are skipped."""
+"""Runs of a study: each is solved, and its error and cost are recorded; runs that are recorded already are skipped."""
 
 from __future__ import annotations
 
@@ -41,14 +41,17 @@ from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points
 from cpmkit.types import Progress, no_progress
 
-#: Entries of a solve's work that are recorded, if the method has them.
+#: Counts of a solve's work that are recorded where the method has them.
 WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
-#: Lattices whose spacing is a result are shifted by up to this share of the surface's size.
+#: Lattices are shifted by up to this share of the surface's size where the spacing is a result.
 SHIFTED_SHARE = 0.1
 
 
 def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_progress) -> Record:
-    """Solve once, and return the record: parameters, errors, work and seconds."""
+    """Solve the scene of a run, and return the record: parameters, errors, work and seconds.
+
+    After a ResolutionError or a ConvergenceError, the record has the parameters and the message instead.
+    """
     named = {"study": study.name, "title": study.title, "content": study.content}
     record: Record = {**named, "reference": study.exact.reference, **run.as_dict()}
     scene = at_spacing(study.scene, study.sweep.step_per_spacing, run.spacing)
@@ -68,6 +71,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
+    """Solve a scene by the method of a run; ``options`` are those that all runs share."""
     if run.method == REFINED:
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = closest_points()
@@ -88,6 +92,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 
 
 def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
+    """Return the measured entries of a record: errors at the reference points, work, and what the solver reported."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
@@ -112,7 +117,7 @@ def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
 
 
 def _stages(solution: Solution) -> dict[str, float]:
-    """Return the seconds of each stage, or of each purpose if several solves led to the solution."""
+    """Return the wall-clock seconds of each stage, or of each purpose if several solves led to the solution."""
     if solution.solve_history is None:
         return dict(solution.seconds)
     spent: dict[str, float] = {}
@@ -122,7 +127,10 @@ def _stages(solution: Solution) -> dict[str, float]:
 
 
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
-    """Return the peak memory in bytes, measured if the system reports it, else predicted, and which of both."""
+    """Return the entries of a record on peak memory: the bytes, and whether they are measured or predicted.
+
+    ``measured`` is None where the system does not report it; back ends without a lattice then have neither.
+    """
     if measured is not None:
         return {"bytes": measured, "bytes_are": MEASURED}
     options, scene = lattice_options(solution.discretized), solution.scene
@@ -132,9 +140,9 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": FORETOLD}
 
 
-#: Tolerance of the runs before the first recorded one.
+#: Tolerance of the runs that precede the recorded runs, one for each method.
 ROUGH_TOLERANCE = 0.1
-#: Share of progress of a run that is solved and still has to be measured and recorded.
+#: Largest reported progress of a run until it is recorded.
 UNFINISHED_SHARE = 0.99
 
 
@@ -171,7 +179,7 @@ def run_study(
     progress: Progress = no_progress,
     recorded: Callable[[Record], None] = ignore_record,
 ) -> Outcome:
-    """Make the runs of a study that are not recorded in ``folder`` yet.
+    """Solve and record those runs of a study that are not recorded in ``folder`` yet, and return their numbers.
 
     A run that ends with a ResolutionError or a ConvergenceError is recorded with its message, and the study continues.
     An interrupted study continues at the next call.
@@ -185,7 +193,7 @@ def run_study(
         Use the study's cheap spacings only.
     spacings : sequence of float
         Use only these of the study's spacings; all if empty.
-    truth : Truth, optional
+    truth : Reference, optional
         Reference values in place of the study's.
     progress : callable, optional
         Called with the number of the run and the completed share of its stage.
@@ -211,7 +219,7 @@ def run_study(
     truth = reference_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
-        make_run(study, _rough(run), truth)  # compiling and reading by a first run is no cost of any method
+        make_run(study, _rough(run), truth)  # so that compilation is no cost of any method
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
         record = make_run(study, run, truth, partial(_share_of, progress, stage))
@@ -224,12 +232,12 @@ def run_study(
 
 
 def _rough(run: Run) -> Run:
-    """Return the run, with a rough tolerance in place of its target."""
+    """Return the run with a rough tolerance in place of its accuracy target, if it has one."""
     return replace(run, target_tolerance=ROUGH_TOLERANCE, target_seconds=None) if run.target else run
 
 
 def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
-    """Return the runs with one of ``spacings``; all runs if ``spacings`` is empty."""
+    """Return the runs with one of ``spacings``, all runs if there are none; an InputError if no run has a spacing."""
     known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
     unknown = [spacing for spacing in spacings if spacing not in known]
     if unknown:
@@ -239,6 +247,6 @@ def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run
 
 
 def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
-    """Report the progress of a stage of a run; the run itself ends later."""
+    """Report the progress ``share`` of a stage as that of ``run``, below 1, since the run is not recorded yet."""
     del stage
     progress(run, min(share, UNFINISHED_SHARE))

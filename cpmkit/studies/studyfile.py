@@ -27,25 +27,25 @@ from cpmkit.studies.sweep import TARGETS, Sweep, listed, read_sweep
 
 #: Kinds of problems with a time step.
 KINDS_IN_TIME = ("heat", "reaction-diffusion", "wave")
-#: Characters of a title.
+#: Most characters of a title.
 MOST_TITLE_CHARACTERS = 300
-#: More sample points than this are a mistake.
+#: Most sample points: a larger number is taken for a mistake.
 MOST_SAMPLE_POINTS = 1_000_000
 STUDY_TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """What is known of the solution: a formula, or else who solves the scene for comparison.
+    """The solution that runs are compared with: a formula, or the back end that computes it.
 
     Attributes
     ----------
     u : str or None
         A formula in x, y, z and, where the problem has a time, t.
     points : int or "vertices"
-        At how many points of the surface errors are measured; or at the vertices of a surface that is a mesh.
+        Number of points of the surface at which errors are measured; or the vertices of a surface that is a mesh.
     reference : str or None
-        A back end, such as ``fem``, whose solution is taken where no formula is known.
+        A back end, such as ``fem``, whose solution is the reference where no formula is known.
     """
 
     u: str | None = None
@@ -69,25 +69,25 @@ class Exact:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scene whose solution is known, or solved by others, and how it is to be solved over and over.
+    """A scene, the solution that its runs are compared with, and the options that the runs vary.
 
     Attributes
     ----------
     name : str
-        That of the file, without its ending.
+        Name of the study file without its suffix.
     title : str
-        For the report.
+        Title of the report.
     folder : Path
-        Of the file: where files that it names are looked for first.
+        Folder of the study file, where the files that it names are looked for first.
     tables : mapping
-        Of the scene, with the formulas of [let] in place of their names.
+        Tables of the scene, with the formulas of [let] in place of their names.
     exact : Exact
-        The solution, or who is to give it.
+        The solution, or the back end that computes it.
     sweep : Sweep
-        What is varied.
+        The options that are varied.
     content : str
-        Tells whether a record belongs to this study: it changes with everything that a run's result depends on,
-        and not with the title or with what is swept over.
+        Hash that identifies the records of this study: it changes with everything that the result of a run depends on,
+        but not with the title or the lists of the sweep.
     """
 
     name: str
@@ -100,7 +100,10 @@ class Study:
 
     @cached_property
     def scene(self) -> Scene:
-        """The scene, made at the first call; where the sweep ties the time step to the spacing, with that of one."""
+        """The scene, read at first access; if steps are tied to the spacing, with the time step of the first spacing.
+
+        A step in [problem] takes precedence. A SceneError if the tables are not accepted.
+        """
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:
             kind = tables["problem"].get("kind")
@@ -115,7 +118,7 @@ class Study:
 
     @cached_property
     def solution(self) -> Expression | None:
-        """The exact solution, a function of points and, where it has a t in it, of the time; None with a reference."""
+        """The exact solution as a function of points and, if its formula has a t, of time; None with a reference."""
         return None if self.exact.u is None else Expression(self.exact.u, self.scene.surface.dim)
 
     @property
@@ -125,7 +128,7 @@ class Study:
 
 
 def load_study(path: str | Path) -> Study:
-    """Read a study file; its scene is not made yet.
+    """Return the study in a TOML file; its scene is read at first access.
 
     Raises
     ------
@@ -136,6 +139,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
+    """Return the study in the ``tables`` of the file ``path``; a SceneError names what is not accepted."""
     check_accepted("the study", tables, STUDY_TABLES)
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
@@ -159,7 +163,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
 
 
 def _swept() -> dict[str, str]:
-    """Return the keys of [discretization] that a study varies, and where its file says it."""
+    """Return the keys that a study varies and [discretization] must not hold, each with its place in the file."""
     said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **TARGETS, **listed()}.items()}
     for name, one in every_option().items():
         if one.methods:
@@ -169,7 +173,7 @@ def _swept() -> dict[str, str]:
 
 
 def _content_hash(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
-    """Return a short hash of everything that a run's result depends on beside its parameters."""
+    """Return a short hash of everything that the result of a run depends on besides its own parameters."""
     solution = exact.u if exact.reference is None else {"reference": exact.reference}
     digests = [_digest(file) for file in _files(scene, folder)]
     whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]
@@ -177,12 +181,12 @@ def _content_hash(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: 
 
 
 def _files(value: Any, folder: Path) -> Iterator[Path]:
-    """Yield the files that tables name, under whatever key: kinds of plugins have keys of their own.
+    """Yield the files named by any text in tables and lists, under whatever key, since plugins have keys of their own.
 
-    A formula or a name that happens to be the name of a file counts too: then a run may be made once more than needed.
+    A formula that equals the name of a file counts too; if that file changes, runs are made again without need.
     """
     if isinstance(value, str):
-        with suppress(InputError, OSError, ValueError):  # no file, or nothing that could be one's name
+        with suppress(InputError, OSError, ValueError):  # not the name of a file
             yield find_file(value, folder)
     elif isinstance(value, list):
         for entry in value:
@@ -193,6 +197,7 @@ def _files(value: Any, folder: Path) -> Iterator[Path]:
 
 
 def _digest(file: Path) -> str:
+    """Return the SHA-256 digest of a file in hexadecimal; a SceneError if it cannot be read."""
     try:
         with file.open("rb") as opened:
             return hashlib.file_digest(opened, "sha256").hexdigest()
@@ -201,7 +206,10 @@ def _digest(file: Path) -> str:
 
 
 def study_schema() -> dict[str, Any]:
-    """Return the schema of study files; names of [let] may stand for numbers, which it therefore does not check."""
+    """Return the JSON schema of study files.
+
+    It does not check the types of numbers, since a name of [let] may stand for any number.
+    """
     tables = {name: _without_types(table) for name, table in scene_tables(problem_needs=False).items()}
     lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed().items()]
     sweep = [key for key in keys_of(Sweep) if key.name in {one.name for one in fields(Sweep)} - {"lists"}]
@@ -223,7 +231,7 @@ def study_schema() -> dict[str, Any]:
 
 
 def _without_types(schema: Any) -> Any:
-    """Return a schema in which any key may hold text that is a name of [let]."""
+    """Return a copy of a JSON schema without number types: a name of [let] may stand for any number."""
     if isinstance(schema, list):
         return [_without_types(one) for one in schema]
     if not isinstance(schema, dict):

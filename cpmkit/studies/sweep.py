@@ -1,4 +1,4 @@
-"""The sweep of a study: the options that it varies, and the runs that result."""
+"""The sweep of a study: the options that it varies, and the resulting runs."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
 REMOVED_METHODS = ("balanced", "unfolded")
 #: The method that is the back end ``fem`` on a refined mesh.
 REFINED = "fem-refined"
-#: The form of the method ``cpm``, whose options a study lists: the paper's.
+#: The form of the method ``cpm``, the paper's; a study lists values of its options.
 LISTED_FORM = "collocation"
-#: Accuracy targets in place of a spacing, and the key of the list of each; all lists that determine the resolution.
+#: Accuracy targets in place of a spacing, each with the key of its list; then the keys of all lists of resolutions.
 TARGETS = {"tolerance": "tolerances", "seconds": "seconds"}
 FINENESS = ("spacings", *TARGETS.values())
 TARGET_ENTRIES = tuple(f"asked_{name}" for name in TARGETS)
@@ -38,7 +38,7 @@ ORIGINS_SEED = 1
 
 
 def closest_points() -> dict[str, dict[str, Any]]:
-    """Return the methods on a lattice, each with the options that it sets; ``cpm`` sets the form alone."""
+    """Return the methods on a lattice, each with the options of ``solve`` that it sets; ``cpm`` sets only the form."""
     options = every_option().items()
     return {"cpm": {"form": LISTED_FORM}} | {
         method: {name: value} for name, entry in options for method, value in entry.methods.items()
@@ -46,7 +46,7 @@ def closest_points() -> dict[str, dict[str, Any]]:
 
 
 def listed() -> dict[str, str]:
-    """Return the options whose values a study lists, each with the key of its list."""
+    """Return the options of which a study may list values, each with the key of its list in [sweep]."""
     return {
         name: entry.plural or f"{name}s"
         for name, entry in declared_options(FORMS[LISTED_FORM]).items()
@@ -55,19 +55,19 @@ def listed() -> dict[str, str]:
 
 
 def listed_of(method: str) -> tuple[str, ...]:
-    """Return the options whose values a study lists that a method has."""
+    """Return those options of ``method`` of which a study may list values."""
     if method not in closest_points():
         return BASELINES.get(method, ())
     return tuple(name for name in listed() if name in declared_options(_form_of(method)))
 
 
 def _form_of(method: str) -> Any:
-    """Return the options of a method's form; baselines have those of LISTED_FORM."""
+    """Return the class of the options of a method's form; LISTED_FORM is the form of baselines."""
     return FORMS[closest_points().get(method, {}).get("form", LISTED_FORM)]
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
-    """Return the sweep of the table [sweep]; a SceneError names a key or value that is not accepted."""
+    """Return the sweep in the table [sweep]; a SceneError names a key or value that is not accepted."""
     lists = {name: key for name, key in listed().items() if key in table}
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
@@ -88,7 +88,7 @@ class Sweep:
         Spacings of the lattice, in the scene's unit.
     tolerances, seconds : list of float
         In place of spacings or with them: target errors as shares of the solution's range, the largest first; and
-        target times, the shortest first. Only of methods on a lattice.
+        target times, the shortest first. Only for methods on a lattice.
     cheap : list of float
         The spacings of ``--cheap``, for tests; by default all but the finest. The last tolerance and the last time are
         left out, too.
@@ -149,7 +149,10 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_fineness(self) -> None:
-        """Refuse a sweep without spacings or targets, or with targets for a method that accepts none."""
+        """Raise a SceneError if there are neither spacings nor targets, or lists that cannot be combined.
+
+        Without spacings, every method must be on a lattice; time steps tied to the spacing exclude targets.
+        """
         if not self._fineness():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
@@ -165,7 +168,10 @@ class Sweep:
             )
 
     def _fineness(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
-        """Return the lists of spacings and targets, each with the name of its entries."""
+        """Return the lists of spacings and targets that are not empty, each with the name of its entries.
+
+        If ``cheap``, these are the cheap spacings, and the other lists without their last entry.
+        """
         spacings = self.cheap if cheap and self.cheap else self.spacings
         lists = {"spacing": spacings} | {name: getattr(self, key) for name, key in TARGETS.items()}
         present = {name: values for name, values in lists.items() if values}
@@ -175,7 +181,10 @@ class Sweep:
         return list(present.items())
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs without repetitions; the coarsest spacing, the largest tolerance, the shortest time first."""
+        """Return the runs, each once; if ``cheap``, those of the cheap lists.
+
+        The order is as in the lists: the coarsest spacing, the largest tolerance and the shortest time first.
+        """
         every = (
             Run(
                 method,
@@ -193,7 +202,7 @@ class Sweep:
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
-        """Yield the options and the number of the origin of each run, None if a method has no origin."""
+        """Yield options and the number of the lattice's position (None: the default) for each run of a method."""
         names, form = listed_of(method), _form_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
@@ -215,9 +224,9 @@ class Run:
     spacing : float or None
         Spacing of the lattice, or the argument of a back end; None with an accuracy target.
     options : tuple of (str, value)
-        The method's options of those whose values a study lists.
+        Values of those of the method's options that a study varies.
     origin : int or None
-        Number of the lattice's random position; None: its own.
+        Number of the lattice's random position; None for its default position.
     target_tolerance, target_seconds : float or None
         Accuracy target in place of a spacing.
     """
@@ -231,7 +240,7 @@ class Run:
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> Run:
-        """Return the run of a record; options that an older record does not have are taken for their defaults."""
+        """Return the run of a record; options that an older record lacks have their defaults."""
         names, form = listed_of(record["method"]), _form_of(record["method"])
         options = tuple((name, record.get(name, getattr(form, name))) for name in names)
         target = {f"target_{name}": record.get(f"asked_{name}") for name in TARGETS}
@@ -245,13 +254,16 @@ class Run:
         return {name: value for name, value in targets.items() if value is not None}
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the parameters as plain values, None for options that the method does not have."""
+        """Return the parameters of a record as plain values; None for options that the method does not have."""
         options = dict.fromkeys(listed()) | dict(self.options)
         target = {f"asked_{name}": getattr(self, f"target_{name}") for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the shift (d,) of the lattice, uniformly distributed between 0 and a spacing, or ``unit``."""
+        """Return the shift (d,) of the lattice: zero without an origin, else random.
+
+        It is uniformly distributed between 0 and ``unit``, by default the spacing.
+        """
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(ORIGINS_SEED).uniform(0, 1, (self.origin + 1, dim))

@@ -12,7 +12,7 @@ from cpmkit.studies.sweep import TARGETS, listed
 
 
 def orders_table(series: Sequence[Series]) -> str:
-    """Return the errors of each series at each spacing, and the fitted order."""
+    """Return a Markdown table of the errors of each series at each spacing, and the fitted order."""
     spacings = sorted({spacing for each in series for spacing in each.spacings}, reverse=True)
     lines = [table_row(["", *(f"{spacing:g}" for spacing in spacings), "order"]), table_rule(1, len(spacings) + 1)]
     for each in series:
@@ -33,7 +33,7 @@ def error_sentence(records: Sequence[Record]) -> str:
 
 
 def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
-    """Return errors, unknowns, queries, iterations and seconds of each series at each spacing.
+    """Return a Markdown table of errors, unknowns, queries, iterations, seconds and memory of each series and spacing.
 
     Parameters
     ----------
@@ -55,6 +55,7 @@ def _coarsest_first(row: tuple[Entry, str]) -> float:
 
 
 def _cost_cells(entry: Entry) -> list[str]:
+    """Return the cells of an entry in the table of costs, from its spacing on; empty for unknown numbers."""
     queries = "" if math.isnan(entry.queries) else f"{entry.queries:,.0f}"
     cells = [f"{entry.spacing:.6g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}", f"{entry.unknowns:,.0f}", queries]
     mebibytes = "" if math.isnan(entry.bytes) else f"{entry.bytes / 2**20:.3g}"
@@ -62,7 +63,7 @@ def _cost_cells(entry: Entry) -> list[str]:
 
 
 def run_sentence(record: Record) -> str:
-    """Return one line on a run."""
+    """Return a line on a record: the error and cost of the run, or the message with which it ended."""
     if "error" in record:
         return f"{run_name(record)}: {printable(record['error'])}"
     cost = f"{record['unknowns']:,} unknowns, {sum(record['seconds'].values()):.1f} s"
@@ -75,7 +76,7 @@ def run_sentence(record: Record) -> str:
 
 
 def run_name(record: Record) -> str:
-    """Return the name of a record's run: its method and parameters."""
+    """Return the name of a record's run: its method and its parameters."""
     target = {name: record.get(f"asked_{name}") for name in TARGETS}
     how = {**record, **target} | ({} if set(target.values()) == {None} else {"spacing": None})
     parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *target, "origin") if how.get(key) is not None)
@@ -83,16 +84,16 @@ def run_name(record: Record) -> str:
 
 
 def table_row(cells: Sequence[str]) -> str:
-    """Return a row of a table."""
+    """Return a row of a Markdown table."""
     return f"| {' | '.join(cells)} |"
 
 
 def table_rule(left: int, right: int) -> str:
-    """Return the line below the head of a table with ``left`` columns of words and ``right`` columns of numbers."""
+    """Return the line below the head of a Markdown table: ``left`` left-aligned and ``right`` right-aligned columns."""
     return "|" + "---|" * left + "--:|" * right
 
 
-#: Columns of each method: attribute of an entry, and heading.
+#: Columns for each method: attribute of an entry, and heading.
 SHOWN_ENTRIES = {
     "rms_error": "rms mean kept",
     "rms_without_mean": "rms mean removed",
@@ -102,7 +103,9 @@ SHOWN_ENTRIES = {
 
 
 def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
-    """Return differences from a reference in percent of half its range, methods side by side, without empty columns.
+    """Return a Markdown table of differences from a reference, in percent of half its range, methods side by side.
+
+    Empty columns are left out.
 
     Parameters
     ----------
@@ -110,7 +113,7 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
         The title of each study and its series.
     """
     ordered = sorted((each for _, series in studies for each in series), key=lambda each: each.method != "cpm")
-    labels = list(dict.fromkeys(each.label for each in ordered))  # twins are those of the first
+    labels = list(dict.fromkeys(each.label for each in ordered))  # the column of twins is that of the first
     columns = [f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels]
     rows = [["", "spacing", "unknowns", "twins", *columns]]
     for title, series in studies:
@@ -136,7 +139,10 @@ def differences_sentence(series: Sequence[Series]) -> str:
 
 
 def _size(entries: Sequence[Entry | None]) -> list[str]:
-    """Return the unknowns, and the share of twins, of the first method that got through."""
+    """Return cells with the unknowns, and the share of twins (second unknowns at a node), of the first method.
+
+    ``entries`` are those of each method at one spacing; a method without a result has None.
+    """
     first = next(entry for entry in entries if entry is not None)
     share = first.twins / first.unknowns
     return [f"{first.unknowns:,.0f}", "" if math.isnan(share) else f"{share:.1%}"]

@@ -88,7 +88,7 @@ class Camera:
     description: str = ""
 
     def project(self, points: Floats) -> Floats:
-        """Return (n, 3): to the right of the centre, above it, and in front of it."""
+        """Return coordinates (n, 3) of points (n, 3): to the right of the centre, above it, and in front of it."""
         return np.asarray((points - self.centre) @ self.axes.T)
 
 
@@ -171,10 +171,12 @@ def axes_of(view: Direction, up: Upward) -> Floats:
 
 
 def _as_text(vector: Sequence[float]) -> str:
+    """Return a vector in words, with two digits."""
     return "(" + ", ".join(f"{entry:.2g}" for entry in vector) + ")"
 
 
 def _unit(vector: Floats, label: str) -> Floats:
+    """Return the unit vector (3,) of a vector; an InputError that names it as ``label`` if it is zero."""
     largest = np.abs(vector).max()
     if largest == 0:
         raise InputError(f"{label} must be a direction, got three zeros.")

@@ -10,9 +10,9 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.runtime.messages import did_you_mean, install_command
 from cpmkit.types import Floats
 
-#: Values that differ by a smaller share of their size are one value, and the bar is this share longer on both sides.
+#: Ends of a bar that differ by a smaller share of their size are equal; the bar is then extended by the second share.
 EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05
-#: Colours of lines: dark, and light on colours below a luminance; weights of red, green and blue in the luminance.
+#: Colours of lines: dark, and light on colours with a luminance below DARK; weights of red, green and blue in it.
 INK, CHALK, DARK, LUMINANCE = np.array((0.12, 0.12, 0.14)), np.array((0.9, 0.9, 0.9)), 0.25, np.array((0.3, 0.59, 0.11))
 #: Number of colours of a bar.
 BAR_COLOURS = 256
@@ -56,7 +56,10 @@ class Bar:
 def make_bar(
     values: Floats, clim: tuple[float, float] | None = None, cmap: str = "viridis", label: str = "", unit: str = ""
 ) -> Bar:
-    """Return the bar from the least to the greatest of ``values``, or between ``clim``."""
+    """Return the colour bar from the least to the greatest of ``values``, or between the ends ``clim``.
+
+    If the ends are equal, the bar is extended on both sides.
+    """
     label = f"{label} [{unit}]".strip() if unit else label
     ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
     middle, size = ends.mean(), float(np.abs(ends).max())
@@ -67,17 +70,17 @@ def make_bar(
 
 
 def value_colours(values: Floats) -> Floats:
-    """Return (v, 3) colours of (v,) values, in viridis from the least to the greatest."""
+    """Return colours (v, 3) of values (v,), in viridis from the least to the greatest value."""
     return make_bar(values).colours(values)
 
 
 def colour_table(cmap: str) -> Floats:
-    """Return the colours (BAR_COLOURS, 3) of one of matplotlib's maps.
+    """Return the colours (BAR_COLOURS, 3), from 0 to 1, of one of matplotlib's colour maps.
 
     Raises
     ------
     InputError
-        If it has none of that name.
+        If matplotlib has no colour map of that name.
     MissingDependencyError
         If matplotlib is not installed.
     """

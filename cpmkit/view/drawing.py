@@ -1,4 +1,4 @@
-"""Contents of a picture as plain arrays in the camera's axes: the mesh, and the boundaries over it."""
+"""Contents of a picture as plain arrays in the camera's axes: the mesh, and the boundaries in front of it."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Corners of a disc around a point of a cloud, and of a dot.
+#: Number of corners of a disc around a point of a cloud, and of a dot.
 DISC_CORNERS, DOT_CORNERS = 8, 24
 
-#: Radius of a disc by the dimension of space: DISC_OVERLAP times the distance to neighbour number DISC_NEIGHBOURS. So
-#: discs cover uneven clouds, too.
+#: Radius of a disc by the dimension of space: DISC_OVERLAP times the distance to neighbour number DISC_NEIGHBOURS, so
+#: that discs also cover uneven clouds.
 DISC_NEIGHBOURS, DISC_OVERLAP = {2: 2, 3: 6}, {2: 0.5, 3: 0.85}
 
 #: Points whose neighbours are farther away than so many spacings are isolated points.
@@ -33,11 +33,12 @@ LONELY_SPACINGS = 10.0
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Triangles in one colour a vertex.
+    """Triangles with a colour at each vertex, interpolated between.
 
     Attributes
     ----------
     points, colours : (v, 3) float64
+        Vertices in the camera's axes, and their colours from 0 to 1.
     triangles : (t, 3) int64
     """
 
@@ -47,7 +48,7 @@ class Shapes:
 
     @classmethod
     def join(cls, parts: list[Shapes]) -> Shapes:
-        """Return all parts as one."""
+        """Return all triangles of several shapes as one."""
         parts = [cls(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)), *parts]
         starts = np.cumsum([0, *(len(part.points) for part in parts[:-1])])
         return cls(
@@ -58,23 +59,27 @@ class Shapes:
 
 
 def lines(starts: Floats, ends: Floats, half_width: float, lift: float, colour: Any) -> Shapes:
-    """Return lines from ``starts`` to ``ends`` (s, 3), moved by ``lift`` towards the viewer; colours (3,) or (s, 3)."""
+    """Return lines from ``starts`` to ``ends`` (s, 3), moved by ``lift`` towards the viewer, as rectangles.
+
+    ``colour`` is (3,), or (s, 3) for each line.
+    """
     points, triangles = ribbons(starts, ends, half_width)
     colours = np.broadcast_to(np.asarray(colour, dtype=np.float64), (len(starts), 3))
     return Shapes(points + [0, 0, lift], np.repeat(colours, 4, axis=0), triangles)
 
 
 def dots(centres: Floats, radius: float, lift: float, colour: Any) -> Shapes:
-    """Return round dots at ``centres`` (p, 3), moved by ``lift`` towards the viewer."""
+    """Return round dots of one ``colour`` (3,) at ``centres`` (p, 3), moved by ``lift`` towards the viewer."""
     flat = np.zeros_like(centres)
     points, triangles = discs(centres, flat, np.full(len(centres), radius), np.array([0, 0, 1.0]), DOT_CORNERS)
     return Shapes(points + [0, 0, lift], np.tile(np.asarray(colour, dtype=np.float64), (len(points), 1)), triangles)
 
 
 def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, Ints]:
-    """Return rectangles that face the viewer, a little longer than the segments: vertices (4 s, 3), triangles (2 s, 3).
+    """Return rectangles along segments, a little longer than these, that face the viewer.
 
-    The first two vertices of each are at its start, the others at its end.
+    The result is vertices (4 s, 3), of which the first two of each rectangle are at its start and the others at its
+    end, and triangles (2 s, 3).
     """
     along = (ends - starts)[:, :2]
     length = np.linalg.norm(along, axis=1, keepdims=True)
@@ -90,7 +95,7 @@ def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, In
 def discs(
     centres: Floats, normals: Floats, radii: Floats, viewer: Floats, corners: int = DISC_CORNERS
 ) -> tuple[Floats, Ints]:
-    """Return discs as triangles.
+    """Return discs as triangles in the planes normal to ``normals``.
 
     Parameters
     ----------
@@ -119,9 +124,9 @@ def discs(
 
 
 def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
-    """Return (p,) radii with which discs around points (p, d) of a surface, or curve in the plane, leave no hole.
+    """Return radii (p,) with which discs around points (p, d) cover a surface, or a curve in the plane, without holes.
 
-    No disc is smaller than ``least``; those that stand for points on no surface have the radius ``alone``.
+    No disc is smaller than ``least``; those of isolated points have the radius ``alone``.
     """
     from scipy.spatial import cKDTree
 
@@ -134,16 +139,17 @@ def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Fl
     return np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
 
 
-#: Radius of boundary curves, of pins and of a curve that is itself the surface; shares of the picture's half width.
+#: Radii of boundary curves, of boundary points and of a curve that is itself the surface, as shares of the picture's
+#: half width.
 CURVE_RADIUS, PIN_RADIUS, STROKE_RADIUS = 0.0045, 0.012, 0.009
 
-#: Curves lie so many of their radii before the surface, which is flat between its vertices.
+#: Distance of curves in front of the surface, in their radii, since it is flat between its vertices.
 CURVE_LIFT_RADII = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """Cells whose values may change from picture to picture, the boundaries over them, and the camera.
+    """The cells of a mesh without values, which pictures may share, the boundaries over them, and the camera.
 
     Attributes
     ----------
@@ -152,15 +158,15 @@ class Drawing:
         Vertices of ``triangles`` (t, 3), in the camera's axes: the mesh's own first, then those of strokes and discs,
         which stand for segments and points.
     owner : (v,) int64
-        The vertex of the mesh of which each shows the value.
+        The vertex of the mesh whose value each vertex shows.
     normals : (v, 3) float64
-        Unit normals in the camera's axes, zero on strokes; no rows in the plane and where there are segments alone.
+        Unit normals in the camera's axes, zero on strokes; no rows in the plane and where there are only segments.
     mesh_triangles : int
-        The first so many triangles are the mesh's own.
+        Number of triangles of the mesh itself, which come first.
     lit : bool
-        Whether light falls on them.
+        Whether the triangles are shaded.
     ink : Shapes
-        The boundaries, and where nodes are doubled.
+        The boundaries and, if requested, points at doubled nodes.
     """
 
     camera: Camera
@@ -174,7 +180,10 @@ class Drawing:
 
 
 def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:
-    """Return the drawing of a solution's mesh, ``width`` pixels wide."""
+    """Return the drawing of a solution's mesh, ``width`` pixels wide, with the boundaries that ``look`` requests.
+
+    ``lit`` is whether the triangles are shaded, if they have normals.
+    """
     points = in_space(mesh.points)
     curve_points, curve_cells, pins = boundary_meshes(
         solution.scene.boundaries if look.curves else (), solution.spacing
@@ -215,7 +224,7 @@ def in_space(points: Floats) -> Floats:
 
 
 def boundary_meshes(boundaries: Iterable[BoundarySet], spacing: float) -> tuple[Floats, Ints, Floats]:
-    """Return the points and segments of all boundary curves, and the boundary points."""
+    """Return points (n, 3) and segments (m, 2) of all boundary curves with a mesh, and boundary points (k, 3)."""
     points, cells, pins, count = [np.zeros((0, 3))], [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))], 0
     for boundary in boundaries:
         if not isinstance(boundary.source, HasMesh):

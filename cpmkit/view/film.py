@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cpmkit.solution.frames import EvolvedRecord
     from cpmkit.solution.record import SolutionRecord
 
-#: Default frames a second, and default width of a film in pixels.
+#: Default number of frames per second, and default width of a film in pixels.
 FRAMES_A_SECOND, FILM_WIDTH = 12.0, 700
 
 
@@ -37,9 +37,9 @@ def animate(
     solution : EvolvedSolution
         A solution with frames; request them from the problem, such as ``Heat(..., frames=40)``.
     path : path
-        Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours a frame; an MP4 needs imageio and imageio-ffmpeg.
+        Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours per frame; an MP4 needs imageio and imageio-ffmpeg.
     fps : float
-        Frames a second.
+        Frames per second.
     **options
         Options of :class:`~cpmkit.scenefile.look.Look`. The colour bar spans the values of all frames unless ``clim``
         is given.
@@ -66,7 +66,7 @@ def animate(
 
 
 def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
-    """Yield the picture (rows, columns, 3) of each frame, as bytes, under its time.
+    """Yield the picture (rows, columns, 3) of each frame, as bytes, with its time in the title.
 
     Raises
     ------
@@ -86,6 +86,7 @@ def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
 
 
 def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
+    """Write pictures (rows, columns, 3) as a GIF file that repeats for ever, without dithering."""
     from PIL import Image
 
     first, *others = [Image.fromarray(image).quantize(256, dither=Image.Dither.NONE) for image in images]
@@ -93,6 +94,7 @@ def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
 
 
 def _write_mp4(images: Iterator[Any], path: Path, fps: float) -> None:
+    """Write pictures (rows, columns, 3) as an MP4 file, padded to even numbers of rows and columns."""
     import imageio.v2
 
     opened: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)

@@ -32,7 +32,7 @@ SHAFT_STEPS, HEAD_SHARE, HEAD_BREADTH = 6, 0.35, 0.4
 
 
 def outlines(drawing: Drawing) -> Shapes:
-    """Return the silhouette: edges of the mesh between a triangle seen from its front and one seen from its back.
+    """Return the silhouette: edges between a triangle whose front is visible and a triangle whose back is visible.
 
     Front and back follow from the order of corners; two triangles that list their common edge in the same direction
     have opposite orientations.
@@ -49,13 +49,13 @@ def outlines(drawing: Drawing) -> Shapes:
 
 
 def mesh_edges(drawing: Drawing) -> Shapes:
-    """Return all edges of the mesh."""
+    """Return all edges of the mesh as lines."""
     edges = _edges(drawing.triangles[: drawing.mesh_triangles])[0]
     return _lines(drawing, drawing.points, edges, EDGE_WIDTH * drawing.camera.half[0], EDGE_COLOUR)
 
 
 def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
-    """Return the isolines at ``levels`` of ``values`` (v,) at the mesh's vertices, linear in each triangle."""
+    """Return lines where ``values`` (v,) at the mesh's vertices, linear in each triangle, equal one of ``levels``."""
     triangles = drawing.triangles[: drawing.mesh_triangles]
     segments_of_level = [np.zeros((0, 2, 3))]
     for level in levels:
@@ -80,7 +80,7 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
 
 
 def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
-    """Return arrows along ``vectors`` (v, d) at the mesh's vertices that follow the surface.
+    """Return arrows along ``vectors`` (v, d) at some of the mesh's vertices; the arrows follow the surface.
 
     Short vectors have arrows of a least length, so that they are visible; the colours of ``bar`` show the lengths.
     """
@@ -105,7 +105,10 @@ def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vector
 
 
 def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift: float) -> Shapes:
-    """Return heads of arrows, triangles with a corner just beyond ``tips`` (k, 3) in the direction from ``before``."""
+    """Return the heads of arrows: triangles with a corner just beyond ``tips`` (k, 3), seen from ``before`` (k, 3).
+
+    ``lengths`` (k,) are those of the heads, and ``colours`` (k, 3).
+    """
     ahead = tips - before
     whole = np.maximum(np.linalg.norm(ahead, axis=1), 1e-300)
     ahead *= (lengths / whole)[:, None]
@@ -116,7 +119,7 @@ def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift:
 
 
 def _one_point_per_cell(points: Floats, cell: float) -> Ints:
-    """Return for each cell of a cubic grid the number of the point nearest to its centre."""
+    """Return, for each cell of a cubic grid that has points (n, d), the index of the point nearest to its centre."""
     scaled = points / cell
     cells = np.floor(scaled)
     order = np.argsort(np.linalg.norm(scaled - cells - 0.5, axis=1), kind="stable")
@@ -124,7 +127,10 @@ def _one_point_per_cell(points: Floats, cell: float) -> Ints:
 
 
 def _edges(triangles: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return the edges (e, 2), the edge of each side (3 t,) of the triangles, and the triangles at each edge (e,)."""
+    """Return the edges (e, 2) of triangles (t, 3), the edge (3 t,) of each of their sides, and triangle counts (e,).
+
+    A count is the number of triangles at an edge; the sides are ordered by their number in the triangle.
+    """
     sides = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]]), axis=1)
     edges, members, counts = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     return edges, members.ravel(), counts
@@ -146,15 +152,16 @@ DOTS_PER_INCH, POINTS_PER_INCH = 100, 72
 
 
 def letter_size(width: int, share: float) -> float:
-    """Return the size of letters in pixels, in a picture of ``width`` whose bar takes this share of a large picture.
+    """Return the size of letters in pixels in a picture of ``width`` pixels.
 
-    Letters are legible down to about 10 pixels; in narrow pictures they and the bar's column take more of the width.
+    ``share`` is the share of the width that the colour bar takes in large pictures. Letters are legible down to about
+    10 pixels; in narrow pictures they and the bar therefore take more of the width.
     """
     return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * LARGEST_BAR_SHARE / share))
 
 
 def model_width(width: int, bar: bool, label: str) -> int:
-    """Return the width in pixels of the model in a picture of ``width`` pixels."""
+    """Return the width in pixels that a colour bar leaves to the model in a picture of ``width`` pixels."""
     share = LABELLED_BAR_WIDTH if label else BAR_WIDTH
     return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
 
@@ -172,7 +179,7 @@ def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
 
 
 def grid(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
-    """Return a sheet (rows, columns, 3), from 0 to 1, of pictures of one size, each under its title."""
+    """Return a sheet (rows, columns, 3), from 0 to 1, of equal pictures in ``columns``, each under its title."""
     width = tiles[0].shape[1]
     cells = [
         np.concatenate([title_strip(title, width, 2 * width) / 255, tile])
@@ -201,6 +208,7 @@ def write_png(picture: Any, path: Path) -> None:
 
 @lru_cache(maxsize=1)
 def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
+    """Return a colour bar with ticks and label as bytes (rows, columns, 3), in letters of this size in pixels."""
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import ListedColormap, Normalize
 
@@ -224,6 +232,7 @@ def _figure(rows: int, columns: int) -> Any:
 
 
 def _as_bytes(figure: Any) -> Any:
+    """Return a figure of matplotlib as bytes (rows, columns, 3)."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     canvas: Any = FigureCanvasAgg(figure)

@@ -1,4 +1,4 @@
-"""An interactive page for any browser that contains mesh and values of a solution and loads nothing else."""
+"""An interactive page for any browser, which contains the mesh and the values of a solution and loads nothing else."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
 
 
 def _fill_template(title: str, data: dict[str, Any]) -> str:
-    """Return the template with title and data, replaced in one pass so that neither is searched for placeholders.
+    """Return the page's template with title and data filled in, in one pass, so that neither may hold a placeholder.
 
     The content security policy allows only the page's own script and style, by their hashes.
     """
@@ -94,7 +94,7 @@ def _hash_of(tag: str, template: str) -> str:
 
 
 def _fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
-    """Return the mesh, the named fields that the slider selects from, and their common colour bar."""
+    """Return the mesh, the (name, values) that the slider selects from, and their colour bar, None for colours."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()
         most = float(np.abs(mesh.values).max())
@@ -114,6 +114,7 @@ def _fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tup
 
 
 def _ticks(bar: Bar) -> list[tuple[float, str]]:
+    """Return the ticks of a colour bar: the place of each from 0 to 1, and its text."""
     from matplotlib.ticker import MaxNLocator
 
     places = [tick for tick in MaxNLocator(7).tick_values(*bar.ends) if bar.ends[0] <= tick <= bar.ends[1]]
@@ -122,4 +123,5 @@ def _ticks(bar: Bar) -> list[tuple[float, str]]:
 
 
 def _as_base64(array: Any, kind: str) -> str:
+    """Return the bytes of an array, converted to the type ``kind``, in base 64."""
     return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")

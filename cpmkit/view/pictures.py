@@ -78,7 +78,7 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
 
 
 def check_picture(path: str | Path, look: Look) -> Path:
-    """Return ``path`` if a picture can be written to such a file.
+    """Return ``path`` as a Path if a picture with this look can be drawn into such a file.
 
     Raises
     ------
@@ -95,7 +95,15 @@ def check_picture(path: str | Path, look: Look) -> Path:
 
 
 def check_look(look: Look) -> None:
-    """Refuse options that no picture can have, and all pictures if matplotlib is not installed."""
+    """Raise if the camera or the colour map of a look is not accepted, or matplotlib is not installed.
+
+    Raises
+    ------
+    InputError
+        If the options of the camera or the colour map are not accepted.
+    MissingDependencyError
+        If matplotlib is not installed.
+    """
     if find_spec("matplotlib") is None:
         raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
     if look.view is not None or look.up is not None:
@@ -104,7 +112,7 @@ def check_look(look: Look) -> None:
 
 
 def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
-    """Return the picture (rows, columns, 3) as bytes, and the description of its camera."""
+    """Return the picture (rows, columns, 3) of a solution as bytes, and the description of its camera."""
     if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
         return _sheet(solution, look)
     mesh = solution.display_mesh()
@@ -115,7 +123,7 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
 
 
 def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
-    """Return the drawing of a mesh with a look: without shading beside a colour bar, unless the look asks for it."""
+    """Return the drawing of a mesh; it is not shaded beside a colour bar, unless the look asks for it."""
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
     return _with_outlines(draw(solution, mesh, look, width, lit), look)
@@ -132,7 +140,7 @@ def _with_outlines(drawing: Drawing, look: Look) -> Drawing:
 
 
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
-    """Return the colours (v, 3) of the mesh's vertices, or their values (v, 1) with a colour bar.
+    """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
 
     Raises
     ------

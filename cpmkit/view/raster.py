@@ -28,25 +28,29 @@ def fill(
     depth: Floats,
     image: Floats,
 ) -> None:
-    """Draw triangles over what rows of an image show, where they are nearer.
+    """Draw triangles into the rows of an image, at the pixels where they are nearer to the viewer than its ``depth``.
 
     Parameters
     ----------
     corners : (v, 3) float64
-        Columns and rows from the upper left corner, in pixels, and how distance to the viewer.
+        Column and row from the upper left corner of the picture, in pixels, and height towards the viewer.
     triangles : (t, 3) int64
     paint : (v, 3) or (v, 1) float64
         Colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
     normals : (v, 3) float64
-        To the right, up and towards the viewer; no rows where no light falls.
+        Normals: to the right, up and towards the viewer; no rows if the triangles are not shaded.
     signs : (t, 3) float64
-        1 or -1 at each corner of a triangle: what turns its normal to the side of the triangle that is seen.
+        1 or -1 for each corner of a triangle: the factor that turns its normal to the visible side.
     light : (3,) float64
         Unit vector towards the light.
     ambient : float
         Share of its colour that a face keeps where no light falls.
     first_row : int
-        That of ``depth`` (rows, columns) and ``image`` (rows, columns, 3) in the whole picture.
+        Number in the whole picture of the first row of ``depth`` and ``image``.
+    depth : (rows, columns) float64
+        Height towards the viewer of the nearest triangle so far; changed in place.
+    image : (rows, columns, 3) float64
+        Colours; changed in place.
     """
     rows, columns = depth.shape
     channels, lit = paint.shape[1], len(normals) > 0
@@ -135,6 +139,7 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
     picture = np.empty((rows // SAMPLES, columns // SAMPLES, 3))
 
     def strip(start: int, stop: int) -> None:
+        """Fill the rows from ``start`` to ``stop`` of the picture, each pixel with the mean of its samples."""
         shape = (SAMPLES * (stop - start), columns)
         depth, image = np.full(shape, -np.inf), np.ones((*shape, 3))
         first = SAMPLES * start
@@ -149,7 +154,8 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
 def facing_signs(points: Floats, triangles: Ints, normals: Floats) -> Floats:
     """Return signs (t, 3) that turn the normals (v, 3) at corners of triangles (t, 3) to the side that is visible.
 
-    Both sides of a surface are shaded equally, and its normals need not be oriented, as on a Moebius strip.
+    Points are in the camera's axes and seen from +z. Both sides of a surface are shaded equally, and its normals need
+    not be oriented, as on a Moebius strip.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     face = np.cross(b - a, c - a)

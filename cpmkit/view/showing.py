@@ -27,7 +27,7 @@ NOTEBOOK_HEIGHT, PLOT_WIDTH = 520, 900
 
 @dataclass(frozen=True)
 class Page:
-    """An interactive page; a notebook shows it.
+    """An interactive page, which a notebook displays.
 
     Attributes
     ----------
@@ -48,7 +48,7 @@ class Page:
 
 
 def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
-    """Show a solution that can be turned and zoomed: in a notebook below the cell, else in a window of the browser.
+    """Show a solution as a page to turn and zoom: in a notebook below the cell, else in the browser; return the page.
 
     Raises
     ------
@@ -88,12 +88,13 @@ def in_notebook() -> bool:
     return type(running).__name__ == "ZMQInteractiveShell"
 
 
-#: Pixels of its width, and the most unknowns of which one is drawn unasked: larger ones take long.
+#: Width of a thumbnail in pixels, and the most unknowns of a solution that is drawn without request: larger ones take
+#: long.
 THUMBNAIL_PIXELS, MOST_DRAWN_UNKNOWNS = 400, 200_000
 
 
 def thumbnail(solution: SolutionRecord) -> bytes | None:
-    """Return a PNG; None where no renderer answers, or the solution has nothing to draw or is large."""
+    """Return a PNG picture of a solution as bytes; None if it cannot be drawn, or is too large to be drawn quickly."""
     if len(solution.values) > MOST_DRAWN_UNKNOWNS:
         return None
     try:
