@@ -15,10 +15,12 @@ MEMORY_UNITS = {"kib": 2**10, "mib": 2**20, "gib": 2**30, "kb": 10**3, "mb": 10*
 
 
 def _positive_or_none(value: Any, label: str) -> float | None:
+    """Return a positive number as float, or None; raise an InputError for other values."""
     return None if value is None else positive(value, label)
 
 
 def _tolerance(value: Any, label: str) -> float | None:
+    """Return a tolerance above 0 and below 1 as float, or None; raise an InputError for other values."""
     if value is not None and positive(value, label) >= 1:
         raise InputError(
             f"{label} is an error as a share of the solution's range and must be below 1, got {value:g}; use 1e-3."
@@ -27,12 +29,14 @@ def _tolerance(value: Any, label: str) -> float | None:
 
 
 def _norm(value: Any, label: str) -> str:
+    """Return the name of a norm, or raise an InputError."""
     if not isinstance(value, str) or value not in NORMS:
         raise InputError(f"{label} must be {' or '.join(map(repr, NORMS))}, got {shown(value)}.")
     return value
 
 
 def _estimate(value: Any, label: str) -> Any:
+    """Return the value of the option ``estimate``, or raise an InputError."""
     if value is not None and not isinstance(value, bool) and value != "tight":
         raise InputError(f"{label} must be True, False, 'tight' or None, got {shown(value)}.")
     return value
@@ -44,7 +48,7 @@ def read_memory(value: Any, label: str = "memory") -> float | None:
     Raises
     ------
     InputError
-        If it is neither.
+        If the value is neither a positive number nor such a text.
     """
     if not isinstance(value, str):
         return _positive_or_none(value, label)
@@ -105,16 +109,16 @@ class AccuracyTarget(DeclaredOptions):
 
     @property
     def target(self) -> str:
-        """The targets that are given, as the user wrote them but for units."""
+        """The targets that are given, as ``name=value``, joined by ``and``; the memory is in bytes."""
         return " and ".join(f"{name}={getattr(self, name):g}" for name in self.given_targets)
 
     def check_spacing(self, spacing: float | None) -> None:
-        """Refuse a spacing together with a target that determines the spacing.
+        """Raise if a spacing is given together with a target that determines the spacing.
 
         Raises
         ------
         InputError
-            If both are given, or a norm without a tolerance.
+            If both are given, or a norm without any target.
         """
         if self.given_targets and spacing is not None:
             name = self.given_targets[0]

@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 
 
 class Backend(Protocol):
-    """A form of a plugin, another way of discretising scenes; a plugin's factory in ``cpmkit_backends`` returns one.
+    """A form that a plugin supplies, returned by the plugin's factory in ``cpmkit_backends``.
 
     The families and linear solvers of the core solve its discretised scenes. ``discretize`` may have further keyword
     arguments: options of the form, which ``solve`` accepts and passes on.
     """
 
     def discretize(self, scene: Scene, spacing: float | None, *, progress: Progress) -> Discretized:
-        """Return the scene in the form's unknowns; ``spacing`` is None if the user gave none.
+        """Return the discretised scene; ``spacing`` is None if the user gave none.
 
         Raises
         ------
         CpmkitError
-            One sentence: what the form cannot do, and which form can.
+            If the form cannot discretise the scene; the message names a form that can.
         """

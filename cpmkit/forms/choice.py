@@ -1,4 +1,4 @@
-"""Which form discretises a scene, with the options for it."""
+"""Choice of the form that discretises a scene, and the options that belong to the form."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ COARSER_SPACING_FACTOR = 1.5
 
 
 def module_of(form: str) -> Any:
-    """Return the module of a form, with ``check(scene, options)`` and ``discretize(scene, options, progress)``."""
+    """Return the module of the form named ``form``; it has the functions ``check`` and ``discretize``."""
     return import_module(MODULES[form])
 
 
 def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
-    """Return the cost model of a scene in the form that the options name."""
+    """Return the cost model of a scene in the form named by ``options.form``."""
     module, name = COST_MODELS[options.form]
     made: CostModel[Any] = getattr(import_module(module), name)(scene, options)
     return made
 
 
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
-    """Return the options among the keyword arguments ``given``, and the other arguments.
+    """Return the options of a scene's discretisation from the keyword arguments ``given``, and the other arguments.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 
 
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
-    """Return the form that discretises a scene, and the reason.
+    """Return the name of the form that discretises a scene, and the reason for the choice in words.
 
     Raises
     ------
@@ -95,14 +95,15 @@ def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
-    """Return the form with the name ``form``, or the only one that has all the options ``names``; None if undecided.
+    """Return the name ``form``, or for "auto" the only form that accepts all options ``names``; None if several do.
 
-    An option of several forms, as ``degree``, decides by its value where values are given and one form accepts it.
+    Where ``names`` maps options to values, an option of several forms, such as ``degree``, decides if only one form
+    accepts its value. Names that are no options of a form are ignored.
 
     Raises
     ------
     InputError
-        If there is no such form, or the options belong to another one, or to several.
+        If there is no such form, or an option belongs to another form.
     """
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
@@ -121,9 +122,10 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
 
 
 def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, ...]]:
-    """Return the options of the form among those ``given`` without a scene, and the names that it accepts.
+    """Return the options of a form among those ``given`` without a scene, and the names of all options accepted.
 
-    Where neither ``form`` nor another option decides, the options of every form are accepted.
+    Where neither ``form`` nor another option determines the form, the options are those of the first form, and the
+    names those of every form.
     """
     named = form_named(given.get("form", AUTO), given)
     kinds = [FORMS[named]] if named is not None else list(FORMS.values())
@@ -131,12 +133,15 @@ def own_options(given: Mapping[str, Any]) -> tuple[DeclaredOptions, tuple[str, .
 
 
 def _forms_with(name: str) -> list[str]:
-    """Return the forms that have an option."""
+    """Return the names of the forms that have the option ``name``."""
     return [form for form, kind in FORMS.items() if name in declared_options(kind)]
 
 
 def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
-    """Return the forms that have an option and accept its value, if values are given."""
+    """Return the names of the forms that have the option ``name``.
+
+    If there are several and ``given`` maps options to values, only the forms that accept the value are returned.
+    """
     having = _forms_with(name)
     if len(having) < 2 or not isinstance(given, Mapping):
         return having
@@ -144,7 +149,7 @@ def _forms_accepting(name: str, given: Iterable[str]) -> list[str]:
 
 
 def _deciding_option(given: Mapping[str, Any]) -> str:
-    """Return the first option that only one form has, or whose value only one form accepts, in words."""
+    """Return in words the option of ``given`` that determines the form, with its value if that determines the form."""
     deciding = [name for name in given if len(_forms_accepting(name, given)) == 1]
     name = min(deciding, key=lambda name: len(_forms_with(name)))
     return f"the option {name!r}" if len(_forms_with(name)) == 1 else f"{name}={given[name]!r}"
@@ -162,15 +167,15 @@ def every_option() -> dict[str, Option]:
 
 @contextmanager
 def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solver: str = "auto") -> Iterator[None]:
-    """Replace an error of memory that runs out inside by one with the need, the limit, and a spacing that would fit.
+    """Replace an out-of-memory error of the block by one with the need, the limit and a spacing that would fit.
 
-    Tables that the traceback refers to are released first. The ``options`` are None for a
-    form without a lattice.
+    Arrays that the frames of the traceback refer to are released first. The ``options`` are None for a form without a
+    lattice.
 
     Raises
     ------
     ResolutionError
-        In place of the error.
+        If memory runs out in the block.
     """
     limit = memory.memory_limit()
     try:
@@ -183,6 +188,7 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
 
 
 def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, limit: memory.MemoryLimit) -> str:
+    """Return the message of an out-of-memory error: the memory needed, the limit, and the advised spacing."""
     if options is None:
         return f"Memory ran out, and {limit}; a coarser mesh, or a larger spacing, needs less."
     spacing, needed, hint, fits = options.spacing, "", "", 0.0

@@ -81,7 +81,7 @@ class FormOperators(ABC):
         return FormTraits()
 
     def check(self, solver: str) -> None:
-        """Refuse, before anything is solved, a problem that the form cannot solve or that does not fit into memory.
+        """Raise, before anything is solved, if the form cannot solve the problem or memory does not suffice.
 
         Raises
         ------
@@ -90,27 +90,27 @@ class FormOperators(ABC):
         """
 
     def with_scene(self, scene: Scene) -> Self:
-        """Return the same unknowns for a scene with another equation or other data on the same geometry."""
+        """Return the form on the same unknowns for a scene with another equation or other data on the same geometry."""
         return replace(self, scene=scene)  # type: ignore[type-var]
 
     @property
     def constant(self) -> Floats:
-        """(n, 1) the unknowns of the function 1, without regard to conditions."""
+        """(n, 1) the unknowns of the function 1, whatever the conditions."""
         return np.ones((self.size, 1))
 
     @property
     def mass(self) -> Operator | None:
-        """M; None where it is the identity."""
+        """The mass matrix M; None where it is the identity."""
         return None
 
     @property
     def mass_in_time(self) -> Operator | None:
-        """M of equations in time; differs from :attr:`mass` where that is singular."""
+        """The mass matrix M of equations in time; differs from :attr:`mass` where :attr:`mass` is singular."""
         return self.mass
 
     @abstractmethod
     def stiffness(self, terms: Terms) -> Stiffness:
-        """Return A of an equation's terms, with the terms of the conditions.
+        """Return the operator A of the terms of an equation, and of the conditions.
 
         Raises
         ------
@@ -119,7 +119,7 @@ class FormOperators(ABC):
         """
 
     def advection(self, field: StateDependentCoefficient) -> Operator:
-        """Return the integrals of ``u (w . grad v)``, w (k, d) the value of ``field``: part of a Newton tangent."""
+        """Return the matrix of the integrals of ``u (w . grad v)``, w = ``field``: a part of a Newton tangent."""
         raise lacking(self, "diffusivity that depends on u")
 
     def weighted_mass(self, values: Floats) -> csr_array:
@@ -127,12 +127,12 @@ class FormOperators(ABC):
         raise lacking(self, "coupled channels")
 
     def boundary_mass(self, stiffness: Stiffness) -> Any:
-        """Return B of Steklov conditions, with a method ``apply``; None without such conditions."""
+        """Return the matrix B of Steklov conditions, with a method ``apply``; None without such conditions."""
         if any(isinstance(condition.law, Spectral) for condition in self.scene.conditions):
             raise lacking(self, "eigenvalues at boundaries")
 
     def levels(self, operator: Operator) -> Sequence[Any]:
-        """Return coarser levels for multigrid, prolongations and operators; empty by default."""
+        """Return the coarser levels of multigrid for ``operator``, each with its prolongation; empty by default."""
         return ()
 
     @abstractmethod
@@ -145,7 +145,7 @@ class FormOperators(ABC):
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
-        """The parts of boundaries on which fluxes depend on u."""
+        """The parts of boundaries on which the flux depends on u."""
         raise lacking(self, "fluxes that depend on u")
 
     def linearise(self, seen: Sequence[Floats]) -> Self:
@@ -157,7 +157,7 @@ class FormOperators(ABC):
         return free_pieces(stiffness, lambda: self.mass)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the means (k, n) over pieces that nothing flows out of; None where they are not exact enough."""
+        """Return the means (k, n) over pieces without flux out of them; None where they are not exact enough."""
         return None
 
 
@@ -171,7 +171,7 @@ class FormValues(FormOperators):
 
     @property
     def point_weights(self) -> Floats | None:
-        """(p,) quadrature weights of :attr:`points`, each read on its own side of a boundary; None without such."""
+        """(p,) quadrature weights of :attr:`points`; None where the points are no quadrature points."""
         return None
 
     def some_points(self, count: int) -> tuple[Ints, Floats]:
@@ -190,18 +190,18 @@ class FormValues(FormOperators):
         Parameters
         ----------
         values : (p, channels) float64
-            At the points.
+            Values at the points.
         start : (n, channels) float64, optional
             Unknowns that are kept as far as the values at the points do not determine them.
         time : float, optional
-            At which data of conditions are read; by default the start of the problem.
+            The time of the conditions' data; by default the start of the problem.
         """
 
-    #: The name of :meth:`project` before.
+    #: The former name of :meth:`project`.
     put_back = DeprecatedMember("project")
 
     def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return data of the scene at the points, (p, channels); ``label`` names them in errors."""
+        """Return ``data`` of the scene at the points, (p, channels); ``label`` is their name in error messages."""
         return evaluate_data(data, self.points, channels, label, time)
 
     def interpolate(
@@ -212,11 +212,11 @@ class FormValues(FormOperators):
         Parameters
         ----------
         data : Data
-            Of the scene.
+            Data of the scene.
         label : str
-            Names the data in errors.
+            Name of the data in error messages.
         time : float
-            At which data, and those of conditions, are read.
+            The time of the data and of the conditions' data.
         in_range : bool
             Whether the unknowns stay within the range of data that the spacing does not resolve.
         step : float
@@ -225,7 +225,10 @@ class FormValues(FormOperators):
         return self.project(self.data_at_points(data, label, time, self.scene.channels), time=time)
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return the load (n, channels) of ``function(values (p, channels), points (p, d))`` of u."""
+        """Return the load (n, channels) of the right-hand side ``function(values, points)``.
+
+        ``values`` (p, channels) are those of u at the ``points`` (p, d) of the form.
+        """
         values = function(self.at_points(u), self.points)
         return self.load(lambda _: values)
 
@@ -238,11 +241,11 @@ class FormValues(FormOperators):
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
 
     def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
-        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
         return np.asarray(self.rows(points, side) @ u)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) at ``points`` (k, d), by default the form's own points."""
+        """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default the form's own."""
         raise InputError(f"the form {self.form!r} evaluates no gradients.")
 
     def conormal_derivative(
@@ -250,7 +253,7 @@ class FormValues(FormOperators):
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at the points of a boundary's side nearest to ``points`` (k, d).
 
-        Without a ``boundary`` at those of the edge of the manifold.
+        Without a ``boundary``: at the nearest points of the edge of the manifold. b is the conormal.
         """
         place = "the edge" if boundary is None else f"boundary {boundary!r}"
         raise InputError(f"the form {self.form!r} evaluates no flux through {place}.")
@@ -258,7 +261,7 @@ class FormValues(FormOperators):
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the edge, or ``"edge"``.
 
-        None where the form has nothing better than a quadrature of :meth:`conormal_derivative`.
+        None where the form offers nothing better than a quadrature of :meth:`conormal_derivative`.
 
         Raises
         ------
@@ -270,7 +273,7 @@ class FormValues(FormOperators):
         return None
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of ``points`` from a boundary, positive on its left; NaN where it has no side."""
+        """Return the distance (k,) of ``points`` (k, d) from a boundary, positive on its left; NaN on neither side."""
         raise InputError(f"the form {self.form!r} knows no sides of boundary {name!r}.")
 
     def display_mesh(self, u: Floats) -> DisplayMesh | None:
@@ -279,10 +282,10 @@ class FormValues(FormOperators):
 
 
 class FormDiagnosis(FormValues):
-    """Warnings, errors and cost of a solution, and the description by which a saved one is recognised."""
+    """Warnings, error estimates and cost of a solution, and the description by which a saved solution is recognised."""
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return the solution u of ``operator u = b`` without free constants, and the data that have no solution."""
+        """Return the solution u of ``operator u = b`` without free constants, and the imbalances of b."""
         if not isinstance(operator, Bordered):
             return SteadyResult(u)
         return SteadyResult(*defects_of(operator, b, u, self))
@@ -309,7 +312,7 @@ class FormDiagnosis(FormValues):
         difference : float
             Root mean square of the difference of the two solutions, as a share of the range.
         eigenvalues : bool
-            Whether ``order`` is that of eigenvalues.
+            Whether the order of eigenvalues is returned.
         """
         return Diagnosis()
 
@@ -326,7 +329,7 @@ class FormDiagnosis(FormValues):
         return advice_of(self.scene.surface, self.spacing).floor
 
     def work(self, operator: Operator, report: SolveReport | None) -> MeasuredWork:
-        """Return the work of a solve."""
+        """Return the measures of the work of a solve; ``report`` is None where none was made."""
         return PlainWork(self.size, operator.nonzeros, report.operator_applications if report else 0)
 
     @abstractmethod
@@ -338,7 +341,7 @@ class FormDiagnosis(FormValues):
         return {}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how the discretisation of a saved solution, known by its :meth:`arrays`, differs; empty if equal."""
+        """Return in words how the form differs from that with the :meth:`arrays` ``saved``; empty if equal."""
         return ""
 
 
@@ -347,7 +350,7 @@ class Discretized(FormDiagnosis):
 
 
 def lacking(form: FormOperators, ability: str) -> SceneError:
-    """Return the error of a problem that needs an ability which the form lacks."""
+    """Return the error for a problem that needs an ``ability`` that the form lacks."""
     return SceneError(
         f"the form {form.form!r} has no {ability}, which {form.scene.problem.kind!r} needs; "
         f"{form.cannot.get(ability, 'use another form')}."
@@ -367,17 +370,17 @@ def integrals(form: FormValues, u: Floats) -> Floats | None:
 
 
 def spread_rows(total: int, count: int) -> Ints:
-    """Return at most ``count`` of the numbers below ``total``, evenly spread."""
+    """Return at most ``count`` of the integers from 0 to ``total`` - 1, evenly spread."""
     return np.linspace(0, total - 1, min(count, total)).astype(np.int64)
 
 
 def named_sides(scene: Scene, side: Sides) -> Mapping[str, Side]:
-    """Return ``side`` by the name of each boundary that it concerns.
+    """Return the side that is read of each boundary, by the boundary's name; a single side holds for all boundaries.
 
     Raises
     ------
     InputError
-        If it names no boundary, or is neither left nor right.
+        If a name is not that of a boundary, or a side is neither left nor right.
     """
     names = [boundary.name for boundary in scene.boundaries]
     by_name = side if isinstance(side, Mapping) else {name: side for name in names if side is not None}
@@ -395,7 +398,10 @@ def conditions_depend_on_time(scene: Scene) -> bool:
 
 
 def surely_positive(form: FormValues) -> bool:
-    """Return whether the operator of the scene's equation surely has no eigenvalue below zero."""
+    """Return whether the operator of the scene's equation surely has no eigenvalue below zero.
+
+    It has none if there is no velocity, c is nowhere negative and all conditions are dissipative.
+    """
     terms = form.scene.problem.terms()
     if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:
         return False

@@ -1,4 +1,4 @@
-"""The cost of a solve before it is made: one cost model a form, and how counts and costs grow with fineness."""
+"""The cost of a solve, estimated beforehand: the cost model of a form, and the growth of counts with fineness."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the solver that ``target`` ("auto" or a name) means for so many unknowns."""
+        """Return the name of the solver that ``target`` ("auto" or a name) means for so many unknowns."""
 
     @abstractmethod
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve; ``work`` is that of a coarser solve, if there is one."""
+        """Return the bytes at the peak of a solve; ``work`` are the measures of a coarser solve, None without one."""
 
     @abstractmethod
     def check_fits(self, unknowns: float, solver: str) -> None:
-        """Refuse a solve that needs more memory than this process may have.
+        """Raise if a solve needs more memory than this process may have.
 
         Raises
         ------
@@ -66,7 +66,7 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def expected_unknowns(self) -> float:
-        """Return about how many unknowns there are at the spacing of the options, from blocks around the manifold."""
+        """Return the approximate number of unknowns at the spacing of the options, from blocks around the manifold."""
 
     @abstractmethod
     def fitting_spacing(self, solver: str, available: int) -> float:
@@ -78,25 +78,25 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return counts by a dry run: the scene is discretised at the spacing, or at coarser ones if it is large.
+        """Return the parts and counts by a dry run: the scene is discretised, if it is large at coarser spacings.
 
         Raises
         ------
         CpmkitError
-            As a solve does before its equations are assembled.
+            The errors of a solve before its equations are assembled.
         """
 
     def stored_bytes(self, work: Any) -> float:
-        """Return the bytes that a solution holds, from its measures of work."""
+        """Return the bytes that a solution holds, from the measures of ``work`` of its solve."""
         return BYTES_STORED_PER_UNKNOWN * float(work.unknowns)
 
     @property
     def surface(self) -> LocalSource:
-        """The manifold in coordinates of its own."""
+        """The scene's manifold as a local source, in the scene's coordinates."""
         return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
 
     def band_unknowns(self, source: LocalSource) -> float:
-        """Return about how many unknowns a band around a source has; 0 for a point."""
+        """Return the approximate number of unknowns in a band around a ``source``; 0 for a point."""
         if source.largest_dim == 0:
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
@@ -131,23 +131,23 @@ class Growth:
 
 
 def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs of a spacing and a number."""
+    """Return the growth through two pairs of a spacing and a number; m is the dimension of the manifold."""
     (h, n), (wide, few) = fine, coarse
     b = (few * wide**m - n * h**m) / (wide - h)
     return Growth(n * h**m - b * h, b, m)
 
 
 def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs, or ``a / h^m`` through the finer one where a term is negative.
+    """Return the growth through two pairs of a spacing and a number, or ``a / h^m`` through ``fine`` alone.
 
-    The coarse lattice then does not resolve the manifold.
+    The latter if a term would be negative, as the coarse lattice then does not resolve the manifold.
     """
     growth = growth_through(fine, coarse, m)
     return growth if growth.a > 0 and growth.b >= 0 else Growth(fine[1] * fine[0] ** m, 0.0, m)
 
 
 def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:
-    """Return the constant and the slope of a cost as a function of unknowns, through two pairs of both.
+    """Return the constant and the slope of a cost linear in the unknowns, through two pairs of unknowns and cost.
 
     The slope is at least half the cost per unknown of the finer pair, as first solves also fill caches.
     """

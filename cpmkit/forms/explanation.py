@@ -20,7 +20,7 @@ _QUICK_ESTIMATE = (
 
 @dataclass(frozen=True)
 class Part:
-    """One part that a solve builds: its name, how many of it, and the reason for it."""
+    """A part that a solve builds: its name, its number or size in words, and the reason for it."""
 
     name: str
     amount: str
@@ -29,7 +29,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Explanation:
-    """What a solve builds and costs.
+    """The parts that a solve builds, and their cost.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class Explanation:
         Size of the system and peak of tables and vectors; after a dry run right to 10 percent and a factor of 2,
         otherwise to a factor of ``off_by``.
     closest_point_queries : int or None
-        Right to 10 percent; None without a dry run.
+        Number of closest points that are computed, right to 10 percent; None without a dry run.
     floor : float
         The error that the representation of the manifold leaves at any spacing, as a share of the solution's range,
         right to a factor of 3. For a mesh, a cloud or samples it is the source's own estimate; in the form
@@ -79,6 +79,7 @@ class Explanation:
 
     @property
     def _about(self) -> str:
+        """The word ``about`` and a space where counts are estimates; empty where they are exact."""
         return "" if self.exact else "about "
 
     def __repr__(self) -> str:
@@ -115,7 +116,7 @@ class Explanation:
 
 
 def solver_part(scene: Scene, chosen: str, target: str) -> Part:
-    """Return the part for the linear solver ``chosen``, where the user gave ``target``, a name or "auto"."""
+    """Return the part for the linear solver ``chosen``; ``target`` is the user's choice, a name or "auto"."""
     channels = f"{scene.channels} channel{'s' if scene.channels > 1 else ''}"
     size = "few enough unknowns to factorise" if chosen == "direct" else "too many unknowns to factorise quickly"
     return Part(f"solver {chosen!r}", channels, f"{size if target == 'auto' else 'as given'}; {scene.problem}")

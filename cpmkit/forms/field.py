@@ -71,7 +71,7 @@ class Field:
 
     @property
     def columns(self) -> Floats:
-        """(p, channels) the values, one channel a column."""
+        """(p, channels) the values, a column for each channel."""
         return self.values if self.values.ndim == 2 else self.values[:, None]
 
     @property
@@ -90,6 +90,7 @@ class Field:
 
     @cached_property
     def _unknowns(self) -> Floats:
+        """(n, channels) the given unknowns, or those of the projection of the values."""
         return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
@@ -112,7 +113,7 @@ class Field:
     def divergence(self, scale: float = 1.0) -> Divergence:
         """Return ``scale`` times the weak divergence of a field of vectors (p, d), for a right-hand side.
 
-        It is known by its integrals times the gradients of test functions; the field is not differentiated.
+        It is represented by integrals of the field times gradients of test functions; the field is not differentiated.
 
         Raises
         ------
@@ -126,7 +127,13 @@ class Field:
         return Divergence(self, scale)
 
     def project(self, onto: ClosestPointSource | None = None) -> Field:
-        """Return the tangential part of vectors; with ``onto`` the closest points of a source to the values."""
+        """Return the tangential part of a field of vectors; with ``onto`` the closest points on a source to the values.
+
+        Raises
+        ------
+        InputError
+            If the field does not have one channel for each dimension of space, with ``onto`` that of the source.
+        """
         if self.columns.shape[1] != self.points.shape[1] and onto is None:
             raise InputError(f"vectors have {self.points.shape[1]} channels, got {self.columns.shape[1]}.")
         if onto is not None:
@@ -136,14 +143,14 @@ class Field:
         return replace(self, values=tangential(self.form, self.points, self.values), unknowns=None)
 
     def projected(self) -> Field:
-        """Return the projection of the values on the functions of the form, at the same points: lattice resolution."""
+        """Return the field, at the same points, of the values' projection on the functions of the form."""
         values = self.form.at_points(self._unknowns)
         return replace(self, values=values.reshape(self.values.shape), unknowns=self._unknowns)
 
     resolved = DeprecatedMember("projected")
 
     def mean(self) -> float | Floats:
-        """Return the mean over the manifold, a number or (channels,), by the weights of the points."""
+        """Return the mean over the manifold, a number or (channels,), by the weights of the points if they have any."""
         mean = np.average(self.values, axis=0, weights=self.form.point_weights)
         return float(mean) if mean.ndim == 0 else mean
 

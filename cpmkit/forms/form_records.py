@@ -12,20 +12,20 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class StateDependentCoefficient:
-    """A coefficient of the equation that depends on u, with the u at which it is evaluated.
+    """A coefficient of the equation that depends on u, with the function u at which it is evaluated.
 
     The form evaluates u and its gradient where it needs the coefficient.
 
     Attributes
     ----------
     coefficient : callable
-        Of the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates.
-        Returns numbers (k,) or symmetric tensors (k, d, d).
+        Takes the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates;
+        returns numbers (k,) or symmetric tensors (k, d, d).
     u : (n, 1) float64
         The unknowns.
     holding : callable, optional
-        Of the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
-        coefficient itself, or the mean of a tensor. A Newton tangent takes that of the coefficient it is derived from.
+        Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
+        coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.
     """
 
     needs_state: ClassVar[bool] = True
@@ -39,14 +39,14 @@ class StateFlux(Protocol):
 
     @property
     def guess(self) -> float:
-        """Value of u at which Newton's method starts."""
+        """The value of u at which Newton's method starts."""
 
     @property
     def points(self) -> Floats:
         """(k, d) the points at which the flux is evaluated."""
 
     def read(self, u: Floats, /) -> Floats:
-        """Return the values (k,) of u at the points, from the unknowns (n, 1)."""
+        """Return the values (k,) at the points of the function with the unknowns ``u`` (n, 1)."""
 
     def grows(self, seen: Floats, /) -> bool:
         """Return whether the flux changes with u at the values ``seen`` (k,); if not, it fixes no constant."""
@@ -54,7 +54,7 @@ class StateFlux(Protocol):
 
 @dataclass(frozen=True)
 class Dispersion:
-    """How large the errors of eigenvalues lambda = k^2 of -Lap are at a spacing h.
+    """The errors of eigenvalues lambda = k^2 of -Lap at a spacing h.
 
     An eigenvalue is off by about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``.
 
@@ -79,7 +79,7 @@ class Dispersion:
     bend_power: int = 2
 
     def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
-        """Return the error of an eigenvalue on a manifold with this radius of curvature."""
+        """Return the error of ``eigenvalue`` at ``spacing`` on a manifold with the ``radius`` of curvature."""
         waves = self.waves * (eigenvalue * spacing**2) ** (self.power / 2)
         return float(eigenvalue * (waves + self.bends * (spacing / radius) ** self.bend_power))
 
@@ -131,7 +131,7 @@ class FormTraits:
     iterative_solver : str
         The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
     factorise_up_to : float
-        A factorisation pays up to so many times the usual number of unknowns (see
+        A factorisation is chosen up to so many times the usual number of unknowns (see
         :func:`cpmkit.linear.solver_options.choose_solver`).
     dispersion : Dispersion
         Errors of eigenvalues and waves.
@@ -153,14 +153,14 @@ class FormTraits:
 
 @dataclass(frozen=True, eq=False)
 class SteadyResult:
-    """A steady solution after its free constants were taken out.
+    """A steady solution without its free constants.
 
     Attributes
     ----------
     values : (n, channels) float64
         Unknowns, with mean zero on pieces of the manifold where a constant is free.
     imbalances : tuple of Imbalance
-        Data that have no solution, by piece, and how they were changed.
+        The imbalance of the data on each piece of the manifold, and its correction.
     """
 
     values: Floats
@@ -186,7 +186,7 @@ class ExpectedError:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """How the error of a solution falls with the spacing, and what the lattice does not resolve.
+    """How the error of a solution falls with the spacing, and how much of the manifold the lattice does not resolve.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class Diagnosis:
     slow : str
         Why the error may fall slowly with the spacing; empty without a reason.
     no_estimate : str
-        Why differences of two solutions say nothing of the error, in a sentence; empty where they do.
+        Why differences of two solutions are no measure of the error, in a sentence; empty where they are one.
     unresolved : bool
         Whether parts of the manifold bend too sharply for the spacing, or come too near to other parts.
     unresolved_share : float

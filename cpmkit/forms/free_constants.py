@@ -1,8 +1,8 @@
 """Constants that are free on pieces of the manifold, and data that do not balance there.
 
 On a closed surface, or a piece of one with Neumann conditions all around, u + constant solves the equation if u does,
-and the data must balance: the integral of f must be the flux out. The solution with mean zero is taken there; the
-imbalance, a constant on each piece, is subtracted from f and reported.
+and the data must balance: the integral of f must equal the flux out of the piece. The solution with mean zero is taken
+there; the imbalance, a constant on each piece, is subtracted from f and reported.
 """
 
 from __future__ import annotations
@@ -38,15 +38,16 @@ class Imbalance:
     Attributes
     ----------
     of : "data", "mean" or "fluxes"
-        "data": a constant is free on the piece, and f brings in more than flows out; ``value`` was subtracted from f.
+        "data": a constant is free on the piece, and the integral of f is not the flux out; ``value`` was subtracted
+        from f.
         "mean": c times the mean of u differs from the mean of f where nothing flows out; u was shifted. "fluxes", in
         files of earlier versions: a combination of polynomials was added to u so that fluxes balance.
     value : tuple of float
         The imbalance of each channel: "data", f less the flux out, per unit of measure; "mean",
         ``c mean(u) - mean(f)``; "fluxes", the root mean square of the correction of u.
     size : tuple of float
-        What ``value`` is compared with, for each channel: the mean size of f and fluxes; c times the range of u; the
-        range of u.
+        The size that ``value`` is relative to, for each channel: "data", the mean size of f and fluxes; "mean", c times
+        the range of u; "fluxes", the range of u.
     explained : float
         The relative imbalance that the spacing alone may cause.
     near : tuple of float
@@ -77,12 +78,12 @@ class Imbalance:
 
     @property
     def relative(self) -> float:
-        """The largest relative imbalance of a channel."""
+        """The largest relative imbalance of all channels."""
         return max(self.shares)
 
     @property
     def shares(self) -> list[float]:
-        """The absolute value over the size of each channel; 0 where the size is 0."""
+        """The relative imbalance of each channel, ``|value| / size``; 0 where the size is 0."""
         pairs = zip(self.value, self.size, strict=True)
         return [abs(value) / size if size > 0 else 0.0 for value, size in pairs]
 
@@ -92,13 +93,13 @@ class Imbalance:
 
     @property
     def where(self) -> str:
-        """The piece, as part of a sentence."""
+        """The place of the piece, as part of a sentence: a point, the share of the nodes, and the boundaries."""
         walls = f", bounded by {', '.join(self.bounded_by)}" if self.bounded_by else ""
         return f"near {place(self.near)}, {self.share:.0%} of the nodes{walls}"
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings for the user of a solution."""
+        """Warnings of an imbalance that the spacing does not explain, and of a piece that crossing boundaries cut."""
         sentences = [self._warning()] if self.relative > self.explained else []
         if self.parts > 1:
             sentences.append(
@@ -109,6 +110,7 @@ class Imbalance:
         return sentences
 
     def _warning(self) -> str:
+        """Return the warning of an imbalance that the spacing does not explain."""
         if self.of == "data":
             worst = self.value[self.shares.index(self.relative)]
             return (
@@ -132,7 +134,7 @@ class Imbalance:
 
     @property
     def nothing_given(self) -> list[str]:
-        """A warning for the user of a steady solution that is zero because no data are given, if so."""
+        """A list with the warning that u is zero on the piece because no data are given; empty if data are given."""
         if self.of != "data" or any(self.size):
             return []
         return [
@@ -145,18 +147,18 @@ class Imbalance:
 def free_pieces(
     stiffness: Operator, make_mass: Callable[[], Operator | None], constant_unknowns: int | None = None
 ) -> Border | None:
-    """Return the pieces of the manifold on which a constant is free, found from A and M; None if there is none.
+    """Return the indicators of the pieces of the manifold on which a constant is free, and means over them; else None.
 
-    Unknowns that A couples are one piece; a constant is free on it where A times its indicator vanishes.
+    Unknowns that A couples belong to the same piece; a constant is free on a piece if A times its indicator vanishes.
 
     Parameters
     ----------
     stiffness : Operator
-        A.
+        The operator A.
     make_mass : callable
-        Returns M, None for the identity; called only where a constant is free.
+        Returns the mass matrix M, or None if it is the identity; called only if a constant is free.
     constant_unknowns : int, optional
-        The function 1 is 1 at the first so many unknowns and zero at the others; by default 1 at all.
+        The function 1 has the coefficient 1 at the first so many unknowns and zero at the others; by default 1 at all.
     """
     from scipy.sparse import csr_array
 
@@ -181,22 +183,22 @@ def free_pieces(
 
 
 class KnowsPoints(Protocol):
-    """The members of a form that describe pieces of the manifold."""
+    """The members of a form that are needed to describe pieces of the manifold."""
 
     @property
     def mass(self) -> Operator | None:
-        """M; None where it is the identity."""
+        """The mass matrix M; None where it is the identity."""
 
     @property
     def points(self) -> Floats:
         """(p, d) the points where the form knows values."""
 
     def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) there of u (n, channels)."""
+        """Return the values (p, channels) at :attr:`points` of the function with the unknowns ``u`` (n, channels)."""
 
 
 class _Piece(NamedTuple):
-    """A piece: the relative imbalance that its spacing explains, one of its points, and its share of all points."""
+    """A piece of the manifold: the relative imbalance that the spacing explains, a point, the share of all points."""
 
     explained: float
     near: tuple[float, ...]
@@ -208,7 +210,7 @@ _PIECES: WeakKeyDictionary[Border, list[_Piece]] = WeakKeyDictionary()
 
 
 def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) with mean zero on each free piece, and the part of b that has no solution there."""
+    """Return u (n, channels) with mean zero on each free piece, and the imbalance of the load ``b`` on each."""
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
@@ -229,7 +231,7 @@ def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> t
 
 
 def _described_pieces(form: KnowsPoints, indicator: Floats) -> list[_Piece]:
-    """Return the pieces with these indicators (n, k)."""
+    """Return the description of each of the k pieces with the indicators ``indicator`` (n, k)."""
     pieces, points = [], form.points
     for on_piece in (form.at_points(indicator) > MOSTLY).T:
         members = np.flatnonzero(on_piece)

@@ -1,4 +1,4 @@
-"""How a scene is discretised, as one value: the options that all forms share, and those of the form that is chosen."""
+"""The options of a discretisation: those that all forms share, and those of the chosen form."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from cpmkit.forms.contract import Discretized
 
 Own = TypeVar("Own", bound=DeclaredOptions)
-#: In place of a form's name: the form that fits the scene.
+#: The value of the option ``form`` that chooses the form that fits the scene.
 AUTO = "auto"
 
 
@@ -50,6 +50,6 @@ def solver_of(form: Discretized, target: str) -> str:
 
 
 def lattice_options(form: Discretized) -> Options[Any] | None:
-    """Return the options with which a scene was discretised on a lattice; None of a form without a lattice."""
+    """Return the options with which a scene was discretised on a lattice; None if the form has no lattice."""
     options = getattr(form, "options", None)
     return options if isinstance(options, Options) else None

@@ -1,7 +1,7 @@
-"""Data that vary within a spacing: a form reads them at points about a spacing apart and cannot see how they vary.
+"""Data that vary within a spacing: a form evaluates them at points about a spacing apart and misses the variation.
 
 Half the mean squared difference of values at two points, as a function of their distance r, is A + B r^2 for small r
-(the variogram). A, the "nugget", is zero for data that the points resolve, and the mean square of what varies faster.
+(the variogram). A, the "nugget", is the mean square of the variation within a spacing: zero for resolved data.
 """
 
 from __future__ import annotations
@@ -52,14 +52,18 @@ def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spaci
     conditions : iterable of DataAtPoints
         The data of the conditions.
     spacing : float, optional
-        Of the finest lattice; by default that of the form.
+        Spacing of the finest lattice; by default that of the form.
     """
     width = form.spacing if spacing is None else spacing
     return [text for data in _all_data(form, conditions) for text in _warnings(form.scene, data, width)]
 
 
 def nugget(values: Floats, points: Floats, spacing: float) -> float:
-    """Return the root of A over the root mean square of ``values`` (k, channels) at points (k, d), the largest."""
+    """Return sqrt(A) over the root mean square of ``values`` (k, channels) at ``points`` (k, d), A being the nugget.
+
+    A is fitted to the differences between neighbours within 3/4 of a spacing. The largest ratio of all channels is
+    returned; zero where there are too few neighbours.
+    """
     from scipy.spatial import cKDTree
 
     radius = NEIGHBOUR_SPACINGS * spacing
@@ -79,6 +83,7 @@ def nugget(values: Floats, points: Floats, spacing: float) -> float:
 
 
 def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator[DataAtPoints]:
+    """Yield the data of the equation and of the conditions, each at some of the points at which the form reads them."""
     terms, points = form.scene.problem.terms(), form.points
     points = points[_rows_in_runs(len(points))]
     yield DataAtPoints("the right-hand side f", terms.f, points)
@@ -89,7 +94,7 @@ def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return numbers below ``count`` in runs of consecutive ones, spread over all."""
+    """Return integers below ``count``: all of them, or of many some runs of consecutive integers, evenly spread."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)
@@ -97,6 +102,7 @@ def _rows_in_runs(count: int) -> Any:
 
 
 def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]:
+    """Yield a warning if data vary within a spacing and are not rounding alone."""
     values = _values(scene, data)
     share = 0.0 if values is None else nugget(values, data.points, spacing)
     if share > UNRESOLVED_NUGGET and not _is_rounding(scene, data, values, spacing):
@@ -109,14 +115,17 @@ def _warnings(scene: Scene, data: DataAtPoints, spacing: float) -> Iterator[str]
 
 
 def _is_rounding(scene: Scene, data: DataAtPoints, values: Any, spacing: float) -> bool:
-    """Return whether data are zero up to rounding, as ``x`` is on a side at x = 0."""
+    """Return whether data with these ``values`` (k, channels) are zero up to rounding, as ``x`` is on a side at x = 0.
+
+    They are if a small move of their points changes them by many times their size.
+    """
     step = MOVED_SPACINGS * spacing * np.array(MOVED)[: data.points.shape[1]]
     moved = _values(scene, data._replace(points=data.points + step))
     return moved is not None and float(np.abs(moved - values).max()) > ROUNDING_CHANGE * float(np.abs(values).max())
 
 
 def _values(scene: Scene, data: DataAtPoints) -> Floats | None:
-    """Return the values (k, channels) of data that are functions of points; None of other data."""
+    """Return the values (k, channels) of data that are functions of points, at their points; None of other data."""
     function, entries = data.data, data.data if isinstance(data.data, (list, tuple)) else (data.data,)
     fixed = isinstance(function, Functional) or getattr(function, "needs_state", False) or hasattr(function, "form")
     if fixed or not any(map(callable, entries)) or not len(data.points):

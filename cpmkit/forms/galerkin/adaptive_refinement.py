@@ -1,4 +1,4 @@
-"""Adaptive refinement: solve, mark patches by the residual, subdivide their cells, until refinement pays no more."""
+"""Adaptive refinement: solve, mark patches by the residual, subdivide their cells, until little is gained."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Progress, no_progress
 
-#: Relative residual of solutions that are only marked by: the error of the residual itself is larger.
+#: Relative residual of the solutions that serve for marking: the error of the marking residual itself is larger.
 MARKING_TOLERANCE = 1e-6
-#: Up to so many unknowns their systems are factorised.
+#: Up to so many unknowns the systems of these solutions are factorised.
 MOST_FACTORISED = 1_500
 #: Most passes of solve, mark and subdivide: two a level are usual.
 MOST_PASSES = 12
@@ -42,7 +42,10 @@ LEAST_GAIN = 3.0
 def discretize_in_regions(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions, passes: int = 0
 ) -> Galerkin:
-    """Return a scene, whose boundaries are inserted, on the splines of ``regions``."""
+    """Return the discretisation of a scene on splines that are refined in ``regions``.
+
+    The boundaries are inserted already; ``passes`` is the number of solves that led to the regions.
+    """
     sampled = sample_inserted(scene, options, inserted, regions)
     samples = sampled.samples
     assert isinstance(samples, Samples)
@@ -54,7 +57,7 @@ def discretize_in_regions(
 
 
 def solve_for_marking(form: Galerkin) -> Floats:
-    """Return the solution (n, channels) of a steady scene, as exact as marking needs it."""
+    """Return the solution (n, channels) of a steady scene, with a relative residual that suffices for marking."""
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     operator: Any = stiffness if free is None else Bordered(stiffness, free)
@@ -66,10 +69,11 @@ def solve_for_marking(form: Galerkin) -> Floats:
 
 
 def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
-    """Return a scene on splines that are finer where its solution needs them.
+    """Return the discretisation of a scene on splines that are finer where its solution needs them.
 
-    The scene is solved, marked and subdivided until the marked patches lie mostly on the finest level, or are spread
-    over the manifold, or level 0 would keep less than a tenth of its unknowns.
+    The scene is solved, patches with large residuals are marked, and those are subdivided. This ends at the first solve
+    if refinement is expected to save too few unknowns; later if most of the marked residual is on the finest level, too
+    many patches are marked, or level 0 would keep less than a tenth of its unknowns.
     """
     progress("samples", 0.0)
     inserted, most = insert_scene(scene, options), options.own.refine_levels
@@ -101,14 +105,14 @@ def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress:
 
 
 def refined_parts(form: Galerkin) -> tuple[RefinedSpace, RefinedDofMap]:
-    """Return the space of a form on refined splines, and its dof map."""
+    """Return the space of a form on refined splines, and the dof map of the space."""
     assert isinstance(form.space, RefinedSpace)
     assert isinstance(form.space.dof_map, RefinedDofMap)
     return form.space, form.space.dof_map
 
 
 def _with_report(form: Galerkin, gain: float, passes: int | None = None) -> Galerkin:
-    """Return the form with what its space reports of the refinement."""
+    """Return the form with the expected ``gain`` and, if given, the number of ``passes`` stored in its space."""
     space, _ = refined_parts(form)
     space = replace(space, gain=gain, passes=space.passes if passes is None else passes)
     return galerkin(form.scene, form.options, form.sampled, space)

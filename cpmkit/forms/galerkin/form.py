@@ -64,7 +64,7 @@ UNRESOLVED_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Galerkin(Discretized):
-    """A scene on a function space; the unknowns are coefficients, which only the form interprets.
+    """A scene discretised on a function space; the unknowns are coefficients, which only the form interprets.
 
     Attributes
     ----------
@@ -75,13 +75,13 @@ class Galerkin(Discretized):
     sampled : SampledScene
         The manifold as a mesh with quadrature samples, and its boundaries as facets of the cells.
     space : FunctionSpace
-        The functions that the unknowns stand for: splines of one spacing, refined or enriched ones.
+        The functions whose coefficients are the unknowns: splines of one spacing, refined or enriched splines.
     conditions : tuple of ImposedCondition
         The conditions of the scene, with the samples at which each is imposed.
     coefficients : SampleCoefficients
-        Evaluates data at the samples; with the reader of points. Shared by all scenes on the same space.
+        Evaluates data at the samples; contains the reader of points. Shared by all scenes on the same space.
     lattice_resolution : LatticeResolution
-        How the lattice resolves the manifold. Shared likewise.
+        How the lattice resolves the manifold. Shared by the same scenes.
     """
 
     form: ClassVar[str] = "galerkin"
@@ -113,7 +113,7 @@ class Galerkin(Discretized):
 
     @property
     def traits(self) -> FormTraits:
-        """Multigrid or factors, the dispersion by degree, and whether cubic splines pay: on smooth closed surfaces."""
+        """The solver of large systems, the dispersion by degree, and degree 3 as advice on smooth closed surfaces."""
         dispersion, sampled = DISPERSION_OF_DEGREE[self.options.own.degree], self.sampled
         closed = not self.scene.boundaries and not len(sampled.boundary)
         smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
@@ -125,7 +125,7 @@ class Galerkin(Discretized):
         )
 
     def check(self, solver: str) -> None:
-        """Refuse factors that do not fit into memory; make the warnings before matrices take memory."""
+        """Raise if factors do not fit into memory, and make the warnings before matrices take memory."""
         factors = factorised_share(self.scene, solver)
         if factors:  # the memory of other solvers was checked before the tables were made
             check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
@@ -133,7 +133,7 @@ class Galerkin(Discretized):
         release_memory()
 
     def with_scene(self, scene: Scene) -> Galerkin:
-        """Return the same space for a scene that differs in its equation and its data alone."""
+        """Return the form on the same space for a scene that differs in its equation and its data only."""
         check(scene, self.options)
         sampled = self.sampled
         if scene.problem.terms().conservative and np.any(sampled.half.cut < 0) and np.all(sampled.boundary.owner >= 0):
@@ -151,12 +151,12 @@ class Galerkin(Discretized):
 
     @property
     def mass(self) -> CsrOperator:
-        """M, the integrals of products of functions; singular, for some splines are zero at all samples."""
+        """M, the integrals of products of functions; singular, as some splines are zero at all samples."""
         return self.space.mass
 
     @property
     def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S, S the stabilisation: with M alone systems of short steps have a condition number of h^2 / dt.
+        """M + h^2 S, with S the stabilisation: with M alone short time steps have a condition number of h^2 / dt.
 
         S vanishes on constants, so that totals are those of M. The errors of heat and waves are the same, measured.
         """
@@ -168,31 +168,34 @@ class Galerkin(Discretized):
         return EquationAssembly(self.scene, self.conditions, self.coefficients)
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy with its stabilisation, c u v, advection, and the terms of the conditions."""
+        """Return A: the energy with its stabilisation, c u v, the advection, and the terms of the conditions."""
         return self.assembly.stiffness(terms)
 
     def advection(self, field: StateDependentCoefficient) -> CsrOperator:
-        """Return the integrals of u (w . grad v), w = ``field``, less those over boundaries with given slope."""
+        """Return the integrals of u (w . grad v), w = ``field``, less the terms of boundaries with a given slope.
+
+        These are the integrals of u (w . b) v over such boundaries, b the conormal.
+        """
         return self.assembly.state_advection(field)
 
     def weighted_mass(self, values: Floats) -> csr_array:
-        """Return the integrals (n, n) of c u v, c with ``values`` (p,) at the samples."""
+        """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples."""
         return self.space.weighted_mass(self.coefficients.append_boundary_samples(values))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
-        """Return the integrals over boundaries with du/db = lambda u; None where there are none."""
+        """Return the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
         matrix = _conditions_of(stiffness).boundary_mass
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
-        """Return the prolongations from coarser spaces, down to lattices of twice the spacing and so on."""
+        """Return the multigrid levels: first those of refined splines, then lattices of 2, 4, ... times the spacing."""
         return [
             *self.space.refined_levels,
             *levels_resolving_waves(self.space.plain_levels, operator, self.spacing),
         ]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals (n, channels) of f times each function."""
+        """Return the integrals (n, channels) of ``f`` times each function."""
         return (
             f.loads(self, time) if isinstance(f, TestedRightSide) else self.assembly.load(f, time, self.scene.channels)
         )
@@ -202,7 +205,7 @@ class Galerkin(Discretized):
         return self.space.gradient_load(values)
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the load (n, channels) of the conditions' data."""
+        """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
         assert isinstance(stiffness, GalerkinOperator)
         terms = self.assembly.terms_with_scene_data(stiffness)
         if not terms.conditions:
@@ -213,7 +216,7 @@ class Galerkin(Discretized):
 
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
-        """The samples at which the fluxes of conditions depend on u."""
+        """The samples on boundaries at which the flux of a condition depends on u, for each such condition."""
         return self.assembly.condition_terms(Terms()).state_fluxes
 
     def linearise(self, seen: Sequence[Floats]) -> Galerkin:
@@ -222,7 +225,7 @@ class Galerkin(Discretized):
         return replace(self, conditions=terms.conditions)
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none."""
+        """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
         assert isinstance(stiffness, GalerkinOperator)
         return self.assembly.free_constants(stiffness)
 
@@ -246,27 +249,28 @@ class Galerkin(Discretized):
         return rows, self.sampled.lattice.to_scene(self.sampled.samples.points_at(rows))
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values (k, channels) of u at the samples, or at those with the numbers ``rows`` (k,)."""
+        """Return the values (k, channels) of u (n, channels) at the samples, or at the samples ``rows`` (k,)."""
         return self.space.values_at_samples(u, rows)
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels), in mean square."""
+        """Return the unknowns (n, channels) of the functions nearest to ``values`` (p, channels) in mean square."""
         del time  # no unknown represents data of a condition
         return (
             self.space.project(values) if start is None else start + self.space.project(values - self.at_points(start))
         )
 
     def data_at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return data at the samples, (p, channels), each on the side of its cell."""
+        """Return ``data`` at the samples, (p, channels), each on the side of boundaries on which its cell lies."""
         return self.coefficients.at_points(data, label, time, channels)
 
     def interpolate(
         self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
     ) -> Floats:
-        """Return the unknowns nearest to ``data``; in range, the means under each spline of spikes and jumps.
+        """Return the unknowns (n, channels) of the functions nearest to ``data``, with ``in_range`` in their range.
 
-        The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. Means keep the
-        range and the total, and spread the data as heat spreads in a time of h^2 / 4.
+        The nearest splines overshoot by a tenth of a jump on both sides, and below zero beside a spike. With
+        ``in_range`` the coefficients of channels with spikes or jumps are therefore the means of the data under each
+        spline, which keep the range and the total, and spread the data as heat spreads in a time of h^2 / 4.
         """
         values = self.data_at_points(data, label, time, self.scene.channels)
         loads = self.space.load(values)
@@ -281,7 +285,7 @@ class Galerkin(Discretized):
         return u
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return the means (k, m) over the manifold of the products of u's columns with v's."""
+        """Return the means (k, m) over the manifold of the products of u's columns (n, k) with v's (n, m)."""
         return np.asarray(u.T @ self.mass.apply(v) / self.sampled.samples.weights.sum())
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
@@ -289,7 +293,7 @@ class Galerkin(Discretized):
         return self.coefficients.reader.rows(points, side)
 
     def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
-        """Return the values (k, channels) at the manifold's points nearest to ``points`` (k, d)."""
+        """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
         del time
         return self.coefficients.reader.evaluate(u, points, side)
 
@@ -302,22 +306,25 @@ class Galerkin(Discretized):
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels), b outwards, at points of a boundary's side, or of the manifold's edge."""
+        """Return du/db (k, channels), b outwards, at points of a boundary's side or of the manifold's edge."""
         return self.coefficients.reader.conormal_derivative(u, points, boundary, side, self.scene)
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db by the residual of the weak form; None on rims without samples."""
+        """Return the integrals (channels,) of du/db over a boundary's side or a rim, by the residual of the weak form.
+
+        None on rims without samples.
+        """
         return self.assembly.flux(u, boundary, side, time)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
         return self.coefficients.reader.signed_distance(name, points)
 
     # Diagnosis
 
     @cached_property
     def resolution(self) -> Resolution:
-        """How the lattice resolves the manifold, and layers of the equation."""
+        """How the lattice resolves the manifold, and the layers of the equation."""
         return Resolution(self.scene, self.conditions, self.coefficients, self.lattice_resolution)
 
     def warnings(self) -> tuple[str, ...]:
@@ -326,6 +333,7 @@ class Galerkin(Discretized):
 
     @cached_property
     def _warnings(self) -> tuple[str, ...]:
+        """The warnings of the source, the boundaries, the resolution of the lattice, and unresolved data."""
         mesh, lattice = self.sampled.mesh, self.sampled.lattice
         source, resolved = self.lattice_resolution.warnings
         data = [
@@ -353,10 +361,12 @@ class Galerkin(Discretized):
         difference: float = 0.0,
         eigenvalues: bool = False,
     ) -> Diagnosis:
-        """Return the order that divides differences by 2.7 to 7 on smooth sources, by 2.5 on meshes, by less if slow.
+        """Return the order that estimates the error, why the error may fall slowly, and the share that is not resolved.
 
-        Of degree 2 at twice the spacing; on smooth sources by 1.1 to 2.8 of degree 1, by 5.4 to 14 of degree 3 and of
-        eigenvalues. At order 3 the difference is 7 times the error; with order 2 the estimate would be half the error.
+        The order p divides the difference from a solution at twice the spacing by 2^p - 1: with degree 2 by 2.7 to 7 on
+        smooth sources, by 2.5 on meshes, and by less where errors fall slowly; on smooth sources with degree 1 by 1.1
+        to 2.8, with degree 3 and for eigenvalues by 5.4 to 14. At order 3 the difference is 7 times the error; with
+        order 2 the estimate would be twice the error.
         """
         divisor = (EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS)[self.options.own.degree]
         other = coarser.resolution if isinstance(coarser, Galerkin) else None
@@ -367,7 +377,7 @@ class Galerkin(Discretized):
         )
 
     def estimate(self, u: Floats) -> ExpectedError | None:
-        """Return an estimate of the error by third differences of coefficients; None for refined splines."""
+        """Return an estimate of the error of u from third differences of coefficients; None for refined splines."""
         return single_solution_estimate(self.resolution, u) if self.space.has_one_level else None
 
     def source_error(self, difference: float | None = None) -> float:
@@ -380,7 +390,7 @@ class Galerkin(Discretized):
         return max(error, support_floor(sampled.surface, float(sampled.samples.weights.sum()), difference))
 
     def work(self, operator: Operator, report: SolveReport | None) -> GalerkinWork:
-        """Return the work of a solve."""
+        """Return the measures of the work of a solve; ``report`` is None where none was made."""
         return GalerkinWork(
             self.size,
             len(self.sampled.samples),
@@ -391,7 +401,7 @@ class Galerkin(Discretized):
         )
 
     def describe(self) -> dict[str, Any]:
-        """Return the options, the origin of the lattice, and what the space says of itself."""
+        """Return the options, the origin of the lattice, and the description of the space, as plain values."""
         return {
             "form": self.options.form,
             "form_reason": self.options.reason,
@@ -401,7 +411,7 @@ class Galerkin(Discretized):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the options of the lattice, the arrays of the space, and the sides of boundaries."""
+        """Return the options of the lattice, the arrays of the space, and the moments of the sides of boundaries."""
         options = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
         arrays = {name: np.array(value) for name, value in options.items()}
         return {
@@ -411,7 +421,7 @@ class Galerkin(Discretized):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how a saved discretisation differs, in the sides of boundaries or in its space; empty if equal."""
+        """Return in words how a ``saved`` form differs, in the sides of boundaries or in its space; empty if equal."""
         sides = side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
         saved_sides = saved.get("sides", sides)
         if saved_sides.shape == sides.shape and np.any(np.sum(saved_sides * sides, axis=(1, 2)) < 0):
@@ -420,6 +430,7 @@ class Galerkin(Discretized):
 
 
 def _conditions_of(stiffness: Stiffness) -> Any:
+    """Return the condition terms that a Galerkin operator contains."""
     assert isinstance(stiffness, GalerkinOperator)
     assert stiffness.conditions is not None
     return stiffness.conditions

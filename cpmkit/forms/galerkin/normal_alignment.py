@@ -21,14 +21,14 @@ ALIGNED_LENGTH, BENDING_LENGTH = 0.6, 0.85
 
 @dataclass(frozen=True, eq=False)
 class NormalSpread:
-    """How much of the manifold lies under splines whose normals spread: limbs, creases, folds and thin edges.
+    """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges.
 
     Attributes
     ----------
     unresolved_share : float
         Share of the manifold's measure under unresolved splines.
     place : (d,) float64
-        Relative to the lattice's origin, the node of the spline whose normals cancel most; NaN where there is none.
+        The node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if all are resolved.
     bending_share : float
         Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
     """
@@ -39,7 +39,7 @@ class NormalSpread:
 
 
 def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Floats:
-    """Return the integrals (n, 1 + d) of each spline, and of it times the oriented normal; of curves the tangent.
+    """Return the integrals (n, 1 + d) of each spline, and of its product with the oriented normal or tangent.
 
     Cells are oriented consistently over common facets. One-sided components cannot be: splines near a facet where two
     cells disagree have NaN for the normal.
@@ -72,7 +72,7 @@ def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Flo
 
 
 def normal_spread(space: SplineSpace, integrals: Floats) -> NormalSpread:
-    """Return how much of the manifold lies under splines N with |sum w N n| < .6 sum w N.
+    """Return the share of the manifold under splines N with |sum w N n| < .6 sum w N, n the normals at samples.
 
     ``integrals`` (n, 1 + d) are both sums, see :func:`normal_alignment`.
     """

@@ -17,7 +17,7 @@ from cpmkit.types import Floats, Ints
 def add_oriented_normals(
     unknowns: Ints, patch: Any, splines: Any, samples: tuple[Any, Any, Floats], cell: Any, signs: Floats, sums: Floats
 ) -> None:
-    """Add sum w N_j (1, n) to ``sums`` (n, 4), where n are normals of a surface times the ``signs`` of cells.
+    """Add to ``sums`` (n, 4) the integral of each spline, and of its product with the oriented normal of a surface.
 
     Parameters
     ----------
@@ -26,13 +26,13 @@ def add_oriented_normals(
     patch : (q,) integers
         The patch of each sample; consecutive samples of one patch are accumulated locally before being scattered.
     splines : tuple
-        As long as the number of splines per axis that are not zero in a lattice cell.
+        Its length is the number of splines per axis that are not zero in a lattice cell.
     samples : tuple
         The places, directions and weights of `QuantisedSamples`.
     cell : (q,) int32
         The cell of each sample.
     signs : (m,) float64
-        Orientation of each cell.
+        Orientation of each cell, by which its normals are multiplied.
     sums : (n, 4) float64
     """
     places, directions, weights = samples

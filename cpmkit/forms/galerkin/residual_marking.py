@@ -1,7 +1,7 @@
 """Marking of patches for refinement, by the residual of the equation.
 
 The square of ``h_l^2 (f + div(a grad u) - c u)``, integrated over a patch of level l, is in proportion to the square of
-the error that its size leaves there. It tells where the error is, not how large it is.
+the error that its size leaves there. It indicates where the error is large, not how large it is.
 """
 
 from __future__ import annotations
@@ -29,9 +29,10 @@ ORDER = 3.0
 
 
 def residual_squares(form: Galerkin, u: Floats) -> Floats:
-    """Return (p,) the squared residuals of ``u`` (n, channels), integrated over patches, in units of h_l^-2.
+    """Return (p,) the integrals over the patches of the square of h_l^2 times the residual of ``u`` (n, channels).
 
-    Each channel counts as a share of its own sum, so that the result does not depend on the units of channels.
+    h_l, the spacing of a patch, is in units of h. The square of each channel is divided by its integral over the
+    manifold, so that the result does not depend on the units of channels.
     """
     squares = _residual(form, u) ** 2
     sums = form.point_weights @ squares
@@ -42,6 +43,7 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
 
 
 def _refined_dof_map(form: Galerkin) -> RefinedDofMap:
+    """Return the dof map of a form on refined splines."""
     assert isinstance(form.space.dof_map, RefinedDofMap)
     return form.space.dof_map
 
@@ -60,14 +62,14 @@ def _residual(form: Galerkin, u: Floats) -> Floats:
 
 
 def _slope(a: Any, points: Floats, spacing: float, axis: int) -> Floats:
-    """Return (p,) the derivative of a function along an axis, by a difference."""
+    """Return (p,) the derivative of the function ``a`` along an ``axis`` at ``points``, by a central difference."""
     step = SLOPE_STEP_SHARE * spacing * np.eye(points.shape[1])[axis]
     ahead, behind = (evaluate_data(a, points + sign * step, 1, "the diffusivity")[:, 0] for sign in (1, -1))
     return np.asarray((ahead - behind) / (2 * SLOPE_STEP_SHARE * spacing))
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:
-    """Return (p, channels) the sum of second derivatives of u along tangents at the samples."""
+    """Return (p, channels) the sum of the second derivatives along tangents of u (n, channels) at the samples."""
     dof_map, samples = _refined_dof_map(form), form.sampled.samples
     coefficients, laplacian = form.space.to_coefficients(u), np.empty((form.sampled.interior, u.shape[1]))
     for start in range(0, len(laplacian), SAMPLES_AT_ONCE):
@@ -85,10 +87,11 @@ def _laplacian(form: Galerkin, u: Floats) -> Floats:
 def second_derivatives(
     unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, found: Floats
 ) -> None:
-    """Fill ``found`` (q, channels) with the sum of second derivatives along tangents, the trace of P H P.
+    """Fill ``found`` (q, channels) with tr(P H P), the sum of second derivatives along tangents, at ``points`` (q, d).
 
-    H is the Hessian of the splines u (n, channels), P the projection on tangents, at ``points`` (q, d) in the patches
-    ``patch`` (q,), with orthonormal ``normals`` (q, c, d).
+    H is the Hessian of the splines with the coefficients u (n, channels), P the projection on tangents. The points lie
+    in the patches ``patch`` (q,) and have the orthonormal ``normals`` (q, c, d); ``unknowns`` (p, 3^d) and ``cells``
+    (p, d) are those of the patches.
     """
     d, width = cells.shape[1], unknowns.shape[1]
     splines = np.empty((3, 3, 3))  # by order of the derivative, axis, place
@@ -124,7 +127,7 @@ def second_derivatives(
 
 
 def mark_patches(squares: Floats) -> Bools:
-    """Return (p,) the patches with the largest ``squares`` (p,) that hold half of their sum (Doerfler)."""
+    """Return (p,) which patches are marked: those with the largest ``squares`` that hold half the sum (Doerfler)."""
     order = np.argsort(-squares, kind="stable")
     total = np.cumsum(squares[order])
     marked = np.zeros(len(squares), dtype=bool)
@@ -134,7 +137,7 @@ def mark_patches(squares: Floats) -> Bools:
 
 
 def expected_gain(form: Galerkin, squares: Floats) -> float:
-    """Return the factor by which patches of different sizes would save unknowns at the same error.
+    """Return by which factor patches of adapted sizes are expected to reduce the unknowns at the same error.
 
     With squares e_p of patches of areas w_p at size h that fall like h^(2 k), and unknowns like h^-2, the fewest
     unknowns for a given sum of squares are those at sizes h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is

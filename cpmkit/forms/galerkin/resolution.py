@@ -1,4 +1,4 @@
-"""How well the lattice resolves a scene: folds, isolated pieces, layers, and why errors may fall slowly."""
+"""How well the lattice resolves a scene: folds, isolated pieces, layers, and reasons for slow convergence."""
 
 from __future__ import annotations
 
@@ -47,20 +47,20 @@ class LatticeResolution:
 
     @cached_property
     def normal_spread(self) -> NormalSpread:
-        """How much of the manifold is thin, folded or creased on this lattice."""
+        """The share of the manifold that is thin, folded or creased on this lattice."""
         splines = self.space.splines
         return normal_spread(splines, normal_alignment(splines, self.sampled.mesh, self.sampled.winding))
 
     @cached_property
     def unresolved_share(self) -> float:
-        """The share of the patches whose piece of the manifold has one unknown."""
+        """The share of patches on pieces of the manifold that have one unknown each."""
         count, piece = connected_pieces(self.space.base_dof_map)
         size = np.bincount(piece, minlength=count)
         return float(np.mean(size[piece[self.space.base_dof_map.unknowns[:, 0]]] == 1)) if count > 1 else 0.0
 
     @cached_property
     def warnings(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """Warnings on the source and its mesh, and on how the lattice resolves them."""
+        """Warnings on the source and its mesh, and warnings on the parts of them that the lattice does not resolve."""
         sampled, dof_map = self.sampled, self.space.base_dof_map
         lattice = sampled.lattice
         source = warnings_of(sampled.surface.source, lattice.spacing)
@@ -79,9 +79,9 @@ class Resolution:
     Attributes
     ----------
     scene : Scene
-        With the equation.
+        The scene with the equation.
     conditions : tuple of ImposedCondition
-        Its conditions.
+        The conditions of the scene.
     coefficients : SampleCoefficients
         Evaluates coefficients at the samples.
     of_manifold : LatticeResolution
@@ -102,21 +102,22 @@ class Resolution:
 
     @property
     def spacing(self) -> float:
-        """H of the lattice."""
+        """Spacing h of the lattice."""
         return self.coefficients.space.spacing
 
     @property
     def normal_spread(self) -> NormalSpread:
-        """How much of the manifold is thin, folded or creased on this lattice."""
+        """The share of the manifold that is thin, folded or creased on this lattice."""
         return self.of_manifold.normal_spread
 
     @cached_property
     def layer_spacings(self) -> float:
-        """The width of layers in spacings; infinite where there can be none.
+        """The width of the thinnest layer of the solution in spacings; infinite where there are no layers.
 
-        In steady problems -div(a grad u) + c u = f layers are sqrt(a / c) wide, beside conditions other than zero flux.
-        A tensor with a small eigenvalue has them anywhere, sqrt(a / c) wide with its smallest eigenvalue on tangents,
-        and no wider than the manifold times the root of the smallest eigenvalue over the largest.
+        Steady problems -div(a grad u) + c u = f have layers of width sqrt(a / c) along edges and boundaries, except
+        where the condition is zero flux. With a tensor a they may be anywhere: a is then its smallest eigenvalue in the
+        tangent space, and the width is at most half the extent of the manifold times sqrt(smallest / largest
+        eigenvalue).
         """
         terms = self.scene.problem.terms()
         if self.scene.problem.family != "steady" or isinstance(terms.diffusivity, StateDiffusivity):
@@ -130,6 +131,7 @@ class Resolution:
         return float(np.sqrt(a / c) / self.spacing)
 
     def _tensor_layer(self, c: float) -> float:
+        """Return the width of the thinnest layer for a tensor diffusivity and the largest factor ``c`` of u."""
         points = self.coefficients.reader.points
         tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")
         normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
@@ -140,7 +142,7 @@ class Resolution:
         return float(width if c <= 0 else min(width, np.sqrt(least.min() / c)))
 
     def tensor_layer_warnings(self) -> tuple[str, ...]:
-        """Return a warning where the smallest eigenvalue of a tensor makes layers that the spacing does not resolve."""
+        """Return a warning if the smallest eigenvalue of a tensor makes layers that the spacing does not resolve."""
         if self.scene.problem.family != "steady" or not self.scene.has_tensor or self.layer_spacings >= LAYER_SPACINGS:
             return ()
         return (
@@ -150,7 +152,7 @@ class Resolution:
         )
 
     def end_or_layer_reason(self) -> str:
-        """Return that boundaries end inside the surface, or that a layer is not resolved; else an empty string."""
+        """Return in words that a boundary ends inside the surface or a layer is not resolved; else an empty string."""
         if bool(self.sampled.mesh.beyond_tip.any()) and not self.sampled.singular:
             return "boundaries end inside the surface; the error may fall slowly"
         if self.layer_spacings < LAYER_SPACINGS:
@@ -159,7 +161,10 @@ class Resolution:
         return ""
 
     def slow_convergence_reason(self, coarser: Resolution | None = None) -> str:
-        """Return why the error may fall slowly, also by comparison with a coarser lattice; empty without a reason."""
+        """Return in words why the error may fall slowly with the spacing; empty without a reason.
+
+        With a ``coarser`` lattice, folds that are about as large on both lattices are a reason too.
+        """
         reason, share = self.end_or_layer_reason(), self.normal_spread.unresolved_share
         if reason:
             return reason
@@ -171,7 +176,7 @@ class Resolution:
         return ""
 
     def folds_persist(self, coarser: Resolution) -> bool:
-        """Return whether hardly more of the area is folded on a coarser lattice."""
+        """Return whether the folded share of the area is hardly smaller than on the ``coarser`` lattice."""
         share = self.normal_spread.unresolved_share
         halvings = np.log2(coarser.spacing / self.spacing)
         return bool(

@@ -28,7 +28,7 @@ LONGER_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SheetSeparation:
-    """The cells of the manifold, by which points are assigned to sheets.
+    """The cells of the manifold, used to assign points to sheets.
 
     Flat cells are the manifold, so that a point has distance zero from its cell. Curved cells only approximate it:
     there the source names its own triangle or segment that contains the point, and the point lies on the sheet from
@@ -52,11 +52,14 @@ class SheetSeparation:
 
     @property
     def known(self) -> bool:
-        """Whether sheets can be separated."""
+        """Whether sheets can be separated: cells are flat, or the source has a mesh of its own."""
         return self.geometry == "flat" or isinstance(self.source.source, HasGivenMesh)
 
     def scores(self, points: Floats, element: Ints | None, cells: Ints, group: Ints) -> tuple[Floats, float]:
-        """Return the distances or path lengths (k, q) of groups of cells from points, and the significant difference.
+        """Return scores (k, q) of ``cells`` near points, least on the point's own sheet, and a significant difference.
+
+        The score of a flat cell is its distance from the point. Otherwise it is the length of the paths from the point
+        over the group of the cell to the corners of the source's own element, the same for all cells of a group.
 
         Parameters
         ----------
@@ -84,7 +87,10 @@ class SheetSeparation:
         return path_lengths_to_corners(*arguments, graph.indptr, graph.indices), LONGER_SPACINGS * self.spacing
 
     def _corners_of(self, element: Ints) -> Ints:
-        """Return the vertices (k, c) of the mesh at the corners of the source's own cells, -1 where there is none."""
+        """Return the vertices (k, c) of the mesh at the corners of the source's own cells ``element`` (k,), as numbers.
+
+        -1 stands for a corner at which the mesh has no vertex.
+        """
         vertices, cells = self._given_mesh
         places = vertices[cells[element]]
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
@@ -93,19 +99,21 @@ class SheetSeparation:
 
     @cached_property
     def _given_mesh(self) -> tuple[Floats, Ints]:
+        """The vertices, relative to the origin of the lattice, and the cells of the source's own mesh."""
         assert isinstance(self.source.source, HasGivenMesh)
         vertices, cells = self.source.source.given_mesh
         return vertices - self.source.shift, cells
 
     @cached_property
     def _tree(self) -> Any:
+        """The k-d tree of the vertices of the mesh."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.mesh.vertices)
 
     @cached_property
     def _vertex_graph(self) -> csr_array:
-        """(v, v) matrix with an entry for each two vertices that share an edge."""
+        """(v, v) adjacency matrix of the vertices, with an entry for each two that share an edge."""
         from scipy.sparse import coo_array
 
         cells, k = self.mesh.cells, self.mesh.cells.shape[1]

@@ -1,4 +1,4 @@
-"""Which scenes the Galerkin form can discretise; others are refused before anything is built."""
+"""Checks of which scenes the Galerkin form can discretise; others are refused before anything is built."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from cpmkit.scene.scene import Scene
 
 
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Refuse a scene that the form, with these options, cannot discretise.
+    """Raise if the form, with these options, cannot discretise a scene.
 
     Raises
     ------
     SceneError
-        With what to do instead.
+        With the reason, and with advice.
     """
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:
@@ -53,12 +53,12 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
 
 
 def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Refuse a scene that cannot be discretised on refined splines.
+    """Raise if a scene cannot be discretised on refined splines.
 
     Raises
     ------
     SceneError
-        With what to do instead.
+        With the reason, and with the advice to use ``refine='off'``.
     """
     problem, terms = scene.problem, scene.problem.terms()
     reasons = {

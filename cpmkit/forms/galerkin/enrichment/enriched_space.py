@@ -45,11 +45,11 @@ class EnrichedSpace(FunctionSpace):
     # Evaluation
 
     def singular_rows(self, points: Floats, cells: Ints) -> csr_array:
-        """Return (k, m) the psi at ``points`` (k, d) in these cells (k,) of the mesh."""
+        """Return the values (k, m) of the psi at ``points`` (k, d), which lie in the mesh ``cells`` (k,)."""
         return self._columns([function.values(points, cells) for function in self.functions], len(points))
 
     def singular_derivative_rows(self, points: Floats, cells: Ints, directions: Floats) -> csr_array:
-        """Return (k, m) the derivatives of the psi along ``directions`` (k, d)."""
+        """Return the derivatives (k, m) of the psi at ``points`` (k, d) along ``directions`` (k, d)."""
         columns = []
         for function in self.functions:
             rows, gradients = function.slopes(points, cells)
@@ -57,18 +57,18 @@ class EnrichedSpace(FunctionSpace):
         return self._columns(columns, len(points))
 
     def value_rows(self, patch: Ints, points: Floats, cells: Ints) -> csr_array:
-        """Return the matrix (k, n + m) that evaluates u at ``points`` (k, d) in these patches and mesh cells (k,)."""
+        """Return the matrix (k, n + m) that evaluates u at ``points`` (k, d) in the given patches and cells (k,)."""
         from scipy.sparse import hstack
 
         return hstack([self.spline_rows(patch, points), self.singular_rows(points, cells)], format="csr")
 
     def further_gradient_rows(self, points: Floats, cells: Ints) -> Sequence[csr_array]:
-        """Return d matrices (k, m), the derivatives of the psi along the axes."""
+        """Return d matrices (k, m) with the derivatives of the psi along the axes at ``points`` (k, d)."""
         axes = np.eye(self.dof_map.dim)
         return [self.singular_derivative_rows(points, cells, np.broadcast_to(axis, points.shape)) for axis in axes]
 
     def values_at_samples(self, u: Floats, rows: slice | Ints | None = None) -> Floats:
-        """Return the values (p, channels) of u at the samples of the manifold, or at those numbered ``rows``."""
+        """Return the values (p, channels) of u at the samples of the manifold, or at the samples ``rows`` (p,)."""
         singular = self._singular_at_samples
         singular = singular if rows is None else singular[rows]
         return np.asarray(super().values_at_samples(u, rows) + singular @ u[self.spline_count :])
@@ -80,7 +80,7 @@ class EnrichedSpace(FunctionSpace):
 
     @cached_property
     def _sample_values(self) -> list[tuple[Ints, Floats, Floats]]:
-        """Of each psi the samples (k,) in its disc, and its values (k,) and tangential gradients (k, d) there."""
+        """For each psi: the samples (k,) in its disc, its values (k,) and its tangential gradients (k, d) there."""
         samples, count = self.splines.samples, self.interior
         points, normals, cells = samples.points[:count], samples.normals[:count], samples.cell[:count]
         values = []
@@ -93,7 +93,7 @@ class EnrichedSpace(FunctionSpace):
 
     @property
     def _singular_at_samples(self) -> csr_array:
-        """(p, m) the psi at the samples of the manifold."""
+        """(p, m) the values of the psi at the samples of the manifold."""
         return self._columns([(rows, psi) for rows, psi, _ in self._sample_values], self.interior)
 
     @property
@@ -105,7 +105,7 @@ class EnrichedSpace(FunctionSpace):
         ]
 
     def _columns(self, columns: Sequence[tuple[Ints, Floats]], count: int) -> csr_array:
-        """Return the matrix (count, m) whose columns have these entries (k,) in these rows (k,)."""
+        """Return the matrix (count, m) with the given rows (k,) and entries (k,) of each column."""
         from scipy.sparse import csc_array
 
         starts = np.cumsum([0, *(len(rows) for rows, _ in columns)])
@@ -117,7 +117,7 @@ class EnrichedSpace(FunctionSpace):
 
     @cached_property
     def totals(self) -> Floats:
-        """(n + m,) the integral of each function over the manifold."""
+        """(n + m,) the integral of each spline and each psi over the manifold."""
         return np.concatenate([self.areas, self._singular_loads(np.ones((1, 1)))[:, 0]])
 
     def load(self, values: Floats) -> Floats:
@@ -125,23 +125,24 @@ class EnrichedSpace(FunctionSpace):
         return np.concatenate([super().load(values), self._singular_loads(values)])
 
     def _singular_loads(self, values: Floats) -> Floats:
+        """Return the integrals (m, k) of ``values`` (p, k) at the samples of the manifold times each psi."""
         weighted = self.splines.samples.weights[: self.interior, None] * values
         return np.asarray(self._singular_at_samples.T @ weighted)
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Return the integrals (n + m,) of vectors (p, d) at the samples times the gradient of each function."""
+        """Return the integrals (n + m,) of vectors (p, d) at samples times the tangential gradient of each function."""
         weighted = self.splines.samples.weights[: self.interior, None] * values
         singular = sum(rows.T @ weighted[:, axis] for axis, rows in enumerate(self._singular_gradients_at_samples))
         return np.concatenate([super().gradient_load(values), singular])
 
     def weighted_mass(self, c: Floats) -> csr_array:
-        """Refuse: singular functions of coupled channels are not implemented."""
+        """Raise a SceneError: singular functions are not implemented for coupled channels."""
         raise SceneError("tips='singular' takes no channels that are tied to each other; use tips='extended'.")
 
     def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
-        """Return a ``matrix`` over the splines with the integrals of a grad u . grad v + c u v of further functions.
+        """Return the ``matrix`` (n, n) of the splines plus the integrals of a grad u . grad v + c u v with the psi.
 
-        ``a`` and ``c``: (q,) at all samples, or (1,); None for no such term.
+        The result is (n + m, n + m). ``a`` and ``c`` are (q,), at all samples, or (1,); None stands for no such term.
         """
         from scipy.sparse import block_array
 
@@ -162,7 +163,7 @@ class EnrichedSpace(FunctionSpace):
         return block_array([[matrix, mixed], [mixed.T, singular]], format="csr")
 
     def extend_conditions(self, terms: ConditionTerms) -> ConditionTerms:
-        """Return conditions on the splines as conditions on all functions."""
+        """Return the ``terms`` of conditions for the splines as terms for the splines and the psi."""
         from scipy.sparse import hstack
 
         points, cells = terms.samples.points, terms.samples.cell
@@ -177,7 +178,7 @@ class EnrichedSpace(FunctionSpace):
 
     @cached_property
     def plain_levels(self) -> list[Level]:
-        """The steps to coarser lattices, on which the s_k stay unknowns; they are solved for with the strip."""
+        """The multigrid levels of coarser lattices, on which the s_k remain unknowns, solved for with the strip."""
         from scipy.sparse import block_diag, eye_array
 
         m, levels = len(self.functions), []

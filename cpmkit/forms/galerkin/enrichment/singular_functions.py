@@ -41,14 +41,14 @@ FLUX, VALUE, THROUGH = range(3)
 
 @dataclass(frozen=True, eq=False)
 class SingularFunction:
-    """psi of one tip.
+    """A singular function psi of a tip.
 
     Attributes
     ----------
-    disc : Surroundings
-        Its support.
+    disc : TipDisc
+        The support of psi.
     frequency, phase : float
-        k and p.
+        The frequency k and the phase p.
     """
 
     disc: TipDisc
@@ -56,13 +56,19 @@ class SingularFunction:
     phase: float
 
     def values(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
-        """Return the numbers (k,) of the points (q, d), in these cells (q,), with psi not zero, and its values (k,)."""
+        """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and the values (k,) of psi there.
+
+        The points lie in the mesh ``cells`` (q,).
+        """
         rows, r, t = self._polar(points, cells)
         bump = (1 - (r / self.disc.radius) ** 2) ** 3
         return rows, bump * r ** abs(self.frequency) * np.sin(self.frequency * t + self.phase)
 
     def slopes(self, points: Floats, cells: Ints) -> tuple[Ints, Floats]:
-        """Return the same points, and the gradients (k, d) of psi, as a function that is constant along normals."""
+        """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and the gradients (k, d) of psi there.
+
+        The gradients are those of psi as a function that is constant along normals.
+        """
         disc, power = self.disc, abs(self.frequency)
         rows, r, t = self._polar(points, cells)
         r = np.maximum(r, LEAST_DISTANCE_SHARE * disc.radius)
@@ -76,6 +82,7 @@ class SingularFunction:
         return rows, by_x[:, None] * disc.heading + by_y[:, None] * disc.leftward
 
     def _polar(self, points: Floats, cells: Ints) -> tuple[Ints, Floats, Floats]:
+        """Return the numbers (k,) of the ``points`` (q, d) inside the disc, and their coordinates r and t (k,)."""
         inside, sides = self.disc.side_of(cells)
         rows = np.flatnonzero(inside)
         r, t = self.disc.polar(points[rows], sides[rows])
@@ -84,14 +91,14 @@ class SingularFunction:
 
 
 def tip_functions(disc: TipDisc, has_value: tuple[bool, bool]) -> Sequence[SingularFunction]:
-    """Return the functions of a tip; ``has_value``: whether a value is given on the left, and on the right."""
+    """Return the singular functions of a tip; ``has_value``: whether u is given on the left, and on the right."""
     return [SingularFunction(disc, frequency, phase) for frequency, phase in WAVES[has_value]]
 
 
 def singular_functions(
     mesh: Mesh, boundary: BoundarySamples, conditions: Sequence[ImposedCondition], lattice: Lattice
 ) -> tuple[tuple[SingularFunction, ...], tuple[str, ...]]:
-    """Return the singular functions of all tips of a cut mesh, and a warning on tips around which no disc fits."""
+    """Return the singular functions of all tips of a cut mesh, and a warning if no disc fits around some of them."""
     finder, kinds = TipDiscFinder(mesh, lattice.spacing), _kinds(boundary, conditions)
     functions: list[SingularFunction] = []
     narrow = []
@@ -107,7 +114,7 @@ def singular_functions(
 
 
 def _tips(mesh: Mesh) -> Iterator[tuple[int, int]]:
-    """Yield the number of each boundary with a vertex at which it ends inside the surface."""
+    """Yield each end of a boundary inside the surface: the number of the boundary, and the vertex."""
     for number in np.unique(mesh.owner).tolist():
         for tip in ends_inside(mesh, number).tolist():
             yield number, tip
@@ -125,14 +132,14 @@ def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) ->
 
 
 def _kind_on(side: int, disc: TipDisc, number: int, boundary: BoundarySamples, kinds: Ints) -> int:
-    """Return the most frequent kind of condition on a side of a boundary inside a disc."""
+    """Return the kind of condition (FLUX, VALUE or THROUGH) that is most frequent on a boundary's side in a disc."""
     inside, sides = disc.side_of(boundary.cell)
     rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.beyond_tip)
     return int(np.bincount(kinds[rows], minlength=1).argmax())
 
 
 def _narrow_disc_warnings(narrow: Sequence[TipDisc], lattice: Lattice) -> Iterator[str]:
-    """Yield a warning if there are tips with discs too small for a singular function."""
+    """Yield a warning if there are tips whose discs are too small for a singular function."""
     if narrow:
         disc, count = narrow[0], len(narrow)
         where = place(lattice.to_scene(disc.origin[None])[0])

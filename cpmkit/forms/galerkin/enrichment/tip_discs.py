@@ -36,11 +36,11 @@ class TipDisc:
     curvature : float
         The boundary's curvature at the tip.
     radius : float
-        Of the disc; zero where none fits.
+        Radius R of the disc; zero where no disc fits.
     cells : (k,) int64
-        The mesh's cells in it, ascending.
+        The cells of the mesh in the disc, ascending.
     sides : (k,) int64
-        Behind the tip 1 to the left of the boundary and -1 to its right, 0 ahead of the tip.
+        The side of each cell: behind the tip 1 to the left of the boundary and -1 to its right, ahead of the tip 0.
     """
 
     origin: Floats
@@ -52,24 +52,27 @@ class TipDisc:
     sides: Ints
 
     def plane(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return X, and Y less the Y of the parabola, of points (..., d)."""
+        """Return X, and Y less that of the parabola, of ``points`` (..., d): coordinates with a straight boundary."""
         apart = points - self.origin
         x = apart @ self.heading
         return x, apart @ self.leftward - 0.5 * self.geometry * x**2
 
     def distance(self, points: Floats) -> Floats:
-        """Return r of points (..., d)."""
+        """Return the distance r (...) of ``points`` (..., d) from the tip, in the coordinates of :meth:`plane`."""
         return np.hypot(*self.plane(points))
 
     def polar(self, points: Floats, sides: Ints) -> tuple[Floats, Floats]:
-        """Return r and t (k,); t runs from -pi on the boundary's right over 0 beyond the tip to pi on its left."""
+        """Return r and t (k,) of ``points`` (k, d) in cells on the ``sides`` (k,) of the boundary.
+
+        t runs from -pi on the right of the boundary over 0 beyond the tip to pi on its left.
+        """
         x, y = self.plane(points)
         t = np.arctan2(y, x)
         t = np.where((sides > 0) & (t < -0.5 * np.pi), t + 2 * np.pi, t)
         return np.hypot(x, y), np.where((sides < 0) & (t > 0.5 * np.pi), t - 2 * np.pi, t)
 
     def side_of(self, cells: Ints) -> tuple[Bools, Ints]:
-        """Return which cells (q,) are in the disc, and the sides (q,) of those."""
+        """Return whether each of the ``cells`` (q,) is in the disc, and its side (q,), 0 outside the disc."""
         at = find(self.cells, cells)
         return at >= 0, np.append(self.sides, 0)[at]
 
@@ -81,9 +84,9 @@ class TipDiscFinder:
     Attributes
     ----------
     mesh : Mesh
-        Of triangles.
+        A mesh of triangles, cut along the boundaries.
     spacing : float
-        h of the lattice.
+        Spacing h of the lattice.
     """
 
     mesh: Mesh
@@ -91,18 +94,19 @@ class TipDiscFinder:
 
     @cached_property
     def _edges(self) -> Edges:
+        """The edges of the mesh."""
         return self.mesh.edges
 
     @cached_property
     def _owner(self) -> Ints:
-        """(e,) the boundary on each edge; -1 on edges without one and beyond tips."""
+        """(e,) the boundary that each edge lies on; -1 for edges on no boundary and beyond tips."""
         owner, on_cut = np.full(len(self._edges.ends), -1), self.mesh.cut_edges
         own = ~self.mesh.beyond_tip & (on_cut >= 0)
         owner[on_cut[own]] = self.mesh.owner[own]
         return owner
 
     def around(self, tip: int, boundary: int) -> TipDisc:
-        """Return the disc around the vertex ``tip``, at which a boundary ends."""
+        """Return the disc around the vertex ``tip``, an end of the boundary number ``boundary``."""
         frame = self._frame(tip, boundary)
         cells = self._connected(np.flatnonzero(~self._is_tilted(frame)), tip)
         ends = self._nearest_end(frame, cells, boundary), self._boundary_end(frame, boundary, tip)
@@ -111,7 +115,7 @@ class TipDiscFinder:
         return replace(frame, radius=radius, cells=inside, sides=self._sides(frame, inside))
 
     def _normal(self, tip: int) -> Floats:
-        """Return the normal of the surface at a tip, of either sign: that of the plane that fits the cells nearby."""
+        """Return the normal (d,) of the surface at a tip, of either sign, from a plane fitted to the cells nearby."""
         mesh = self.mesh
         near = (norms(mesh.vertices[mesh.cells] - mesh.vertices[tip]) < AT_TIP_SPACINGS * self.spacing).all(axis=1)
         near |= (mesh.cells == tip).any(axis=1)
@@ -120,7 +124,7 @@ class TipDiscFinder:
         return np.asarray(np.linalg.eigh(areas.T @ areas)[1][:, -1])
 
     def _frame(self, tip: int, boundary: int) -> TipDisc:
-        """Return a disc of radius zero with the axes of the cubic that fits the end of the boundary."""
+        """Return a disc of radius zero, with axes and curvature from a cubic fitted to the boundary near the tip."""
         mesh, none, normal = self.mesh, np.zeros(0, dtype=np.int64), self._normal(tip)
         origin, own = mesh.vertices[tip], mesh.owner == boundary
         behind = self._near(mesh.cut[own & ~mesh.beyond_tip], origin)
@@ -134,7 +138,7 @@ class TipDiscFinder:
         return TipDisc(origin, heading, np.cross(normal, heading), 2 * curvature / self.spacing**2, 0.0, none, none)
 
     def _is_tilted(self, frame: TipDisc) -> Bools:
-        """Return which cells (m,) are tilted against the tangent plane of a tip; slivers never are."""
+        """Return (m,) whether each cell is tilted against the tangent plane of a tip; slivers never are."""
         corners = self.mesh.vertices[self.mesh.cells]
         doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         longest = norms(corners - corners[:, [1, 2, 0]]).max(axis=1)
@@ -144,19 +148,19 @@ class TipDiscFinder:
         return np.asarray(clear & (np.abs(cosine) < LEAST_COSINE))
 
     def _near(self, edges: Ints, origin: Floats) -> Floats:
-        """Return the vertices (k, d) of edges (c, 2) near a tip, relative to it."""
+        """Return the positions (k, d), relative to a tip at ``origin``, of the vertices of ``edges`` (c, 2) near it."""
         apart = self.mesh.vertices[np.unique(edges)] - origin
         distance = norms(apart)
         return np.asarray(apart[(distance > 0) & (distance < PARABOLA_SPACINGS * self.spacing)])
 
     def _connected(self, cells: Ints, tip: int) -> Ints:
-        """Return those of ``cells`` that are connected to a tip across edges without a boundary."""
+        """Return the ``cells`` that are connected to a tip across edges that lie on no boundary."""
         label = self._pieces(cells)
         at_tip = np.unique(label[(self.mesh.cells[cells] == tip).any(axis=1)])
         return np.asarray(cells[np.isin(label, at_tip)])
 
     def _pieces(self, cells: Ints) -> Ints:
-        """Return the connected component (k,) of each of the ``cells``, across edges without a boundary."""
+        """Return the connected component (k,) of each of the ``cells`` (k,); edges on boundaries do not connect."""
         from scipy.sparse import coo_array
         from scipy.sparse.csgraph import connected_components
 
@@ -166,10 +170,14 @@ class TipDiscFinder:
         return np.asarray(connected_components(graph, directed=False)[1][: len(cells)])
 
     def _size(self, cells: Ints) -> int:
+        """Return the number of nodes of the graph of ``cells`` and all edges."""
         return len(cells) + len(self._edges.ends)
 
     def _nearest_end(self, frame: TipDisc, cells: Ints, boundary: int) -> float:
-        """Return the distance of the nearest edge at which ``cells`` end, but for those on the tip's own boundary."""
+        """Return the distance from a tip to the nearest edge at which the region of ``cells`` ends.
+
+        Edges on the boundary of the tip itself do not count.
+        """
         edges, count = np.unique(self._edges.of_cells[cells], return_counts=True)
         owner = self._owner[edges]
         ends = edges[(owner != boundary) & ((count == 1) | (owner >= 0))]
@@ -186,7 +194,10 @@ class TipDiscFinder:
         return float(distance[off].min(initial=np.inf))
 
     def _sides(self, frame: TipDisc, cells: Ints) -> Ints:
-        """Return the sides (k,) of cells: behind the tip, for each component the side on which most of it lies."""
+        """Return the side (k,) of each of the ``cells``: 1 left of the boundary, -1 right of it, 0 ahead of the tip.
+
+        Each connected component behind the tip has the side on which most of its cells lie.
+        """
         x, y = frame.plane(self.mesh.vertices[self.mesh.cells[cells]].mean(axis=1))
         behind, sides = np.flatnonzero(x < 0), np.zeros(len(cells), dtype=np.int64)
         piece = self._pieces(cells[behind])

@@ -23,9 +23,9 @@ LONGEST_EDGE_SHARE, LEAST_EDGE_SPACINGS = 0.5, 1e-3
 
 
 def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
-    """Return flat triangles whose edges are no longer than ``spacings`` times the spacing of the splines around them.
+    """Return flat triangles whose edges are at most ``spacings`` times as long as the spacing of the splines there.
 
-    Longer edges are halved, and with them the longest edge of each triangle that has one, so that no needles arise.
+    Longer edges are halved, and so is the longest edge of each triangle with a halved edge, so that no needles arise.
     """
     near_codes = regions.codes_near()
     while True:
@@ -44,7 +44,11 @@ def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
 def _is_long(
     vertices: Floats, ends: Ints, lengths: Floats, regions: Regions, near_codes: Ints, spacings: float
 ) -> Bools:
-    """Return which edges (e,) are too long; ``near_codes`` are cells of level 0 outside which splines have level 0."""
+    """Return (e,) whether each edge is longer than ``spacings`` times the spacing of the finest splines along it.
+
+    ``ends`` (e, 2) are the vertices of the edges, ``lengths`` (e,) their lengths. Outside the cells of level 0 with the
+    codes ``near_codes`` all splines have level 0.
+    """
     longest = spacings * regions.spacing
     long = lengths > longest * 0.5**regions.finest
     middles = vertices[ends[long]].mean(axis=1)
@@ -59,7 +63,10 @@ def _is_long(
 
 
 def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
-    """Return the ``long`` edges (e,) and the longest edge of each triangle with a returned edge."""
+    """Return ``long`` (e,) in which the longest edge of each triangle with a marked edge is marked too.
+
+    The array is changed; marking is repeated until no triangle has a marked edge but not its longest.
+    """
     longest = edges.of_cells[np.arange(len(edges.of_cells)), lengths[edges.of_cells].argmax(axis=1)]
     rows = np.flatnonzero(~long[longest])
     while True:
@@ -73,9 +80,9 @@ def _with_longest(long: Bools, edges: Edges, lengths: Floats) -> Bools:
 def graded_samples(
     mesh: Mesh, regions: Regions, sampling: str, geometry: CellGeometry, further: Samples | None
 ) -> Samples:
-    """Return the samples of triangles, triangle by triangle, and behind them the samples ``further``.
+    """Return the samples of triangles in the order of the triangles, followed by the samples ``further``.
 
-    Triangles are clipped at the knot planes of the finest level that their corners or their middle lie in.
+    Each triangle is clipped at the knot planes of the finest level at its corners and its centroid.
     """
     middle = mesh.vertices[mesh.cells].mean(axis=1)
     corners = [mesh.vertices[vertices] for vertices in mesh.cells.T]
@@ -95,7 +102,7 @@ def graded_samples(
 def _samples_of_level(
     mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, geometry: CellGeometry
 ) -> Samples:
-    """Return the samples of the triangles ``chosen`` (k,), clipped at the knot planes of a level."""
+    """Return the samples of the triangles ``chosen`` (k,), which are clipped, if at all, at the level's knot planes."""
     shift = shift_of(regions.spacing, level)
     midpoints = None if mesh.midpoints is None else mesh.midpoints[chosen] + shift
     shifted = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
@@ -110,14 +117,16 @@ def shift_of(spacing: float, level: Any) -> Any:
 
 
 def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
-    """Return flat triangles whose edges are no longer than half their distance from the end of a boundary.
+    """Return flat triangles whose edges are at most half as long as their distance from an end of a boundary.
+
+    Edges shorter than a thousandth of a spacing are not subdivided.
 
     Parameters
     ----------
     mesh : Mesh
-        Of flat triangles.
+        A mesh of flat triangles.
     spacing : float
-        h of the lattice.
+        Spacing h of the lattice.
     """
     tips = np.concatenate([np.zeros(0, dtype=np.int64), *(ends_inside(mesh, k) for k in np.unique(mesh.owner))])
     if not len(tips):
@@ -139,6 +148,7 @@ def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
 
 
 def _is_long_near_tips(vertices: Floats, ends: Ints, lengths: Floats, centres: Floats, spacing: float) -> Bools:
+    """Return (e,) whether edges are longer than half their distance from the nearest tip of ``centres`` (t, d)."""
     from scipy.spatial import cKDTree
 
     distance = cKDTree(centres).query(vertices[ends.ravel()])[0].reshape(-1, 2).min(axis=1)

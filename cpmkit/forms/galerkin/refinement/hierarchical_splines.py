@@ -1,7 +1,7 @@
 """Truncated hierarchical splines: the splines of each level, the active ones among them, and their representation.
 
 The splines of level l are built over the samples of the region of level l and of a halo: the patches of level l - 1
-that share an unknown with a patch of that region. So all patches that read an unknown of the region are there, and
+that share an unknown with a patch of that region. So it has all patches that read an unknown of the region, and
 nodes have the same unknowns as if the whole manifold were subdivided.
 
 An active spline of a coarse level is on a finer level a sum of finer splines, by the two-scale relation; truncation
@@ -38,15 +38,15 @@ class LevelSplines:
     Attributes
     ----------
     dof_map : DofMap
-        Over the region of the level and its halo; ``dof_map.patch`` (s,) is of the samples there.
+        The dof map over the region of the level and its halo; ``dof_map.patch`` (s,) are patches of the samples there.
     rows : (s,) int64
         The numbers of these samples, ascending.
     inside : (p,) bool
-        The patches in the region of this level.
+        Whether each patch is in the region of this level.
     subdivided : (p,) bool
-        Those of them in the region of the next level.
+        Whether each patch is in the region of the next level.
     prolongation : csr_array (n, m), optional
-        From the splines of the level before; None for level 0.
+        Prolongation from the splines of the level before; None for level 0.
     """
 
     dof_map: DofMap
@@ -62,22 +62,22 @@ class LevelSplines:
 
     @property
     def candidates(self) -> Bools:
-        """(n,) the splines all of whose patches lie in the region."""
+        """(n,) whether all patches that read a spline lie in the region of this level."""
         return ~self.is_read_by(~self.inside)
 
     @property
     def active(self) -> Bools:
-        """(n,) the candidates with a patch outside the region of the next level."""
+        """(n,) whether a spline is a candidate that a patch outside the region of the next level reads."""
         return self.candidates & self.is_read_by(~self.subdivided)
 
     def is_read_by(self, patches: Bools) -> Bools:
-        """Return (n,) which splines are read by one of the ``patches`` (p,)."""
+        """Return (n,) whether each spline is read by one of the ``patches`` (p,) that are marked."""
         is_read = np.zeros(self.size, dtype=bool)
         is_read[self.dof_map.unknowns[patches]] = True
         return is_read
 
     def patch_of(self, samples: Ints) -> Ints:
-        """Return (k,) the patches of ``samples`` (k,) among :attr:`rows`."""
+        """Return (k,) the patch of each of the ``samples`` (k,), which are among :attr:`rows`."""
         return np.asarray(self.dof_map.patch[np.searchsorted(self.rows, samples)])
 
 
@@ -87,7 +87,7 @@ def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, region
     Parameters
     ----------
     first : DofMap
-        Of level 0, over all samples.
+        The dof map of level 0, over all samples.
     points : (q, d) float64
         The samples, relative to the lattice's origin.
     corners : (m, k) int
@@ -108,7 +108,7 @@ def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, region
 def _finer_level(
     coarse: LevelSplines, number: int, points: Floats, corners: Any, cell: Any, regions: Regions
 ) -> LevelSplines:
-    """Return the splines of level ``number``, which follows ``coarse``."""
+    """Return the splines of level ``number``, the level after ``coarse``."""
     from scipy.sparse import csr_array
 
     in_region_or_halo = coarse.is_read_by(coarse.subdivided)[coarse.dof_map.unknowns].any(axis=1)
@@ -129,10 +129,10 @@ def _finer_level(
 
 
 def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
-    """Return the patch (s,) of samples, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
+    """Return the patch (s,) of each sample, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
 
-    ``code`` (s,) numbers the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are the
-    vertices of the mesh cells.
+    ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
+    the vertices of the mesh cells.
     """
     from cpmkit.forms.galerkin.dof_map_kernels import join_samples, touching_pairs
 
@@ -147,14 +147,14 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
 
 
 def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> Bools:
-    """Return (p,) which of the patches with these ``cells`` (p, d), in the region where ``inside``, are subdivided."""
+    """Return (p,) whether patches with the ``cells`` (p, d) of a level are subdivided; only those ``inside`` can be."""
     if level >= regions.finest:
         return np.zeros(len(cells), dtype=bool)
     return inside & is_among(codes_of_cells(cells), regions.subdivided[level])
 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]:
-    """Return R_l (n_l, n), l from 0 to ``cap``, of the space in which level ``cap`` is the finest."""
+    """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``."""
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
     starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
     matrices: list[csr_array] = []
@@ -184,7 +184,7 @@ def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array
 
 
 def _selection(active: Bools, start: int, size: int) -> csr_array:
-    """Return the matrix (n_l, size) with a one for each active spline; these are numbered from ``start`` on."""
+    """Return the matrix (n_l, size) with a one in the row of each active spline, in columns from ``start`` on."""
     from scipy.sparse import csr_array
 
     rows: Ints = np.flatnonzero(active)
@@ -192,7 +192,7 @@ def _selection(active: Bools, start: int, size: int) -> csr_array:
 
 
 def select_rows(keep: Bools, matrix: csr_array) -> csr_array:
-    """Return a matrix whose rows are empty but those to ``keep`` (n,)."""
+    """Return the ``matrix`` with all rows emptied except the rows that ``keep`` (n,) marks."""
     from scipy.sparse import csr_array
 
     matrix = matrix.tocsr()

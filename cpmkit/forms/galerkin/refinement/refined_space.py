@@ -60,12 +60,12 @@ class RefinedDofMap(DofMap):
 
     @property
     def places(self) -> Floats:
-        """(n, d) nodes of the unknowns, relative to the lattice's origin."""
+        """(n, d) nodes of the unknowns on the manifold's lattices, relative to the origin of the lattice."""
         level = self.node_levels[:, None]
         return np.asarray(0.5**level * self.spacing * self.nodes - shift_of(self.spacing, level))
 
     def magnify(self, patch: Ints, points: Floats) -> Floats:
-        """Return ``points`` (..., d) on the magnified lattice, each in the patch ``patch`` (...)."""
+        """Return ``points`` (..., d), each in the patch ``patch`` (...), mapped to the magnified lattice."""
         level = self.levels[patch][..., None]
         return np.asarray(2.0**level * (points + shift_of(self.spacing, level)))
 
@@ -75,16 +75,16 @@ class RefinedDofMap(DofMap):
         return np.asarray(0.5**level * points - shift_of(self.spacing, level))
 
     def magnification(self, patch: Any) -> Floats:
-        """Return the factor (k,) by which patches are magnified."""
+        """Return the factor (k,) by which the patches ``patch`` (k,) are magnified."""
         return np.asarray(2.0 ** self.levels[patch])
 
 
 @dataclass(frozen=True, eq=False)
 class RefinedSamples(QuantisedSamples):
-    """Samples whose places are stored on the magnified lattice, and whose points are returned on the manifold."""
+    """Samples whose places are stored on the magnified lattice; their points are returned on the manifold."""
 
     def points_at(self, rows: slice | Ints) -> Floats:
-        """Return (..., d) the points of the samples ``rows`` (...)."""
+        """Return the points (..., d) on the manifold of the samples ``rows`` (...)."""
         assert isinstance(self.dof_map, RefinedDofMap)
         return self.dof_map.reduce(self.dof_map.patch[rows], super().points_at(rows))
 
@@ -96,15 +96,15 @@ class RefinedSpace(FunctionSpace):
     Attributes
     ----------
     levels : sequence of LevelSplines
-        Each level by itself.
+        The splines of each level.
     used : sequence of (k_l,) int64
         The splines of each level that :attr:`splines` contains, in its order.
     regions : Regions
         The subdivided cells.
     passes : int
-        How often the scene was solved to find the regions.
+        Number of solves of the scene that led to the regions.
     gain : float
-        The factor by which refinement was expected, after the first solve, to save unknowns.
+        The factor by which refinement was expected, after the first solve, to reduce the number of unknowns.
     """
 
     levels: Sequence[LevelSplines]
@@ -125,7 +125,7 @@ class RefinedSpace(FunctionSpace):
 
     @property
     def has_one_level(self) -> bool:
-        """False, even where no cell is subdivided."""
+        """Whether estimates for one level apply: False, even where no cell is subdivided."""
         return False
 
     @property
@@ -140,31 +140,31 @@ class RefinedSpace(FunctionSpace):
 
     @cached_property
     def representation(self) -> csr_array:
-        """R (N, n), the coefficients in :attr:`splines` of the active splines."""
+        """R (N, n), whose columns are the active splines as coefficients of :attr:`splines`."""
         from scipy.sparse import vstack
 
         by_level = representations(self.levels, self.regions.finest)
         return vstack([matrix[used] for matrix, used in zip(by_level, self.used, strict=True)], format="csr")
 
     def to_coefficients(self, u: Floats) -> Floats:
-        """Return the coefficients (N, k) of :attr:`splines` of the unknowns ``u`` (n, k): R u."""
+        """Return R u, the coefficients (N, k) in :attr:`splines` of the functions with the unknowns ``u`` (n, k)."""
         return np.ascontiguousarray(self.representation @ u)
 
     def restrict_loads(self, loads: Floats) -> Floats:
-        """Return R' times loads (N, k)."""
+        """Return R' times ``loads`` (N, k): the loads (n, k) of the active splines."""
         return np.asarray(self.representation.T @ loads)
 
     def restrict_matrix(self, matrix: csr_array) -> csr_array:
-        """Return R' A R, symmetric to the last bit; A is symmetric."""
+        """Return R' A R (n, n) of a symmetric ``matrix`` A (N, N), symmetric to the last bit."""
         product = (self.representation.T @ (matrix @ self.representation)).tocsr()
         return ((product + product.T) * 0.5).tocsr()
 
     def restrict_rows(self, rows: csr_array) -> csr_array:
-        """Return ``rows`` (k, N) times R."""
+        """Return ``rows`` (k, N) times R, which act on the unknowns (n,)."""
         return (rows @ self.representation).tocsr()
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Refuse: weak divergences are defined by the spacing of the solution that they are taken of."""
+        """Raise a SceneError: a weak divergence depends on the spacing of the solution that it is computed from."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
     def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
@@ -173,6 +173,7 @@ class RefinedSpace(FunctionSpace):
         return self.restrict_matrix(self._energy(a, c, self.stabilisation, 0, with_floor=True))
 
     def _unit_stabilisation(self) -> csr_array:
+        """Return the stabilisation (n, n) of diffusivity 1, times (h_l / h)^2 on each level l."""
         unit = (self._energy(np.ones(1), None, factors, -2) for factors in (self.stabilisation, NO_STABILISATION))
         return self.restrict_matrix(next(unit) - next(unit))
 
@@ -197,7 +198,7 @@ class RefinedSpace(FunctionSpace):
 
     @cached_property
     def refined_levels(self) -> list[Level]:
-        """The steps between the spaces in which each level is the finest, down to level 0."""
+        """The multigrid levels between the spaces whose finest level is ``regions.finest``, ..., 1, 0."""
         levels, patch = self.levels, self.dof_map.patch[self.interior :]
         rows = np.arange(self.interior, len(self.splines.samples))
         level_of_row = self.dof_map.levels[patch]  # type: ignore[attr-defined]
@@ -214,7 +215,7 @@ class RefinedSpace(FunctionSpace):
         return steps
 
     def describe(self) -> dict[str, Any]:
-        """Return the sizes of the levels, and whether and why splines were refined."""
+        """Return the number of splines on each level, the number of solves, and the expected gain in words."""
         sizes = list(self.level_sizes)
         text = f"sizes that differ let expect {self.gain:.2g} times fewer unknowns for one error"
         if self.regions.finest:
@@ -225,11 +226,11 @@ class RefinedSpace(FunctionSpace):
         return {"refined_levels": sizes, "refinement_passes": self.passes, "refinement": text}
 
     def arrays(self) -> dict[str, Any]:
-        """Return the nodes of level 0 and the subdivided cells."""
+        """Return the nodes of level 0, and the subdivided cells as a table."""
         return {**super().arrays(), "parted_cells": self.regions.table()}  # the key in saved files
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how a saved space differs, in the nodes of level 0 or the subdivided cells; empty if equal."""
+        """Return in words how a ``saved`` space differs, in nodes of level 0 or subdivided cells; empty if equal."""
         difference = super().differs_from(saved)
         if difference:
             return difference
@@ -246,7 +247,7 @@ def build_refined_space(
     stabilisation: Stabilisation,
     passes: int = 0,
 ) -> RefinedSpace:
-    """Return the space of these levels.
+    """Return the function space of truncated hierarchical splines over the ``levels``.
 
     Parameters
     ----------
@@ -269,7 +270,7 @@ def build_refined_space(
 def _build_refined_dof_map(
     samples: Samples, corners: Any, levels: Sequence[LevelSplines], regions: Regions
 ) -> tuple[RefinedDofMap, list[Ints]]:
-    """Return the dof map of the magnified levels, and which splines of each level it contains."""
+    """Return the dof map of the magnified levels, and the numbers of the splines of each level that it contains."""
     level_of_sample = regions.levels(samples.points)
     code, cell_count = np.empty(len(samples), dtype=np.int64), 0
     for number in range(len(levels)):

@@ -1,7 +1,7 @@
 """Where splines are finer: lattice cells that are subdivided into two along every axis, level by level.
 
-Level l has the spacing h_l = h / 2^l; its cells are those of level l - 1, each subdivided along every axis. Positions
-alone tell which cell a point lies in, so that the mesh of the manifold may be made anew for each set of regions.
+Level l has the spacing h_l = h / 2^l; its cells are those of level l - 1, each subdivided along every axis. The cell of
+a point depends on its position alone, so that the mesh of the manifold may be made anew for each set of regions.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class Regions:
     Attributes
     ----------
     spacing : float
-        h, of level 0.
+        Spacing h of level 0.
     dim : int
         Dimension of the space.
     subdivided : tuple of (k_l,) int64
@@ -42,7 +42,7 @@ class Regions:
         return len(self.subdivided)
 
     def cells(self, points: Floats, level: int) -> Ints:
-        """Return (q, d) the cells of a level with ``points`` (q, d), which are relative to the lattice's origin."""
+        """Return (q, d) the cells of a level that contain ``points`` (q, d), given relative to the lattice's origin."""
         return np.floor(2.0**level * (points / self.spacing + 0.5)).astype(np.int64)
 
     def levels(self, points: Floats) -> Ints:
@@ -55,9 +55,9 @@ class Regions:
         return level_of_point
 
     def levels_around(self, points: Floats) -> Ints:
-        """Return (q,) the finest level at a quarter of a cell of the level before from ``points`` (q, d).
+        """Return (q,) the finest level of the splines around each of the ``points`` (q, d).
 
-        Looked for along the diagonals of the axes.
+        Around means displaced along all axes by a quarter of the spacing of the level before, with any signs.
         """
         level_of_point = np.zeros(len(points), dtype=np.int64)
         corners = np.indices((2,) * self.dim).reshape(self.dim, -1).T - 0.5
@@ -69,9 +69,10 @@ class Regions:
         return level_of_point
 
     def with_subdivided(self, levels: Ints, cells: Ints, most: int) -> Regions:
-        """Return regions in which the ``cells`` (k, d) of ``levels`` (k,) below ``most`` are subdivided as well.
+        """Return regions in which also the ``cells`` (k, d) of ``levels`` (k,), below ``most``, are subdivided.
 
-        So are their neighbours, and cells of the levels before until neighbouring cells differ by one level at most.
+        Their neighbours are subdivided too, and cells of coarser levels until neighbouring cells differ by at most one
+        level.
         """
         codes = [
             self.subdivided[level] if level < self.finest else np.zeros(0, dtype=np.int64) for level in range(most)
@@ -84,12 +85,12 @@ class Regions:
         return Regions(self.spacing, self.dim, tuple(level for level in codes if len(level)))
 
     def codes_near(self) -> Ints:
-        """Return the codes, ascending, of the cells of level 0 that are subdivided or meet such a cell."""
+        """Return the ascending codes of the cells of level 0 that are subdivided or neighbours of such cells."""
         first = self.subdivided[0] if self.finest else np.zeros(0, dtype=np.int64)
         return codes_of_cells(with_neighbours(cells_of_codes(first, self.dim)))
 
     def table(self) -> Ints:
-        """Return (k, 1 + d) the subdivided cells as plain numbers: the level, then the cell."""
+        """Return (k, 1 + d) the subdivided cells as integers: the level, then the cell."""
         rows = [
             np.column_stack([np.full(len(codes), level), cells_of_codes(codes, self.dim)])
             for level, codes in enumerate(self.subdivided)
@@ -98,7 +99,7 @@ class Regions:
 
 
 def codes_of_cells(cells: Ints) -> Ints:
-    """Return (k,) a number for each of the ``cells`` (k, d)."""
+    """Return (k,) an integer code for each of the ``cells`` (k, d), different for different cells."""
     code = np.zeros(len(cells), dtype=np.int64)
     for column in cells.T:
         code = (code << BITS) + column + HALF
@@ -112,7 +113,7 @@ def cells_of_codes(codes: Ints, dim: int) -> Ints:
 
 
 def is_among(codes: Ints, ascending: Ints) -> Bools:
-    """Return (k,) which of the ``codes`` (k,) are among others, which ascend."""
+    """Return (k,) whether each of the ``codes`` (k,) is one of the ``ascending`` codes (m,)."""
     if not len(ascending):
         return np.zeros(len(codes), dtype=bool)
     place = np.minimum(np.searchsorted(ascending, codes), len(ascending) - 1)
@@ -120,7 +121,7 @@ def is_among(codes: Ints, ascending: Ints) -> Bools:
 
 
 def with_neighbours(cells: Ints) -> Ints:
-    """Return (m, d) the distinct ``cells`` (k, d) with all cells that meet them, at corners too."""
+    """Return (m, d) the distinct ``cells`` (k, d) and all cells that share a corner with one of them."""
     dim = cells.shape[1]
     steps = np.indices((3,) * dim).reshape(dim, -1).T - 1
     codes = codes_of_cells((cells[:, None] + steps).reshape(-1, dim))
