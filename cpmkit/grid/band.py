@@ -75,11 +75,11 @@ class Band:
 
     @property
     def first_twin(self) -> int:
-        """Number of inner nodes that are no twins; those from there up to ``inner`` are."""
+        """Number of inner nodes that are no twins: the twins are the nodes from this number up to ``inner``."""
         return self.inner if self.sheets is None else self.own_inner
 
     def neighbours(self) -> tuple[Ints, Ints]:
-        """Return the pairs (n,), (n,) of inner nodes, without twins, that are neighbours along an axis."""
+        """Return the pairs (k,), (k,) of inner nodes, without twins, that are neighbours along an axis."""
         nodes = np.arange(self.first_twin)
         pairs = []
         for axis in np.eye(self.dim, dtype=np.int64):
@@ -100,16 +100,18 @@ class Band:
 
     @cached_property
     def _inner_codes(self) -> Ints:
+        """(k,) sorted codes of the inner nodes that are no twins."""
         return self.codes.encode(self.nodes[: self.first_twin])
 
     @cached_property
     def _outer_codes(self) -> Ints:
+        """(k,) sorted codes of the outer nodes that are no twins."""
         stop = len(self.nodes) if self.sheets is None else self.inner + self.own_outer
         return self.codes.encode(self.nodes[self.inner : stop])
 
 
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
-    """Return the interpolation cells (c, d) that contain the manifold, and a few next to it.
+    """Return the interpolation cells (c, d) that contain points of the manifold, and a few cells next to these.
 
     Raises
     ------
@@ -126,7 +128,7 @@ def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
 
 
 def stencil_codes(cells: Ints, codes: Codes, degree: int) -> Ints:
-    """Return the sorted codes of all nodes of the stencils of interpolation cells (c, d)."""
+    """Return the sorted codes (n,) of all nodes of the interpolation stencils of ``cells`` (c, d)."""
     nodes = np.sort(codes.encode(cells))
     for axis in range(cells.shape[1]):
         nodes = codes.dilate(nodes, axis, stencil_range(degree))
@@ -170,12 +172,14 @@ def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) 
 
 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
-    """Return the inner nodes (n, (p + 1)^d), int32, of the stencils of ``cells`` (n, d), which may repeat.
+    """Return the band numbers (n, (p + 1)^d), int32, of the nodes of the interpolation stencils of ``cells`` (n, d).
+
+    Cells may repeat.
 
     Raises
     ------
     ResolutionError
-        If a node is not in the band: the source contradicts itself.
+        If a node is not an inner node of the band: the source contradicts itself.
     """
     codes = band.codes.encode(cells)
     _, first, member = np.unique(codes, return_index=True, return_inverse=True)

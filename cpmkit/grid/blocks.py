@@ -18,12 +18,12 @@ MOST_CELLS_PER_AXIS = 2.0**40
 
 
 def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> Iterator[tuple[int, Ints]]:
-    """Yield, from coarse to fine, the side in cells and the indices (k, d) of all blocks that may contain points of S.
+    """Yield, from coarse to fine, the side in cells and the indices (k, d) of the blocks that may meet the manifold.
 
     A block is selected if the distance at its centre is at most half its diagonal. Since ``distance`` is 1-Lipschitz
-    and at most the true one, no block with a point of the manifold is missed, whatever its number of pieces. At the
-    last level, side 1, the blocks are cells.
-    Differs from King et al. (2024), section 5.1, Algorithm 1, which searches from one node and finds one piece.
+    and at most the true distance, no block with a point of the manifold is missed, whatever the number of connected
+    components. At the last level, side 1, the blocks are cells.
+    Differs from King et al. (2024), section 5.1, Algorithm 1, which searches from one node and finds one component.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
 
 
 def check_numbered(bounds: Floats, spacing: float) -> None:
-    """Refuse bounds (2, d), relative to the lattice's origin, whose cells cannot be numbered.
+    """Raise if the cells of a box with corners ``bounds`` (2, d), relative to the lattice's origin, cannot be numbered.
 
     Raises
     ------

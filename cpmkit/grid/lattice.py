@@ -47,7 +47,7 @@ class Lattice:
         return len(self.origin)
 
     def to_scene(self, points: Floats) -> Floats:
-        """Return the scene's coordinates of points relative to the origin."""
+        """Return the scene's coordinates (n, d) of ``points`` (n, d) that are relative to the origin."""
         return points + self.origin
 
     def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
@@ -70,7 +70,7 @@ class Lattice:
         )
 
     def to_local(self, points: Floats) -> Floats:
-        """Return the coordinates relative to the origin of points in the scene."""
+        """Return the coordinates (n, d) relative to the origin of ``points`` (n, d) in the scene's coordinates."""
         return points - self.origin
 
 
@@ -114,7 +114,13 @@ class Codes:
 
     @classmethod
     def around(cls, points: Ints, margin: int) -> Codes:
-        """Return the numbering of the box around integer ``points`` (n, d), widened by ``margin`` on each side."""
+        """Return the numbering of the bounding box of integer ``points`` (n, d), widened by ``margin`` on each side.
+
+        Raises
+        ------
+        ResolutionError
+            If the box has more than 2^62 points.
+        """
         lower = points.min(axis=0) - margin
         shape = points.max(axis=0) + margin + 1 - lower
         if np.prod(shape.astype(float)) > 2.0**62:
@@ -139,13 +145,13 @@ class Codes:
         return np.stack(np.unravel_index(codes, tuple(self.shape)), axis=1).astype(np.int64) + self.lower
 
     def dilate(self, codes: Ints, axis: int, offsets: range) -> Ints:
-        """Return the sorted codes of all points at ``offsets`` along ``axis`` from the points of ``codes``."""
+        """Return the sorted codes (m,) of points at ``offsets`` along ``axis`` from the points of ``codes`` (n,)."""
         shifted = codes[:, None] + self.strides[axis] * np.array(offsets, dtype=np.int64)
         return np.unique(shifted)
 
 
 def find(sorted_codes: Ints, codes: Any) -> Ints:
-    """Return the positions of ``codes`` (...,) in ``sorted_codes`` (n,), -1 for absent ones."""
+    """Return the positions of ``codes`` (...,) in ``sorted_codes`` (n,), -1 for codes that are not among these."""
     position = np.searchsorted(sorted_codes, codes)
     position[position == len(sorted_codes)] = 0
     return (

@@ -58,7 +58,7 @@ def check_fits(
     solver: str = "reference",
     excess: float = 1.0,
 ) -> None:
-    """Refuse a band that does not fit into the memory of this process.
+    """Raise if a band with this number of unknowns does not fit into the memory of this process.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def check_fits(
     Raises
     ------
     ResolutionError
-        With a spacing that fits.
+        If it does not fit; the message states a spacing that does.
     """
     needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
     if needed > excess * limit.bytes:
@@ -100,8 +100,8 @@ def fitting_spacing(source: LocalSource, degree: int, available: int, solver: st
 def unknowns_at_one(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
     """Estimate the number of unknowns of a band, times the spacing to the power of the manifold's dimension.
 
-    Estimated from the first level with more than ``counted`` blocks that the manifold meets; thin parts count as
-    thick as a block.
+    The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet
+    the manifold; parts thinner than a block count as thick as a block.
     """
     extent = float((source.bounds[1] - source.bounds[0]).max()) or 1.0
     cell = extent * FINEST_CELL_SHARE
@@ -118,5 +118,5 @@ def rounded_up(value: float) -> float:
 
 
 def other_solver_hint(solver: str, other: str = "reference") -> str:
-    """Return the end of a sentence that recommends ``other`` in place of the direct solver; empty for other solvers."""
+    """Return the end of a message that recommends the solver ``other`` if ``solver`` is "direct", else ""."""
     return f", or solver={other!r}" if solver == "direct" else ""

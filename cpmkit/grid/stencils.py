@@ -9,7 +9,7 @@ from cpmkit.types import Floats, Ints
 
 
 def check_degree(degree: int, label: str = "degree") -> int:
-    """Return ``degree`` if it is a degree of interpolation from 2 to 5; ``label`` names it in the message.
+    """Return ``degree`` if it is an integer from 2 to 5; ``label`` names the degree in the message.
 
     Raises
     ------
@@ -25,9 +25,9 @@ def check_degree(degree: int, label: str = "degree") -> int:
 
 
 def base_offset(degree: int) -> float:
-    """Return the shift in cells after which ``floor`` gives a stencil's cell.
+    """Return the shift, in cells, to be added to coordinates in cells before ``floor`` gives the cell of the stencil.
 
-    A stencil of odd degree is centred on a cell between nodes, one of even degree on the nearest node.
+    A stencil of odd degree is centred on a cell between nodes, a stencil of even degree on the nearest node.
     """
     return 0.0 if degree % 2 else 0.5
 
@@ -39,7 +39,10 @@ def stencil_range(degree: int) -> range:
 
 
 def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Floats]:
-    """Return the cells (n, d) of points relative to the origin, and the fractions (n, d) in [0, 1) inside them."""
+    """Return the stencil's cell (n, d) of each point (n, d), and the fractions (n, d) in [0, 1) of its position there.
+
+    Points are relative to the lattice's origin; a fraction is the distance from the cell's lower side, in cells.
+    """
     coordinates = points / spacing + base_offset(degree)
     cells = np.floor(coordinates)
     return cells.astype(np.int64), coordinates - cells
@@ -48,8 +51,9 @@ def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Fl
 def lagrange_weights(fractions: Floats, degree: int) -> Floats:
     """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis.
 
-    The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with the product
-    ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case.
+    ``fractions`` (n, d) are those of :func:`stencil_cells`. The first barycentric form (Berrut and Trefethen 2004, eq.
+    3.1), ``l(t) lambda_k / (t - t_k)``, with the product ``l(t) / (t - t_k)`` written out, so that a point on a node is
+    no special case.
     """
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
     differences = fractions[..., None] - nodes
@@ -61,7 +65,10 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
 
 
 def tensor_weights(fractions: Floats, degree: int) -> Floats:
-    """Return the weights (n, (degree + 1)^d) of tensor-product interpolation, last axis fastest."""
+    """Return the weights (n, (degree + 1)^d) of tensor-product interpolation at ``fractions`` (n, d).
+
+    The last axis varies fastest.
+    """
     # King et al. (2024), eq. 1: the weights of the closest point extension.
     lines = lagrange_weights(fractions, degree)
     weights = lines[:, 0]
@@ -71,7 +78,7 @@ def tensor_weights(fractions: Floats, degree: int) -> Floats:
 
 
 def lagrange_slopes(fractions: Floats, degree: int) -> Floats:
-    """Return the derivatives (n, d, degree + 1) of :func:`lagrange_weights` by the fractions, per cell."""
+    """Return the derivatives (n, d, degree + 1) of :func:`lagrange_weights` with respect to the fractions, per cell."""
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
     differences = fractions[..., None] - nodes
     slopes = np.zeros_like(differences)
@@ -104,15 +111,15 @@ def tensor_offsets(degree: int, dim: int) -> Ints:
 
 
 def cross_offsets(dim: int) -> Ints:
-    """Return the offsets (2 d, d) of the difference neighbours, positive before negative.
+    """Return the offsets (2 d, d) of the neighbours in the cross-shaped Laplacian, positive before negative directions.
 
-    They have the weight 1 in ``spacing^2`` Lap, and the node itself -2 d: King et al. (2024), eq. 2.
+    In ``spacing^2`` times the Laplacian they have the weight 1, and the node itself -2 d: King et al. (2024), eq. 2.
     """
     unit = np.eye(dim, dtype=np.int64)
     return np.concatenate([unit, -unit])
 
 
 def reading_radius(dim: int, degree: int) -> float:
-    """Return the distance, in spacings, within which a stencil reads nodes: ``sqrt(d) (p + 1) / 2``."""
+    """Return the radius, in spacings, of a ball that contains the stencil of its centre: ``sqrt(d) (p + 1) / 2``."""
     # King et al. (2024), eq. 4 with q = 0.
     return float(np.sqrt(dim) * (degree + 1) / 2)

@@ -18,18 +18,18 @@ MOST_EDGES = 1000
 
 @runtime_checkable
 class HasNormals(Protocol):
-    """A hypersurface that knows its unit normal, of one sign everywhere."""
+    """A hypersurface that has unit normals of its own, on one side everywhere."""
 
     def normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit normals at ``feet``, records that this source answered."""
+        """Return unit normals (n, d) at ``feet``, which are closest points that this source returned."""
 
 
 @runtime_checkable
 class HasCreases(Protocol):
-    """A surface of flat cells that stands for a smooth one, with creases at which it stays as it is."""
+    """A mesh that stands for a smooth surface, and has creases beside which the surface is that of the flat cells."""
 
     def facet_normals(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit normals of the cells that contain ``feet`` and have a corner at a crease.
+        """Return unit normals (n, d) of the cells that contain ``feet``, where such a cell has a corner at a crease.
 
         NaN in other cells, at corners off creases, and on edges between such corners: there the surface is smooth.
         """
@@ -37,7 +37,7 @@ class HasCreases(Protocol):
 
 @runtime_checkable
 class HasTangents(Protocol):
-    """A curve that knows its direction of travel."""
+    """A curve that has unit tangents of its own, in its direction of travel."""
 
     def tangents(self, feet: ClosestPoints, /) -> Floats:
         """Return (n, d) unit tangents at ``feet``; at a corner the bisector of its two tangents."""
@@ -45,14 +45,14 @@ class HasTangents(Protocol):
 
 @runtime_checkable
 class HasLeft(Protocol):
-    """A curve in a surface, or a surface in a solid, that knows its left side, as the cut by a function does.
+    """A curve in a surface, or a surface in a solid, that has a left side of its own, such as a cut by a function.
 
     An optional attribute ``left_of``, (d,) or None, is a point on the left: it decides the side on surfaces that have
     no normals.
     """
 
     def leftward(self, feet: ClosestPoints, /) -> Floats:
-        """Return (n, d) unit conormals at ``feet``: to the left, across the curve and along the surface."""
+        """Return unit conormals (n, d) at ``feet``: tangent to the surface, perpendicular to the curve, leftward."""
 
 
 @runtime_checkable
@@ -96,19 +96,19 @@ class HasGivenMesh(Protocol):
 
 @runtime_checkable
 class HasMesh(Protocol):
-    """A source that can be drawn."""
+    """A source that has a mesh of itself, at any spacing."""
 
     def mesh(self, spacing: float, /) -> tuple[Floats, Ints]:
         """Return vertices (v, d) on the manifold and cells (m, k) of about the size ``spacing``.
 
-        ``k`` is 3 for triangles, 2 for segments, 1 for points. Of a mixed union it is the largest that occurs, and rows
-        of smaller cells end in -1.
+        ``k`` is 3 for triangles, 2 for segments, 1 for points. For a mixed union it is the largest of these that
+        occurs, and rows of smaller cells end in -1.
         """
 
 
 @runtime_checkable
 class HasTranslation(Protocol):
-    """A source that can be stated in shifted coordinates without rounding of its shape.
+    """A source that can be translated exactly, without rounding of its shape.
 
     The core queries every source relative to the origin of the lattice. A source with this ability keeps its accuracy
     far from zero: at 1e9 a rounded query is off by 1e-7, which the method would amplify by size / spacing. Other
@@ -121,7 +121,7 @@ class HasTranslation(Protocol):
 
 @runtime_checkable
 class HasMembers(Protocol):
-    """A union: ``element`` in its records is the number of the member that contains the foot."""
+    """A union of sources: ``element`` of its closest points is the number of the member that contains the foot."""
 
     @property
     def members(self) -> Sequence[ClosestPointSource]:
@@ -130,7 +130,7 @@ class HasMembers(Protocol):
 
 @runtime_checkable
 class HasFacets(Protocol):
-    """A mesh that is read as the smooth surface that it samples, and can be read as its flat triangles."""
+    """A mesh that stands for the smooth surface that it samples, and can also be read as its flat triangles."""
 
     def read_as_facets(self) -> ClosestPointSource:
         """Return the same mesh read as its flat triangles."""
@@ -199,7 +199,10 @@ def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
 
 
 def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-    """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``: if need be, the closest points alone."""
+    """Return the rows (k,) of ``x`` (n, d) and their feet within ``radius``, on each sheet if the source finds these.
+
+    A source without local minima gives the closest points alone.
+    """
     if isinstance(source, HasLocalMinima):
         return source.local_minima(x, radius)
     feet = source.closest_point(x)
@@ -208,7 +211,7 @@ def local_minima_of(source: ClosestPointSource, x: Floats, radius: float) -> tup
 
 
 def advice_of(source: object, spacing: float) -> Advice:
-    """Return the advice of ``source`` at ``spacing``: no warnings and no error if it gives none."""
+    """Return the advice of ``source`` at ``spacing``; no warnings and a floor of zero if the source gives none."""
     return source.advice(spacing) if isinstance(source, HasAdvice) else Advice()
 
 
@@ -224,13 +227,13 @@ def integral_floor_of(source: object, spacing: float) -> float:
 
 
 def has_finite_feet(source: ClosestPointSource) -> bool:
-    """Return whether the feet on ``source``, or on one of its members, are finitely many points."""
+    """Return whether ``source``, or one of its members, has only finitely many closest points, as a point cloud has."""
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
     return any(_foot_count(member, size) is not None for member in members_of(source))
 
 
 def _foot_count(source: ClosestPointSource, spacing: float) -> int | None:
-    """Return the number of feet by the source's advice, or by its attribute of an earlier release."""
+    """Return the number of feet, by the source's advice or its attribute of an earlier release; None if unlimited."""
     count = advice_of(source, spacing).foot_count
     if count is None and hasattr(source, "foot_count"):
         warn_renamed(f"{type(source).__name__}.foot_count", "Advice.foot_count", 3)
@@ -239,5 +242,5 @@ def _foot_count(source: ClosestPointSource, spacing: float) -> int | None:
 
 
 def edge_limit_of(source: object) -> int:
-    """Return the number that all edge numbers of ``source`` are below."""
+    """Return the bound below which all edge numbers of ``source`` lie."""
     return int(getattr(source, "edge_limit", MOST_EDGES))

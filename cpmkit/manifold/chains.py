@@ -25,7 +25,7 @@ class Chain(NamedTuple):
 
 
 def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> list[Chain]:
-    """Return the curves that pass through points (n, d).
+    """Return the chains of ``points`` (n, d) in the order of travel, one for each curve that passes through them.
 
     Two points are linked if each is the other's next point: the nearest within ``reach`` that lies ahead or behind,
     with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms
@@ -34,7 +34,7 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
     Parameters
     ----------
     points : (n, d) float64
-        A few times denser than ``reach``.
+        Samples of the curves, a few times denser than ``reach``.
     tangents : (n, d) float64
         Unit tangents of any sign.
     conormals : (n, d) float64
@@ -63,7 +63,7 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
 
 
 def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> Ints:
-    """Return the pairs (m, 2) of linked points, the smaller number first."""
+    """Return the pairs (m, 2) of points that are linked (see :func:`link_chains`), the smaller number first."""
     from scipy.spatial import cKDTree
 
     n = len(points)
@@ -83,7 +83,7 @@ def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) ->
 
 
 def _cheapest(other: Ints, cost: Floats) -> Ints:
-    """Return the column of ``other`` (n, k) with the least ``cost`` in each row, -1 where all costs are infinite."""
+    """Return the entry (n,) of ``other`` (n, k) of least ``cost`` in each row, -1 where all costs are infinite."""
     if not cost.shape[1]:
         return np.full(len(cost), -1)
     best = cost.argmin(axis=1)[:, None]

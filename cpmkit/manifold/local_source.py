@@ -107,7 +107,7 @@ class LocalSource:
         return np.full(len(feet), dims[0]) if len(dims) == 1 else dims[feet.element]
 
     def by_member(self, feet: ClosestPoints) -> Iterator[tuple[LocalSource, Ints, ClosestPoints]]:
-        """Yield each member that contains some of ``feet``, their rows, and the member's records of them."""
+        """Yield each member that contains some of ``feet``, their rows (k,), and their closest points on the member."""
         if self.members[0] is self:
             yield self, np.arange(len(feet)), feet
             return
@@ -128,7 +128,7 @@ class LocalSource:
 
     @cached_property
     def has_creases(self) -> bool:
-        """Whether the source is a mesh with creases that is read as smooth elsewhere."""
+        """Whether the source is a mesh that stands for a smooth surface but has creases."""
         return isinstance(self.source, HasCreases)
 
     @cached_property
@@ -138,12 +138,12 @@ class LocalSource:
 
     @cached_property
     def has_local_minima(self) -> bool:
-        """Whether the source, or each member of a union, finds a foot on every sheet."""
+        """Whether the source, or each member of a union, finds a foot on every sheet near a query."""
         return all(isinstance(member.source, HasLocalMinima) for member in self.members)
 
     @cached_property
     def has_left(self) -> bool:
-        """Whether the source, or each member of a union, knows its left side."""
+        """Whether the source, or each member of a union, has a left side of its own."""
         return all(isinstance(member.source, HasLeft) for member in self.members)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
@@ -160,9 +160,9 @@ class LocalSource:
         return self._shift(answer, -self.shift)
 
     def local_minima(self, x: Floats, radius: float) -> tuple[Ints, ClosestPoints]:
-        """Return the rows (k,) of ``x`` (n, d), ascending, and their feet within ``radius``, the nearest first.
+        """Return the rows (k,) of ``x`` (n, d) of all feet within ``radius``, and these feet.
 
-        Counts as one query a row.
+        Rows ascend, and the feet of a row are ordered by distance. A row counts as one query.
         """
         assert isinstance(self.source, HasLocalMinima)
         self.queries["points"] += len(x)
@@ -171,7 +171,7 @@ class LocalSource:
         return rows, self._shift(feet, -self.shift)
 
     def _directions(self, name: str, feet: ClosestPoints) -> Floats:
-        """Return the source's unit vectors (n, d) at ``feet`` by the method ``name``."""
+        """Return the unit vectors (n, d) at ``feet`` that the source's method ``name`` returns."""
         return np.asarray(getattr(self.source, name)(self._shift(feet, self.shift)))
 
     normals = partialmethod(_directions, "normals")
@@ -180,16 +180,17 @@ class LocalSource:
     leftward = partialmethod(_directions, "leftward")
 
     def _shift(self, feet: ClosestPoints, offset: Floats) -> ClosestPoints:
+        """Return ``feet`` moved by ``offset`` (d,); unchanged where the source was translated."""
         return replace(feet, points=feet.points + offset) if self.shift.any() else feet
 
 
 def largest_dim(source: ClosestPointSource) -> int:
-    """Return the largest dimension of a source's members; the space's where it is not known."""
+    """Return the largest dimension of a source's members; a mixed union as a member counts with that of the space."""
     return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members_of(source))
 
 
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
-    """Return ``source`` relative to ``origin`` (d,)."""
+    """Return ``source`` with queries and answers relative to ``origin`` (d,), translated if the source can be."""
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)
     translate = source.translate if isinstance(source, HasTranslation) else getattr(source, "translated", None)
@@ -201,11 +202,11 @@ def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
 
 
 def with_noise(source: LocalSource, spacing: float) -> LocalSource:
-    """Return the source with its ``noise`` measured within half a ``spacing`` of the manifold.
+    """Return the source with its ``noise``, the random error of its feet, measured within half a ``spacing`` of it.
 
-    Every point of the line from a foot to its query has this foot. Exact feet along the line are therefore one point,
-    and feet with a smoothly varying error lie on a smooth curve: noise is what third differences along such lines
-    leave, as the root of the median of their squares.
+    All points of the segment from a query to its foot have the same foot. Computed feet of such points coincide if they
+    are exact, and lie on a smooth curve if their error is smooth; third differences along the segment leave the random
+    error. The noise is the root of the median of their squares, 0 where it is mere rounding.
     """
     rng = np.random.default_rng(0)
     low, high = source.bounds
@@ -214,6 +215,7 @@ def with_noise(source: LocalSource, spacing: float) -> LocalSource:
     feet = source.closest_point(queries).points
 
     def along(share: float) -> Floats:
+        """Return the feet (n, d) of the points at ``share`` of the way from the feet to the queries."""
         return source.closest_point(feet + share * (queries - feet)).points
 
     third = feet - 3 * along(0.75) + 3 * along(0.5) - along(0.25)

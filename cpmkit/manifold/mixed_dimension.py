@@ -1,4 +1,4 @@
-"""Joints of a union, where members of different dimension meet: no law of the equation holds there."""
+"""Joints: places where members of different dimension in a union meet, and the equation is not well defined."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ class MixedJoint:
     Attributes
     ----------
     first, second : int
-        Numbers of the members, the one of lower dimension first.
+        Numbers of the members, the member of lower dimension first.
     dimensions : (int, int)
         Dimensions of the members; that of a solid is the space's.
     gap : float
         Distance between them; 0 where one lies in or on the other.
     point : (d,) float64
-        On the first member.
+        The nearest point of the first member.
     """
 
     first: int
@@ -48,7 +48,7 @@ class MixedJoint:
 
 
 def mixed_joints(surface: ClosestPointSource, within: float) -> list[MixedJoint]:
-    """Return the pairs of members of different dimension that are at most ``within`` apart."""
+    """Return the joints of all pairs of members of different dimension that are at most ``within`` apart."""
     if not isinstance(surface, HasMembers):
         return []
     members, touching = _single_members(surface), _touching_distance(surface)
@@ -65,18 +65,18 @@ def mixed_joints(surface: ClosestPointSource, within: float) -> list[MixedJoint]
 
 
 def touching_joints(surface: ClosestPointSource) -> list[MixedJoint]:
-    """Return the pairs of members of different dimension that touch."""
+    """Return the joints of all pairs of members of different dimension that touch, up to rounding."""
     return mixed_joints(surface, _touching_distance(surface))
 
 
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float) -> list[str]:
-    """Return one warning if a lattice of this spacing joins members of different dimension, or none."""
+    """Return a warning, in a list, if members of different dimension are too near for this spacing; else []."""
     joints = mixed_joints(surface, JOINED_SPACINGS * spacing)
     return [joints_warning(surface, joints)] if joints else []
 
 
 def joints_warning(surface: ClosestPointSource, joints: Sequence[MixedJoint]) -> str:
-    """Return the warning about joints: where the nearest is, and what they mean for a solution."""
+    """Return the warning about ``joints``: the place of the nearest joint, and the consequence for a solution."""
     joint = min(joints, key=lambda joint: (joint.gap, joint.first, joint.second))
     meets = "meet" if joint.gap == 0 else f"come within {joint.gap:.2g} of each other"
     more = f", as do {len(joints) - 1} more pairs" if len(joints) > 1 else ""
@@ -90,26 +90,29 @@ def joints_warning(surface: ClosestPointSource, joints: Sequence[MixedJoint]) ->
 
 
 def _touching_distance(surface: ClosestPointSource) -> float:
+    """Return the distance below which members count as touching: a share of the union's size."""
     return TOUCHING_SIZE_SHARE * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
 
 
 def _single_members(surface: ClosestPointSource) -> list[ClosestPointSource]:
+    """Return the members of a union, with those of nested unions, or the source alone."""
     if not isinstance(surface, HasMembers):
         return [surface]
     return [single for member in surface.members for single in _single_members(member)]
 
 
 def _dimension(member: ClosestPointSource) -> int:
+    """Return the dimension of a member, that of the space where the member has none."""
     return member.dim if member.manifold_dim is None else member.manifold_dim
 
 
 def _nearest_approach(
     lower: ClosestPointSource, higher: ClosestPointSource, within: float, touching: float
 ) -> tuple[float, Floats]:
-    """Return the distance between two members and its place (d,) on the first, by alternating projections.
+    """Return the distance between two members and the point (d,) of ``lower`` nearest to ``higher``.
 
-    The distance is 0 where they are at most ``touching`` apart, infinite where their boxes are farther apart than
-    ``within``.
+    They are found by alternating projections. The distance is 0 where it is at most ``touching``, infinite where the
+    bounding boxes are farther apart than ``within``.
     """
     boxes = np.array([lower.bounds, higher.bounds], dtype=np.float64)
     low, high = boxes[:, 0].max(axis=0) - within, boxes[:, 1].min(axis=0) + within

@@ -1,4 +1,4 @@
-"""Signs of normals and tangents that come from closest points alone, propagated along a boundary.
+"""Signs of normals and tangents of sources that have no orientation of their own, propagated along a boundary.
 
 Differs from King et al. (2024), section 4.7, where vectors get their signs stencil by stencil.
 """
@@ -31,14 +31,14 @@ SIGN_SAMPLES = 6
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """Signs of directions along a boundary, given at samples of it.
+    """A consistent choice of sign for normals or tangents of a boundary, stored at samples of it.
 
     Attributes
     ----------
     points : (s, d) float64 or None
         Samples of the boundary; None where the source's own signs are used.
     directions : (s, d) float64 or None
-        Directions at the samples; those of neighbours agree.
+        Unit normals or tangents at the samples; the signs of neighbours agree.
     spacing : float
         Distance of the samples.
     travel : bool
@@ -51,7 +51,10 @@ class Orientation:
     travel: bool = False
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
-        """Return ``directions`` (n, d) at ``points`` (n, d), each with the sign that agrees best with a near sample."""
+        """Return ``directions`` (n, d) at ``points`` (n, d), with signs changed where the samples near by require it.
+
+        Of the nearest samples, the sample whose direction is most nearly parallel decides.
+        """
         if self.points is None or self.directions is None or not len(points):
             return directions
         nearest, short = self._nearest_samples(points), SHORT_CHORD_SPACINGS * self.spacing
@@ -61,7 +64,7 @@ class Orientation:
         return np.asarray(np.where(best >= 0, directions, -directions))
 
     def mean(self, points: Floats) -> Floats:
-        """Return the mean direction (n, d) of the samples nearest to ``points`` (n, d), of length one."""
+        """Return unit vectors (n, d): the mean directions of the samples nearest to ``points`` (n, d)."""
         assert self.directions is not None
         mean = self.directions[self._nearest_samples(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
@@ -79,6 +82,7 @@ class Orientation:
 
     @cached_property
     def _tree(self) -> Any:
+        """The k-d tree of the samples."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
@@ -118,7 +122,10 @@ def agreements(first: Floats, second: Floats, chords: Floats, short: float, trav
 
 
 def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
-    """Return the pairs (k, 2) of neighbouring samples; on a curve, given its ``tangents``, those ahead and behind."""
+    """Return the pairs (k, 2) of neighbouring samples among ``points`` (s, d), which are ``spacing`` apart.
+
+    With ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind along it are neighbours.
+    """
     from scipy.spatial import cKDTree
 
     pairs: Ints = cKDTree(points).query_pairs(NEIGHBOUR_SPACINGS * spacing, output_type="ndarray").astype(np.int64)
@@ -152,9 +159,10 @@ class PropagatedSigns:
 
 
 def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> PropagatedSigns:
-    """Return ``directions`` (s, d) at samples ``points`` with signs that agree along the most certain of the ``pairs``.
+    """Return ``directions`` (s, d) at ``points`` (s, d) with signs that agree between neighbours.
 
-    Signs follow a minimum spanning tree of the pairs (k, 2), whose weights are small where directions agree well.
+    Signs follow a minimum spanning tree of the ``pairs`` (k, 2) of neighbours, whose weights are small where directions
+    agree well.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
@@ -183,7 +191,7 @@ def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: fl
 
 
 def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
-    """Return each member's sign relative to the root of its spanning tree, by pointer doubling.
+    """Return the sign (m,), 1 or -1, of each member relative to the root of its spanning tree, by pointer doubling.
 
     Parameters
     ----------
@@ -203,11 +211,11 @@ def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
 
 
 def sign_by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
-    """Return the sign, 1 or -1, of ``directions`` (s, d) of one piece by a rule that does not depend on the lattice.
+    """Return 1 or -1, the factor that gives ``directions`` (s, d) of a connected piece their conventional orientation.
 
-    Normals point away from ``centre`` (d,), tangents run counter-clockwise about the axis with the largest angular
-    moment. Where both are undecided, the largest component of the mean direction, or else of the direction at the first
-    sample in lexicographic order, is positive.
+    The rule does not depend on the lattice. Normals point away from ``centre`` (d,), tangents (``travel``) run
+    counter-clockwise about the axis with the largest angular moment. Where this is undecided, the largest component of
+    the mean direction, or else of the direction at the first sample in lexicographic order, is positive.
     """
     away = points - centre
     moments = [directions.mean(axis=0), directions[np.lexsort(points.T)[0]]]
@@ -223,9 +231,10 @@ def sign_by_rule(points: Floats, directions: Floats, centre: Floats, travel: boo
 
 
 def _largest_length(away: Floats) -> float:
+    """Return the largest length of the vectors ``away`` (s, d), 1 if all are zero."""
     return float(np.linalg.norm(away, axis=1).max()) or 1.0
 
 
 def piece_masks(piece: Ints) -> list[Bools]:
-    """Return a mask of the samples of each piece."""
+    """Return for each connected piece a mask (s,) of its samples, from the ``piece`` (s,) of each sample."""
     return [piece == number for number in range(int(piece.max(initial=-1)) + 1)]

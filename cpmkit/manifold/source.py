@@ -18,13 +18,13 @@ MANIFOLD_WORDS = ("points", "a curve", "a surface", "a solid")
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """A table of records: each field is an array with one row a record, or None for all records."""
+    """A table of records: each field is an array with one row for each record, or None."""
 
     def __len__(self) -> int:
         return len(getattr(self, fields(self)[0].name))
 
     def take(self, index: NDArray[Any]) -> Self:
-        """Return the records at ``index`` (integers or a mask)."""
+        """Return the records with the given ``index``: integers (k,) or a mask (n,)."""
 
         def select(values: Any) -> Any:
             if isinstance(values, list):
@@ -122,7 +122,7 @@ class ClosestPointSource(Protocol):
 def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
     """Return one line about a source: its name, dimensions, number of vertices with values, and bounds.
 
-    ``name`` is by default that of its class. The ``repr`` of a dataclass would print all its arrays.
+    ``name`` is by default the name of the source's class. The ``repr`` of a dataclass would print all its arrays.
     """
     name = name or type(source).__name__
     try:
@@ -138,7 +138,7 @@ def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
 
 
 def check_source(source: Any, label: str, alternatives: str = "") -> None:
-    """Refuse an object that cannot answer closest point queries.
+    """Raise if ``source`` is not an object that answers closest point queries.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def check_source(source: Any, label: str, alternatives: str = "") -> None:
 
 
 def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: bool) -> None:
-    """Refuse an answer to closest point queries that breaks the contract; the message names the source at fault.
+    """Raise if an answer to closest point queries breaks the contract; the message names the source at fault.
 
     Parameters
     ----------
@@ -207,6 +207,6 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
 
 
 def _class_names(source: Any) -> str:
-    """Return the name of a source's class and, of a combination, of the source inside it."""
+    """Return the name of a source's class, followed for a combination by that of the source inside it."""
     inner = getattr(source, "of", None)
     return type(source).__name__ + (f" of {_class_names(inner)}" if hasattr(inner, "closest_point") else "")

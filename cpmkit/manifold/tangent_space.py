@@ -18,7 +18,7 @@ CORNER_EIGENVALUE_GAP = 0.7
 
 
 def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
-    """Return the Jacobian (n, d, d) of the closest point map at ``points``, by central differences, symmetrised.
+    """Return the Jacobian (n, d, d) of the closest point map at ``points`` (n, d), by central differences, symmetrised.
 
     On a manifold it is the projection on the tangent space (Maerz and Macdonald 2012).
     King et al. (2024), section 4.7, interpolates it from the nodes; here it is evaluated at the feet themselves.
@@ -29,14 +29,20 @@ def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
 
 
 def _feet_around(source: LocalSource, points: Floats, step: float) -> Floats:
-    """Return the feet (n, 2 d, d) of points a ``step`` ahead of ``points`` along each axis, then of those behind."""
+    """Return the feet (n, 2 d, d) of the points at distance ``step`` from ``points`` (n, d) along the axes.
+
+    Points in the positive directions of all axes come first, then those in the negative directions.
+    """
     shifts = step * np.concatenate([np.eye(source.dim), -np.eye(source.dim)])
     feet = source.closest_point((points[:, None] + shifts).reshape(-1, source.dim))
     return feet.points.reshape(-1, *shifts.shape)
 
 
 def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit normals (n, d) of a hypersurface at ``feet``; their signs are arbitrary if it has none of its own."""
+    """Return unit normals (n, d) of a hypersurface at ``feet``: its own, or from the Jacobian with arbitrary signs.
+
+    ``step`` is that of the differences of closest points.
+    """
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
         if member.has_normals:
@@ -47,12 +53,15 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
 
 
 def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) of a curve at ``feet``; their signs are arbitrary if it has none of its own."""
+    """Return unit tangents (n, d) of a curve at ``feet``: its own, or from the Jacobian with arbitrary signs."""
     return tangents_and_corners(curve, feet, step)[0]
 
 
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
-    """Return unit tangents (n, d) of a curve, and where (n,) a curve without tangents of its own has a corner."""
+    """Return unit tangents (n, d) of a curve at ``feet``, and a mask (n,) of the feet at corners.
+
+    Corners are found, from the eigenvalues of the Jacobian, only on curves without tangents of their own.
+    """
     corner = np.zeros(len(feet), dtype=bool)
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
@@ -66,13 +75,14 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
 
 
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
-    """Return ``vectors`` (n, d) projected on the tangent space at ``feet``."""
+    """Return ``vectors`` (n, d) projected on the tangent spaces of ``surface`` at ``feet``."""
     return _by_member(
         surface, feet, lambda member, member_feet, rows: _project(member, member_feet, vectors[rows], step)
     )
 
 
 def _project(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+    """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet`` of a source that is no union."""
     if surface.manifold_dim == surface.dim:
         return vectors
     if surface.manifold_dim == 2:
@@ -97,6 +107,7 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
 
 
 def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
+    """Return the outward unit conormals (n, d) at feet ``edge`` of a single member, see :func:`outward_conormals`."""
     y = edge.points
     lean = -_normalize((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
     if surface.has_normals or surface.has_tangents:
@@ -108,13 +119,17 @@ def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
 
 
 def _normalize(vectors: Floats) -> Floats:
+    """Return the vectors (..., d) divided by their lengths."""
     return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
 
 
 def _by_member(
     surface: LocalSource, feet: ClosestPoints, compute: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
-    """Return vectors (n, d) computed for each member of a union from its own feet, whatever other members are near."""
+    """Return the vectors (n, d) that ``compute`` returns for the feet on each member of a union, with the member alone.
+
+    ``compute`` gets a member, its feet and their rows, so that other members near by have no influence.
+    """
     vectors = np.empty_like(feet.points)
     for member, rows, member_feet in surface.by_member(feet):
         vectors[rows] = compute(member, member_feet, rows)
@@ -129,9 +144,10 @@ def axis_and_left(
     feet: ClosestPoints,
     step: float,
 ) -> tuple[Floats, Floats]:
-    """Return the normal n (n, d) and the conormal v = n x t (n, d) to the left; v twice where n is not needed.
+    """Return the normal n (n, d) of the manifold and the conormal v = n x t (n, d) to the left of a boundary.
 
-    King et al. (2024), section 4.7 and eq. 18: v is its binormal b, and the normal of S_perp in its eq. 11.
+    Where n is not needed, both are v. King et al. (2024), section 4.7 and eq. 18: v is its binormal b, and the normal
+    of S_perp in its eq. 11.
 
     Parameters
     ----------
@@ -141,9 +157,9 @@ def axis_and_left(
         Across: signs of the manifold's normals, or of its tangents where it is a curve. Along: signs of the boundary's
         tangents, or of its normals where it is a surface.
     on_surface, feet : ClosestPoints
-        The manifold's and the boundary's records of the same feet.
+        The closest points on the manifold and on the boundary of the same points.
     step : float
-        Of differences.
+        Step of the differences of closest points.
     """
     across, along = signs
     dimension = (source.manifold_dim or 0) + 1
@@ -167,7 +183,7 @@ def axis_and_left(
 
 
 def _direction_of_travel(source: LocalSource, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
-    """Return the direction of travel (n, d) at feet on a curve; at a corner about the bisector of both directions."""
+    """Return unit tangents (n, d) at ``feet`` on a curve, with the signs of ``along``; the bisector at corners."""
     directions, corner = tangents_and_corners(source, feet, step)
     directions = along.apply(feet.points, directions)
     if along.points is not None and corner.any():

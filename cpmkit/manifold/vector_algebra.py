@@ -11,7 +11,7 @@ from cpmkit.types import Floats
 
 
 def dots(a: Floats, b: Floats) -> Floats:
-    """Return the inner products along the last axis."""
+    """Return the inner products (...,) of ``a`` and ``b`` (..., d) along the last axis."""
     total = a[..., 0] * b[..., 0]
     for k in range(1, a.shape[-1]):
         total = total + a[..., k] * b[..., k]
@@ -19,12 +19,12 @@ def dots(a: Floats, b: Floats) -> Floats:
 
 
 def norms(a: Floats) -> Floats:
-    """Return the lengths along the last axis."""
+    """Return the Euclidean lengths (...,) of ``a`` (..., d) along the last axis."""
     return np.sqrt(dots(a, a))
 
 
 def unit(a: Floats) -> Floats:
-    """Return the rows (n, d) scaled to length one; rows of length zero stay zero."""
+    """Return ``a`` (n, d) with its rows scaled to length one; rows of length zero become zero."""
     length = norms(a)[:, None]
     if (length > 0).all():
         return np.asarray(a / length)
@@ -67,6 +67,7 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
 
 
 def _check_orthogonal(matrix: Floats) -> None:
+    """Raise InputError if ``matrix`` (d, d) is not orthogonal with determinant +1, to 1e-12."""
     excess = np.abs(matrix @ matrix.T - np.eye(len(matrix))).max()
     if excess > 1e-12 or np.linalg.det(matrix) < 0:
         raise InputError(
@@ -76,7 +77,7 @@ def _check_orthogonal(matrix: Floats) -> None:
 
 
 def rotate(rotation: Floats, vectors: Floats) -> Floats:
-    """Return ``rotation @ v`` for the rows v of ``vectors`` (n, d)."""
+    """Return ``rotation @ v``, (n, d), for the rows v of ``vectors`` (n, d)."""
     if (rotation == np.eye(len(rotation))).all():
         return vectors
     rotated = vectors[:, :1] * rotation[:, 0]

@@ -27,9 +27,9 @@ LONGEST_STEP_FACTOR = 4.0
 
 
 def feet_from(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
-    """Return the rows of ``goal`` (n, d) and their feet near ``start``, points of their sheets; nearest feet first.
+    """Return the rows (k,) of ``goal`` (n, d) and their feet on the sheets that contain ``start``, nearest feet first.
 
-    A source with local minima finds the feet no farther than ``start``; doubtful feet, and those of other sources, are
+    A source with local minima returns its feet no farther than ``start``; doubtful feet, and feet of other sources, are
     found by walking along the sheet from ``start``.
     """
     if not source.has_local_minima:
@@ -49,7 +49,7 @@ def feet_from(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: 
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The feet at the ends of walks, and the unit vectors (n, d) of their last long steps; zero if there was none."""
+    """The feet at the ends of walks, and the unit vectors (n, d) of their last long steps, zero without a long step."""
 
     feet: ClosestPoints
     last: Floats
@@ -68,7 +68,7 @@ def walk(
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last one (Barzilai and Borwein 1988).
+    chosen from how much it shrank in the last step (Barzilai and Borwein 1988).
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def walk(
     give_up : bool
         Whether a walk ends where it comes no nearer to its goal.
     lengthened : bool
-        If false, steps are the tangential part itself: a fifth more steps, which follow sharper folds.
+        If false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
     """
     feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))
     if source.manifold_dim == 0:

@@ -1,4 +1,4 @@
-"""Cells on both sides of boundaries, the rim of a mesh with its outward directions, and seams that are not welded."""
+"""Facets on boundaries and on the rim with their cells and outward directions, and seams that are not welded."""
 
 from __future__ import annotations
 
@@ -18,14 +18,16 @@ SEAM_NEIGHBOURS = 5
 
 @dataclass(frozen=True, eq=False)
 class HalfFacets:
-    """Facets seen from one cell: facets on boundaries, one for each cell beside them, and facets on the rim.
+    """Pairs of a cell and one of its facets, for all facets on boundaries and on the rim.
+
+    A facet on a boundary occurs once for each cell beside it.
 
     Attributes
     ----------
     cell, facet : (n,) int64
-        The cell, and which of its facets.
+        The number of the cell, and of the facet within the cell (the facet is opposite to this corner).
     cut : (n,) int64
-        The number of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
+        The row of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
     along : (n,) int64
         +1 where the cell traverses the facet in the direction of ``mesh.cut``, -1 where in the reverse direction; on
         a curve +1 for a cell that ends there, -1 for a cell that starts there.
@@ -40,9 +42,10 @@ class HalfFacets:
 def cut_corners(mesh: Mesh) -> Ints:
     """Return the vertex (m, k) of each corner of each cell once the mesh is cut along its boundaries.
 
-    Corners of triangles are one vertex if a path over edges without a boundary joins them; an edge of three triangles
-    or more joins all of them. Corners of segments at one place are one vertex, except where a boundary lies: there each
-    corner has its own. Tips, junctions, rims and one-sided surfaces need no special case.
+    Corners of triangles at one vertex stay one vertex if a path over edges without a boundary connects them; an edge of
+    three triangles or more connects all of them. Corners of segments at one place are one vertex, except where a
+    boundary lies: there each corner becomes a vertex of its own. Tips, junctions, rims and one-sided surfaces need no
+    special case.
     """
     if mesh.manifold_dim == 1:
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
@@ -60,14 +63,14 @@ def cut_corners(mesh: Mesh) -> Ints:
 
 
 def has_cut_corners(mesh: Mesh, corners: Ints) -> bool:
-    """Tell whether the cut gives some vertex of the mesh several ``corners``, more than a renumbering."""
+    """Return whether cutting splits some vertex into several, given the vertices ``corners`` (m, k) after cutting."""
     return bool(corners.max(initial=-1) + 1 > np.count_nonzero(np.bincount(mesh.cells.ravel())))
 
 
 def half_facets(mesh: Mesh) -> HalfFacets:
     """Return the facets on boundaries, once for each cell beside them, and the facets on the rim.
 
-    Where several boundaries lie on one facet, the first in ``mesh.cut`` is named.
+    Where several boundaries lie on one facet, ``cut`` is the first row of ``mesh.cut`` with this facet.
     """
     facets, count = mesh.connectivity.facet_numbers, mesh.connectivity.facet_count
     on_cut = mesh.cut[:, 0] if mesh.manifold_dim == 1 else mesh.cut_edges
@@ -90,7 +93,7 @@ class Rim:
     Attributes
     ----------
     rows : (r,) int64
-        Their numbers, ascending.
+        Numbers of these edges or vertices, ascending.
     outward : (r, d) float64
         Vectors tangent to the cell, pointing out of it, as long as the edge there.
     """
@@ -99,14 +102,14 @@ class Rim:
     outward: Floats
 
     def among(self, chosen: Ints) -> Rim:
-        """Return the rim restricted to the points ``chosen`` (n,), all different, with rows numbered among these."""
+        """Return the part of the rim among the distinct points ``chosen`` (n,), with rows counted in ``chosen``."""
         at = np.searchsorted(self.rows, chosen)
         rows = np.flatnonzero(np.append(self.rows, -1)[at] == chosen)
         return Rim(rows, self.outward[at[rows]])
 
 
 def rim_of_edges(mesh: Mesh) -> Rim:
-    """Return the edges of triangles on the rim, perpendicular to each the direction out; segments have none."""
+    """Return the edges of triangles on the rim with outward vectors perpendicular to them; no edge for segments."""
     if mesh.manifold_dim == 1:
         return Rim(np.zeros(0, dtype=np.int64), np.zeros((0, mesh.dim)))
     edges = mesh.edges
@@ -120,7 +123,10 @@ def rim_of_edges(mesh: Mesh) -> Rim:
 
 
 def rim_of_vertices(mesh: Mesh) -> Rim:
-    """Return the vertices on the rim, each with the mean of the outward vectors of its edges on the rim."""
+    """Return the vertices on the rim, each with the mean of the outward vectors of its edges on the rim.
+
+    For segments these are the ends of the curve, with the vectors of the last segments.
+    """
     if mesh.manifold_dim == 1:
         cell, end = np.nonzero(mesh.connectivity.on_rim[mesh.cells])
         ends, other = mesh.cells[cell, end], mesh.cells[cell, 1 - end]

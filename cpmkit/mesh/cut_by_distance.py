@@ -20,7 +20,7 @@ CROSSED_EDGE_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CutCells:
-    """A mesh between two cuts; ``attributes`` are points and normals, which a cut interpolates alike."""
+    """Cells of mixed dimension after some cuts; ``attributes`` are points and normals, both interpolated by a cut."""
 
     attributes: Floats  # (v, d) or (v, 2 d)
     sides: Ints  # (v, boundaries): 1 left, -1 right, 0 not on that boundary
@@ -30,12 +30,12 @@ class CutCells:
 def cut_by_distance(
     pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
 ) -> CutCells:
-    """Split every cell that a boundary crosses, and give the two sides vertices of their own.
+    """Return the mesh with all cells that a boundary crosses split, and separate vertices on its two sides.
 
     Parameters
     ----------
-    pieces : Pieces
-        The mesh before.
+    pieces : CutCells
+        The mesh before the cut.
     boundary : int
         The boundary's column in ``pieces.sides``.
     distance : (v,) float64
@@ -43,9 +43,9 @@ def cut_by_distance(
     dim : int
         2 or 3.
     curve : ClosestPointSource
-        Where the boundary lies.
+        The boundary.
     spacing : float
-        Of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
+        Spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
     """
     count, points = len(distance), pieces.attributes[:, :dim]
     sign = _signs(points, distance, curve, spacing)
@@ -74,10 +74,10 @@ def cut_by_distance(
 
 
 def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing: float) -> Floats:
-    """Return 1 left, -1 right, 0 on the boundary and NaN where there is no side.
+    """Return the side (v,) of each of ``points`` (v, d): 1 left, -1 right, 0 on the boundary, NaN without a side.
 
-    The distance is measured along the surface's tangent, so it also vanishes beside the boundary on
-    another sheet, such as the other leg of an animal; that is no place on the boundary.
+    The ``distance`` (v,) is measured along the surface's tangent, so it also vanishes beside the boundary on another
+    sheet, such as the other leg of an animal; such a point is not on the boundary.
     """
     sign: Floats = np.sign(distance)
     zero = np.flatnonzero(np.abs(distance) < ON_CURVE_SPACINGS * spacing)
@@ -86,11 +86,10 @@ def _signs(points: Floats, distance: Floats, curve: ClosestPointSource, spacing:
 
 
 def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
-    """Return which edges the boundary crosses.
+    """Return which of ``edges`` (e, 2) the boundary crosses, (e,).
 
-    Opposite signs are not enough: they also occur across the tangent plane on another sheet, and
-    half way between two arms of a curve, where the nearest arm changes. There the zero is not near
-    the curve.
+    Opposite signs at the ends are not enough: they also occur across the tangent plane on another sheet, and half way
+    between two arms of a curve, where the nearest arm changes. There the zero of the distance is not near the curve.
     """
     a, b = edges.T
     crossed: Bools = sign[a] * sign[b] < 0
@@ -103,19 +102,22 @@ def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, 
 
 
 def _zero_on_edges(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
-    """Return the attributes where the distance vanishes on each of ``edges``."""
+    """Return ``attributes`` (v, w), interpolated linearly, at the zero of ``distance`` (v,) on each edge, (e, w)."""
     a, b = edges.T
     share = (distance[a] / (distance[a] - distance[b]))[:, None]
     return np.asarray((1 - share) * attributes[a] + share * attributes[b])
 
 
 def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
-    """Return the distances of ``points`` from ``curve``."""
+    """Return the distances (n,) of ``points`` (n, d) from ``curve``."""
     return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
 
 
 def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
-    """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither."""
+    """Return the segments (k, 2) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
+
+    ``crossings`` (m, 1) is the vertex where the boundary crosses each segment, where ``crossing`` (m, 1) is True.
+    """
     cut = crossing[:, 0]
     a, b = cells[cut].T
     p = crossings[cut, 0]
@@ -127,10 +129,11 @@ def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats)
 
 
 def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
-    """Return the cells after the cut and the side of each: 1 left, -1 right, 0 neither.
+    """Return the triangles (k, 3) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
 
-    A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A triangle
-    that the curve enters and does not leave contains the end of the curve and stays whole.
+    ``crossings`` (m, 3) are the vertices where the boundary crosses the edges, where ``crossing`` (m, 3) is True.
+    A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A triangle that the curve
+    enters and does not leave contains the end of the curve and stays whole.
     """
     count = crossing.sum(axis=1)
     two = count == 2
@@ -152,14 +155,17 @@ def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats
 
 
 def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
-    """Return the side on which all corners of each cell lie, 0 where they lie on both or on none."""
+    """Return the side (m,) of each cell, 1 or -1, if no corner lies on the other side; 0 if both or no sides occur."""
     signs = np.nan_to_num(sign[cells])
     left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
     return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
 
 
 def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
-    """Append a vertex at the zero of the distance on each of ``edges``."""
+    """Return the mesh with ``cells`` and with vertices appended at the zeros of the distance on ``edges`` (k, 2).
+
+    The cells contain the numbers of these vertices already.
+    """
     a, b = edges.T
     attributes = np.concatenate([pieces.attributes, _zero_on_edges(pieces.attributes, edges, distance)])
     # A crossing on an edge along an earlier boundary inherits its side.
@@ -168,7 +174,10 @@ def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: In
 
 
 def _separate_sides(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
-    """Give the right side copies of the vertices ``on_boundary``; the original vertices belong to the left side."""
+    """Return the mesh with copies of the vertices ``on_boundary`` (v,) in the cells on the right (``side`` < 0).
+
+    The original vertices belong to the left side.
+    """
     copied = np.flatnonzero(on_boundary)
     copy = np.arange(len(on_boundary))
     copy[copied] = len(on_boundary) + np.arange(len(copied))

@@ -23,7 +23,7 @@ CellGeometry: TypeAlias = Literal["flat", "closest_point", "normals"]
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of a mesh, each listed once; the edges of segments are the segments.
+    """The edges of a mesh, each listed once; a segment is its own edge.
 
     Attributes
     ----------
@@ -82,12 +82,12 @@ class Connectivity:
 
     @property
     def on_rim(self) -> Bools:
-        """(f,) whether exactly one cell has the facet: then it lies on the rim."""
+        """(f,) whether a facet lies on the rim: exactly one cell has it."""
         return np.asarray(np.bincount(self.facet_numbers.ravel(), minlength=self.facet_count) == 1)
 
     @cached_property
     def winding(self) -> Any:
-        """(m,) int8: 1 or -1, by which neighbouring cells are oriented alike, and 0 beside facets where they cannot be.
+        """(m,) int8: factors 1 or -1 that orient neighbouring cells alike, 0 beside facets where this is impossible.
 
         The orientation is propagated over facets that two cells share.
         """
@@ -127,7 +127,7 @@ class Mesh:
 
     @classmethod
     def of(cls, vertices: Floats, cells: Ints, midpoints: Floats | None = None) -> Mesh:
-        """Return a mesh with no boundary among its facets."""
+        """Return a mesh of ``vertices`` (v, d) and ``cells`` (m, k) without boundaries among its facets."""
         none = np.zeros(0, dtype=np.int64)
         return cls(vertices, cells, midpoints, none.reshape(0, cells.shape[1] - 1), none, none.astype(bool))
 

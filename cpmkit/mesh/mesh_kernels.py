@@ -47,7 +47,7 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 @compiled
 def lengths(ends: Ints, vertices: Floats) -> Floats:
-    """Return the lengths (e,) of edges (e, 2)."""
+    """Return the lengths (e,) of edges ``ends`` (e, 2) between ``vertices`` (v, d)."""
     length = np.empty(len(ends))
     for edge in range(len(ends)):
         squared = 0.0
@@ -59,7 +59,11 @@ def lengths(ends: Ints, vertices: Floats) -> Floats:
 
 @compiled
 def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
-    """Return the component (m, 3) of each corner, numbered as they occur; they join over edges not ``barred`` (e,)."""
+    """Return the component (m, 3) of each corner of triangles ``cells`` (m, 3), numbered by first occurrence.
+
+    The corners at both ends of an edge are joined across it, except over edges that are ``barred`` (e,). ``of_cells``
+    (m, 3) are the edges opposite to the corners.
+    """
     parent = np.arange(3 * len(cells))
     first = np.full(len(barred), -1, np.int64)
     for place in range(3 * len(cells)):
@@ -91,9 +95,9 @@ def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
 
 @compiled
 def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
-    """Return the orientation (m,) int8 of each cell, 1 or -1, and 0 beside facets whose two cells do not agree.
+    """Return the factor (m,) int8, 1 or -1, that orients each cell consistently, 0 beside facets where none does.
 
-    Cells that share a facet form sets; each cell stores whether it is oriented like the root of its set.
+    Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent.
 
     Parameters
     ----------
@@ -134,7 +138,10 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
 
 @compiled
 def _sense(cells: Ints, cell: int, j: int) -> int:
-    """Return 1 or -1, different for two cells on both sides of a facet that are oriented alike."""
+    """Return the direction, 1 or -1, in which a cell traverses its facet ``j``.
+
+    It is different for two cells on both sides of a facet that are oriented alike.
+    """
     k = cells.shape[1]
     if k == 2:
         return 1 - 2 * j
@@ -143,7 +150,10 @@ def _sense(cells: Ints, cell: int, j: int) -> int:
 
 @compiled
 def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
-    """Return the root of a cell's set, and the orientation of the cell relative to it."""
+    """Return the root of the set of ``cell``, and the orientation of the cell relative to it, 1 or -1.
+
+    Paths to the root are halved, and ``sign`` (m,) is updated with ``parent`` (m,).
+    """
     total = 1
     while parent[cell] != cell:
         above = parent[cell]
@@ -157,15 +167,15 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
 
 @compiled
 def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
-    """Return the first vertex (v,) of the cluster of each; steps within a cluster are at most ``tolerance`` long.
+    """Return for each vertex (v,) the representative of its cluster, in which steps are at most ``tolerance`` long.
 
     Parameters
     ----------
     vertices : (v, d) float64
     along : (v,) float64
-        Their coordinates along a direction of unit length: vertices that differ more in these are not compared.
+        Coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are compared.
     order : (v,) int64
-        The vertices by ascending coordinate.
+        Numbers of the vertices by ascending coordinate.
     """
     parent = np.arange(len(vertices))
     for i in range(len(order)):
@@ -186,7 +196,7 @@ def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance:
 
 @compiled
 def distinct_cells(corners: Ints, count: int) -> Bools:
-    """Return which cells (m,), given by their corners in ascending order, repeat neither a corner nor another cell.
+    """Return which cells (m,) repeat neither a vertex nor an earlier cell; ``corners`` (m, k) ascend in each row.
 
     Each of the ``count`` vertices has a linked list of the cells of which it is the lowest corner.
     """
@@ -212,7 +222,7 @@ def distinct_cells(corners: Ints, count: int) -> Bools:
 def edge_supports(
     vertices: Floats, ends: Ints, normals: Floats, creased: Bools, first: Ints, around: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the support (e,) of each edge, and its height over its length (e,), see :class:`Support`.
+    """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.normals_of_mesh.Support` of edges.
 
     Parameters
     ----------

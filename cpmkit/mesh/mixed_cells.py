@@ -23,7 +23,7 @@ PIECES_BY_LONG_EDGES = {
 
 
 def with_corners(cells: Ints, corners: int) -> Ints:
-    """Return the cells with this number of corners, as (n, corners), of ``cells`` (m, k).
+    """Return those rows of ``cells`` (m, k) that have this number of ``corners``, (n, corners), without padding.
 
     Examples
     --------
@@ -38,7 +38,7 @@ def with_corners(cells: Ints, corners: int) -> Ints:
 
 
 def stack_cells(parts: Iterable[Ints]) -> Ints:
-    """Return cells with different numbers of corners as one array, as wide as the widest non-empty part."""
+    """Return cells with different numbers of corners as one array (m, k), shorter rows padded with -1."""
     non_empty = [part for part in parts if len(part)]
     width = max((part.shape[1] for part in non_empty), default=1)
     rows = [np.pad(part, ((0, 0), (0, width - part.shape[1])), constant_values=-1) for part in non_empty]
@@ -46,12 +46,12 @@ def stack_cells(parts: Iterable[Ints]) -> Ints:
 
 
 def renumber_cells(cells: Ints, number: Ints) -> Ints:
-    """Return ``cells`` with ``number[v]`` in place of each vertex v."""
+    """Return ``cells`` (m, k) with ``number[v]`` in place of each vertex v; padding stays -1."""
     return np.where(cells >= 0, number[cells], -1)
 
 
 def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return the edges (e, 2) of triangles or segments among ``count`` vertices, and the edge numbers of each cell.
+    """Return the edges (e, 2) of triangles or segments among ``count`` vertices, and the edges (m, c) of each cell.
 
     Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none.
     """
@@ -63,18 +63,18 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
-    """Return the corners and the values at the edges, both (3, m), of triangles renumbered from corner ``first`` on."""
+    """Return the corners and ``of_edges``, both (3, m), of triangles rotated so that corner ``first`` (m,) leads."""
     order = (first[:, None] + np.arange(3)) % 3
     return np.take_along_axis(cells, order, 1).T, np.take_along_axis(of_edges, order, 1).T
 
 
 def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
-    """Return the method of ``surface`` that meshes it for a spacing.
+    """Return the bound method of ``surface`` that takes a spacing and returns vertices and cells.
 
     Raises
     ------
     InputError
-        If it has none.
+        If the surface has no such method.
     """
     if isinstance(surface, HasMesh):
         return surface.mesh
@@ -91,12 +91,12 @@ def member_dimensions(surface: ClosestPointSource) -> list[int]:
 
 
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
-    """Return the cells of dimension ``dim`` of a surface's mesh.
+    """Return those of a surface's mesh ``cells`` that have dimension ``dim``, (m, dim + 1).
 
     Raises
     ------
     InputError
-        If the mesh represents a part of this dimension by cells of another: a cloud by points, a solid by its boundary.
+        If the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of this dimension.
     """
     members = surface.members if isinstance(surface, HasMembers) else [surface]
     dimensions = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
@@ -111,7 +111,7 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 
 
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
-    """Return the mesh with every edge halved until none is longer than ``longest``.
+    """Return the mesh with edges halved until none is longer than ``longest``.
 
     Parameters
     ----------
@@ -146,13 +146,14 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
 
 
 def _halve_segments(cells: Ints, middles: Ints) -> Ints:
+    """Return the segments (k, 2), split at their ``middles`` (m, 1), -1 where a segment stays whole."""
     long = middles[:, 0] >= 0
     (a, b), p = cells[long].T, middles[long, 0]
     return np.concatenate([cells[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
 
 
 def _halve_triangles(cells: Ints, middles: Ints) -> Ints:
-    """Return the pieces; ``middles`` (m, 3) are the vertices in the middles of edges, -1 where an edge stays whole."""
+    """Return the triangles (k, 3) after halving, from the vertex on each edge ``middles`` (m, 3), -1 on whole edges."""
     long = middles >= 0
     # Renumber each triangle so that its long edges come first.
     first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)
@@ -176,7 +177,7 @@ class Polyline(NamedTuple):
 def chain_segments(vertices: Floats, segments: Ints) -> list[Polyline]:
     """Return the polylines formed by directed segments (m, 2) between vertices (v, d).
 
-    A polyline passes a vertex at which exactly one segment ends and one starts, and ends at all others.
+    A polyline passes through vertices at which exactly one segment ends and one starts, and ends at all others.
     """
     starts, ends = segments.T
     count = int(segments.max(initial=-1)) + 1

@@ -1,4 +1,4 @@
-"""Normals at the vertices of triangles, and how far the mesh supports the smooth surface that they define.
+"""Normals at the vertices of triangles, and the support of edges: whether the mesh resolves the surface above them.
 
 Beside a fillet the normals at the corners of a flat face lean off it, and define a surface over the face that is as
 round as its edges are long. The true surface is flat there: beyond the ends of these edges it bends much more, over a
@@ -26,7 +26,7 @@ LOW_HEIGHT = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """The support of edges by the surface beyond their ends.
+    """The support of edges: how well the surface beyond their ends agrees with the curvature along them.
 
     Attributes
     ----------
@@ -42,17 +42,17 @@ class Support:
 
     @property
     def share(self) -> Floats:
-        """(e,) the share of its height above the edge that the surface keeps, from 0 to 1."""
+        """(e,) the factor, from 0 to 1, by which the height of the surface above each edge is scaled."""
         t = np.clip((self.ratio - UNSUPPORTED) / (SUPPORTED - UNSUPPORTED), 0.0, 1.0)
         return np.where(self.height > LOW_HEIGHT, t * t * (3.0 - 2.0 * t), 1.0)
 
     def unsupported(self, limit: float = UNSUPPORTED) -> Bools:
-        """Return which edges (e,) have a height that the surface beyond supports by a ratio below ``limit``."""
+        """Return which edges (e,) have a relevant height and a support ratio below ``limit``."""
         return np.asarray((self.ratio < limit) & (self.height > LOW_HEIGHT))
 
 
 def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) -> Support:
-    """Return the support of the edges of triangles.
+    """Return the support of the edges of triangles, from their chords and the normals at the vertices.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
     ends : (e, 2) int64
         The vertices of each edge, each edge once.
     normals : (e, 2, d) float64
-        Unit normals at these.
+        Unit normals at the ends of each edge.
     creased : (v,) bool
-        Vertices at creases, whose normals are not normal to the surface along all edges there.
+        Whether a vertex lies on a crease: its normal is then not perpendicular to the surface along all its edges.
     """
     from cpmkit.mesh import mesh_kernels
 
@@ -76,8 +76,8 @@ def edge_support(vertices: Floats, ends: Ints, normals: Floats, creased: Bools) 
 def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     """Return unit normals (v, 3) at the vertices: the area-weighted mean of the normals of the triangles around.
 
-    Where two triangles at an edge are oriented differently, as on one-sided surfaces, their normals would cancel: at
-    its vertices the normals of all triangles are first flipped to the side of one of them.
+    Normals of triangles that are oriented differently, as on one-sided surfaces, would cancel: at the vertices of an
+    edge between such triangles, the normals of all triangles are first flipped to the side of one of these.
     """
     a, b, c = (points[triangles[:, k]] for k in range(3))
     twice_area = np.cross(b - a, c - a)
@@ -97,7 +97,7 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
 
 
 def vertices_of_misaligned_edges(triangles: Ints, count: int) -> Bools:
-    """Return which of ``count`` vertices (v,) lie on an edge that two triangles traverse in the same direction."""
+    """Return a mask of the vertices (count,) on edges that two triangles traverse in the same direction."""
     starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
     directed, times = np.unique(starts * np.int64(count) + ends, return_counts=True)
     on_edge = np.zeros(count, dtype=bool)

@@ -29,14 +29,14 @@ class QuadraticCells:
     nodes : (n, d) float64
         Positions of corners and middles.
     cells : (m, 6), (m, 3) or (m, 1) int64
-        Of triangles, segments or points.
+        Nodes of each triangle, segment or point.
     """
 
     nodes: Floats
     cells: Ints
 
     def rule(self) -> tuple[Floats, Floats, Floats]:
-        """Return quadrature points (m, q, d), weights (m, q), and shape functions (q, k) of the nodes at the points."""
+        """Return quadrature points (m, q, d), weights (m, q) times the area element, and shape functions (q, k)."""
         shares, slopes, weights = SHAPE_FUNCTIONS_BY_NODES[self.cells.shape[1]]()
         corners = self.nodes[self.cells]
         points = np.einsum("qk,mkd->mqd", shares, corners)
@@ -47,6 +47,10 @@ class QuadraticCells:
 
 
 def _triangle_shape_functions() -> tuple[Floats, Floats, Floats]:
+    """Return the shape functions (6, 6), their derivatives (6, 6, 2) and the weights (6,) of the triangle rule.
+
+    Rows are quadrature points; derivatives are with respect to the first two barycentric coordinates.
+    """
     points, weights = [], []
     for a, weight in TRIANGLE_RULE:
         points += [(a, a, 1 - 2 * a), (a, 1 - 2 * a, a), (1 - 2 * a, a, a)]
@@ -62,6 +66,7 @@ def _triangle_shape_functions() -> tuple[Floats, Floats, Floats]:
 
 
 def _segment_shape_functions() -> tuple[Floats, Floats, Floats]:
+    """Return the shape functions (3, 3), derivatives (3, 3, 1) and weights (3,) at the three Gauss points of [0, 1]."""
     gauss, weights = np.polynomial.legendre.leggauss(3)
     t = 0.5 * (gauss + 1)
     shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)
@@ -78,17 +83,17 @@ SHAPE_FUNCTIONS_BY_NODES: dict[int, Callable[[], tuple[Floats, Floats, Floats]]]
 
 @dataclass(frozen=True, eq=False)
 class OutwardEdges:
-    """The edges of cells of one dimension.
+    """The edges of cells of one dimension, with outward vectors on the rim.
 
     Attributes
     ----------
     ends : (e, 2) int64
-        Their vertices.
+        Vertices of each edge.
     of_cells : (m, c) int64
         The edges of each cell.
     outward : (e, d) float64
-        At an edge of a single cell the unit vector tangent to the cell, perpendicular to the edge, out of it; else
-        zero.
+        At an edge of a single cell, the unit vector in the plane of the cell, perpendicular to the edge and out of the
+        cell; else zero.
     """
 
     ends: Ints
@@ -97,7 +102,7 @@ class OutwardEdges:
 
 
 def outward_edges(points: Floats, cells: Ints) -> OutwardEdges:
-    """Return the edges of triangles (m, 3) or segments (m, 2); points (m, 1) have none."""
+    """Return the edges of triangles (m, 3) or segments (m, 2) between ``points`` (v, d); cells (m, 1) have none."""
     ends, of_cells = number_edges(cells, len(points))
     outward = np.zeros((len(ends), points.shape[1]))
     if cells.shape[1] == 3:
@@ -109,7 +114,7 @@ def outward_edges(points: Floats, cells: Ints) -> OutwardEdges:
 
 
 def _outward_normals(a: Floats, b: Floats, c: Floats) -> Floats:
-    """Return unit vectors in the plane of a, b, c, perpendicular to the edges from a to b, away from c."""
+    """Return unit vectors (n, d) in the planes of a, b, c (n, d), perpendicular to the edges a b, away from c."""
     along = b - a
     length2 = np.sum(along * along, axis=1, keepdims=True)
     across = a - c
@@ -118,7 +123,7 @@ def _outward_normals(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: OutwardEdges) -> Floats:
-    """Return the middles (e, d) of ``edges``, projected onto ``surface``, and those on the rim onto its rim."""
+    """Return the closest points (e, d) on ``surface`` of the middles of ``edges``, on its rim for edges of one cell."""
     a, b = points[edges.ends[:, 0]], points[edges.ends[:, 1]]
     straight, length = 0.5 * (a + b), np.linalg.norm(b - a, axis=1)
     moved = surface.closest_point(np.ascontiguousarray(straight)).points
@@ -131,6 +136,9 @@ def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: Outwar
 
 
 def limit_midpoint_shift(straight: Floats, moved: Floats, length: Floats) -> Floats:
-    """Return ``moved``, or ``straight`` where the shift is too long for the edge and led elsewhere on the surface."""
+    """Return ``moved`` (e, d), except ``straight`` (e, d) where the shift is too large for the edge's ``length`` (e,).
+
+    A larger shift leads to another part of the surface.
+    """
     far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
     return np.where(far[:, None], straight, moved)

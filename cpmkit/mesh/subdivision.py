@@ -70,7 +70,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
-    """Return triangles with their edges halved.
+    """Return triangles with chosen edges halved, and the facets on boundaries with them.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
     middle : (e,) int64
         The vertex in the middle of each edge, -1 for edges that stay whole.
     points : (k, d) float64
-        Positions of the new vertices, those of ``middle`` that the mesh does not have.
+        Positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
     """
     from cpmkit.mesh import subdivision_kernels
 
@@ -95,7 +95,7 @@ def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
 
 
 def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floats:
-    """Return the share of each edge of a mesh whose edges were halved, from the shares before.
+    """Return the share (f,) of each edge of a mesh whose edges were halved, from the shares of the edges before.
 
     Both halves of an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from
     a middle to the opposite corner the lesser of the shares of the two other edges there.
@@ -105,9 +105,9 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
     edges : Edges
         The edges before halving.
     middle : (e,) int64
-        The vertex in the middle of each, -1 where it stayed whole.
+        The vertex in the middle of each edge, -1 where the edge stayed whole.
     share : (e,) float64
-        A quantity of each.
+        The share of its height that each edge keeps, see :class:`~cpmkit.mesh.normals_of_mesh.Support`.
     of : Edges
         The edges after halving.
     """
@@ -141,28 +141,28 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class HalvedEdges:
-    """Edges whose middles are vertices already.
+    """Edges whose midpoints are vertices of the mesh already, because a needle beside them was cut.
 
     Attributes
     ----------
     codes : (k,) int64
-        Codes of the edges by their ends, ascending.
+        Codes of the edges, computed from their ends, ascending.
     middles : (k,) int64
-        The vertex in the middle of each.
+        The vertex in the middle of each edge.
     """
 
     codes: Ints
     middles: Ints
 
     def middle_of(self, ends: Ints) -> Ints:
-        """Return the vertices (e,) in the middles of edges (e, 2), -1 where there is none."""
+        """Return the vertices (e,) in the middles of edges ``ends`` (e, 2), -1 where there is no such vertex."""
         at = find(self.codes, _code(ends))
         return np.where(at >= 0, np.append(self.middles, -1)[at], -1)
 
 
 @dataclass(frozen=True, eq=False)
 class _DividedEdges:
-    """Edges divided into equal parts.
+    """Edges divided into equal parts, with consecutive numbers of the vertices between the parts.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class _DividedEdges:
     levels : (e,) int64
         Each edge has 2^levels parts.
     first : (e,) int64
-        The first of the consecutive vertices between the parts.
+        The first of the vertices between the parts.
     """
 
     ends: Ints
@@ -178,13 +178,13 @@ class _DividedEdges:
     first: Ints
 
     def vertex(self, edge: Ints, place: Ints) -> Ints:
-        """Return the vertex (k,) number ``place`` (k,) of edges (k,), counted from their first end."""
+        """Return the vertices (k,) at ``place`` (k,) of edges ``edge`` (k,), in parts counted from the first end."""
         last = 2 ** self.levels[edge]
         inside = np.where(place == last, self.ends[edge, 1], self.first[edge] + place - 1)
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
     def halvings(self) -> HalvedEdges:
-        """Return the middles of all edges, of their halves, quarters and so on."""
+        """Return the vertices in the middles of all divided edges, of their halves, quarters and so on."""
         codes, middles = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
@@ -199,7 +199,10 @@ class _DividedEdges:
 
 
 def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
-    """Return the mesh with needles cut across into pieces as long as wide, or as ``length``, and the halved edges."""
+    """Return the mesh with needles cut across into pieces about as long as wide, and the edges that this halved.
+
+    Pieces are not shorter than ``length``.
+    """
     from cpmkit.mesh import subdivision_kernels
 
     shortest, longest = subdivision_kernels.shortest_and_longest(mesh.vertices, np.ascontiguousarray(mesh.cells)).T
@@ -228,7 +231,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
 
 
 def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
-    """Return the mesh with the edges in ``mesh.cut`` divided; ``on_cut`` (c,) are their numbers, -1 for none."""
+    """Return the mesh with the facets in ``mesh.cut`` divided; ``on_cut`` (c,) are their edges, -1 if undivided."""
     times = np.where(on_cut >= 0, 2 ** divided.levels[on_cut], 1)
     row, place = expand_counts(times)
     edge, is_backward = on_cut[row], (divided.ends[on_cut, 0] != mesh.cut[:, 0])[row]
@@ -240,23 +243,23 @@ def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
 
 
 def _levels(ratios: Floats) -> Ints:
-    """Return the number of halvings of edges whose lengths have these ``ratios`` to the wanted length."""
+    """Return the numbers (e,) of halvings that edges with these ``ratios`` (e,) to the wanted length need."""
     return np.asarray(np.ceil(np.log2(np.maximum(ratios, 1.0)) - ROUNDED_LEVEL), dtype=np.int64)
 
 
 def _code(ends: Ints) -> Ints:
-    """Return a code (e,) of edges (e, 2) that does not depend on their direction."""
+    """Return an integer (e,) for each edge (e, 2) that identifies it whatever its direction."""
     return np.asarray((ends.min(axis=1) << 32) | ends.max(axis=1), dtype=np.int64)
 
 
 def expand_counts(counts: Ints) -> tuple[Ints, Ints]:
-    """Return each row as often as ``counts`` (n,) says, and the number of each repetition from 0."""
+    """Return the number of each of n items, repeated ``counts`` (n,) times, and the rank of each repetition from 0."""
     row = np.repeat(np.arange(len(counts)), counts)
     return row, np.arange(len(row)) - (np.cumsum(counts) - counts)[row]
 
 
 def split_equally(mesh: Mesh, length: float) -> Mesh:
-    """Return segments divided into equal parts no longer than ``length``."""
+    """Return segments split into the least number of equal parts not longer than ``length``."""
     ends = mesh.vertices[mesh.cells]
     parts = np.maximum(np.ceil(norms(ends[:, 1] - ends[:, 0]) / length), 1).astype(np.int64)
     segment, place = expand_counts(parts - 1)
@@ -265,7 +268,7 @@ def split_equally(mesh: Mesh, length: float) -> Mesh:
 
 
 def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None = None) -> Mesh:
-    """Return segments that end where they cross a knot plane, x = (k + 1/2) spacing along any axis.
+    """Return segments split where they cross the knot planes of the splines, x = (k + 1/2) spacing along any axis.
 
     Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
     spacing.
@@ -277,7 +280,7 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
     spacing : float
         h, in the unit of the vertices.
     source : LocalSource, optional
-        The curve: then the crossings of the curve are taken, not those of its chords.
+        The curve: if given, the split points are where the curve crosses the planes, else where its chords do.
     """
     assert mesh.midpoints is None
     assert mesh.manifold_dim == 1
@@ -301,7 +304,10 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
 
 
 def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, Ints]:
-    """Return where segments cross half-integers k + 1/2: the segment, the share of its length, and k, each (n,)."""
+    """Return the crossings of segments with half-integers k + 1/2: segment, share of its length, and k, each (n,).
+
+    ``start`` and ``end`` (m,) are coordinates of the segments' ends along one axis, in spacings.
+    """
     low, high = np.minimum(start, end), np.maximum(start, end)
     first, last = np.ceil(low - 0.5).astype(np.int64), np.floor(high - 0.5).astype(np.int64)
     segment, place = expand_counts(np.where(high > low, np.maximum(last - first + 1, 0), 0))
@@ -312,7 +318,11 @@ def _half_integer_crossings(start: Floats, end: Floats) -> tuple[Ints, Floats, I
 def _shares_on_curve(
     source: LocalSource, start: Floats, end: Floats, axis: Ints, plane: Floats, share: Floats
 ) -> Floats:
-    """Return shares (n,) of chords whose closest points on the curve lie in the planes, by the secant method."""
+    """Return the shares (n,) of chords whose closest points on the curve lie in the planes, by the secant method.
+
+    A plane is where coordinate ``axis`` (n,) equals ``plane`` (n,). The iteration starts from ``share`` (n,), where the
+    chords from ``start`` to ``end`` (n, d) cross the planes.
+    """
     row = np.arange(len(share))
     before, error_before = np.zeros(len(share)), plane - start[row, axis]
     for _ in range(SECANT_STEPS):
@@ -326,11 +336,12 @@ def _shares_on_curve(
 
 
 def _interpolate(start: Floats, end: Floats, share: Floats) -> Floats:
+    """Return the points (n, d) at ``share`` (n,) of the way from ``start`` to ``end`` (n, d)."""
     return start + share[:, None] * (end - start)
 
 
 def _split_segments(mesh: Mesh, segment: Ints, points: Floats) -> Mesh:
-    """Return the mesh with segments split at ``points`` (n, d), in their order; ``segment`` (n,) ascends."""
+    """Return the mesh with ``segment`` (n,), ascending, split at ``points`` (n, d) in their order along it."""
     number = len(mesh.vertices) + np.arange(len(points))
     first = np.searchsorted(segment, np.arange(len(mesh.cells)))
     parts = np.bincount(segment, minlength=len(mesh.cells))

@@ -13,6 +13,7 @@ SAME_DIAGONAL = 1.0 + 1e-9
 
 @compiled
 def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
+    """Return whether the edge between vertices ``a`` and ``b`` is longer than ``length``."""
     squared = 0.0
     for k in range(vertices.shape[1]):
         squared += (vertices[a, k] - vertices[b, k]) ** 2
@@ -21,7 +22,7 @@ def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
 
 @compiled
 def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
-    """Return the lengths (m, 2) of the shortest and of the longest edge of each triangle."""
+    """Return the lengths (m, 2) of the shortest and of the longest edge of each triangle in ``cells`` (m, 3)."""
     lengths = np.empty((len(cells), 2))
     for cell in range(len(cells)):
         least, most = np.inf, 0.0
@@ -55,7 +56,7 @@ def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
 
 @compiled
 def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
-    """Return the pieces of triangles whose edges are halved, in the order and orientation of the triangles.
+    """Return the triangles (k, 3) into which triangles with halved edges are split, in their order and orientation.
 
     Parameters
     ----------
@@ -64,7 +65,7 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
     middle : (e,) int64
         The vertex in the middle of each edge, -1 where the edge stays whole.
     vertices : (v, d) float64
-        Including the middles: the quadrilateral beside a corner is split along its shorter diagonal.
+        Including the middles. They decide the split of a quadrilateral: along its shorter diagonal.
     """
     pieces = len(cells)
     for cell in range(len(cells)):
@@ -113,19 +114,19 @@ def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats)
 def cut_needles(
     corners: Ints, chains: Ints, parts: Ints, ends: Ints, divided: Ints, first: Ints, vertices: Floats
 ) -> Ints:
-    """Return the pieces of needles that are cut across between the vertices on their two long edges.
+    """Return the triangles (k, 3) into which needles are cut across, between the vertices on their two long edges.
 
     Parameters
     ----------
     corners : (m, 3) int64
         The tip first.
     chains, parts : (m, 2) int64
-        The edges from the tip to the second and to the third corner, and the numbers of parts wanted.
+        The edges from the tip to the second and to the third corner, and the number of parts wanted of each.
     ends : (e, 2) int64
         The vertices of each edge.
     divided, first : (e,) int64
-        The number of parts of each edge, a multiple of those wanted, and its first inner vertex, counted from its
-        first end.
+        The number of parts of each edge, a multiple of the number wanted, and its inner vertex next to its first end;
+        further inner vertices follow in number.
     vertices : (v, d) float64
     """
     pieces = 0
@@ -164,5 +165,6 @@ def cut_needles(
 
 @compiled
 def _put(result: Ints, at: int, a: int, b: int, c: int) -> int:
+    """Write the triangle a, b, c to row ``at`` of ``result``, and return the next row."""
     result[at, 0], result[at, 1], result[at, 2] = a, b, c
     return at + 1

@@ -39,8 +39,8 @@ class RepairReport:
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     """Return a mesh with the same geometry whose cells are connected exactly over shared edges, and a report.
 
-    Contact in a single vertex does not connect: two spheres that touch in a point would be short-circuited. Curves
-    stay connected where several segments meet.
+    Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
+    connected where several segments meet.
 
     Parameters
     ----------
@@ -53,12 +53,12 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
-    """Tell whether no two vertices are at one place; parts of cells of a repaired mesh then need no repair."""
+    """Return whether no two vertices are at one place; parts of cells of a repaired mesh then need no repair."""
     return bool((_first_at_place(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
-    """Return the cells of a repaired mesh.
+    """Return the cells of the repaired mesh, and their relation to those of ``mesh``.
 
     Returns
     -------
@@ -66,7 +66,7 @@ def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
         The vertex of ``mesh`` that each vertex of the repaired mesh copies.
     cells : (n, k) int64
     remaining : (m,) bool
-        Which cells of ``mesh`` these are.
+        Which cells of ``mesh`` remain, in the order of ``cells``.
     report : RepairReport
     """
     from cpmkit.mesh import mesh_kernels
@@ -94,7 +94,7 @@ def box_size(vertices: Floats) -> float:
 
 
 def _first_at_place(vertices: Floats) -> Ints:
-    """Return the first vertex (v,) at the place of each."""
+    """Return for each vertex (v,) the representative of all vertices at the same place, up to the welding tolerance."""
     from cpmkit.mesh import mesh_kernels
 
     tolerance = WELDED_SIZE_SHARE * box_size(vertices) if len(vertices) else 0.0

@@ -1,9 +1,10 @@
-"""Triangles with two edges on one boundary: the boundary takes the third edge, or the third edge is flipped.
+"""Triangles with two edges on one boundary: the boundary is moved to the third edge, or the third edge is flipped.
 
-A boundary that was inserted along chords may pass a triangle on one side while the boundary itself passes it on the
-other: then it is led along the third edge. Elsewhere the triangle is thinner than the boundary bends. With its edges on
-the boundary and the third edge on the manifold it would turn over, and with straight edges there would be area on the
-wrong side of the boundary, up to two thirds of the chord's height times its length: then the third edge is flipped.
+The chords of an inserted boundary may pass a triangle on one side while the boundary itself passes it on the other:
+then the third edge becomes the facet on the boundary. Elsewhere the triangle is thinner than the boundary bends. With
+its edges on the boundary and the third edge on the manifold it would turn over, and with straight edges there would be
+area on the wrong side of the boundary, up to two thirds of the chord's height times its length: then the third edge is
+flipped.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary continues through a vertex where the cosine of the angle between its edges there is below this.
 STRAIGHT_COSINE = -0.8
-#: A triangle that is passed on its other side may leave a next triangle to be passed: so often it is repeated.
+#: Number of rounds: moving the boundary to the third edge of a triangle may give the next triangle two such edges.
 REMOVAL_ROUNDS = 4
 
 
 def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:
-    """Lead boundaries along the third edge of triangles that would turn over.
+    """Return triangles in which two edges on a boundary are replaced by the third where the triangle would turn over.
 
     Parameters
     ----------
     mesh : Mesh
         Triangles.
     before, moved : (v, d) float64
-        Its vertices, and the same with the boundary vertices moved onto the boundaries.
+        The vertices of the mesh, and the same with the boundary vertices moved onto the boundaries.
 
     Returns
     -------
@@ -51,9 +52,9 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
 
 
 def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints]:
-    """Return pairs of rows (k, 2) of ``mesh.cut``, and the corners (k, 3) of their triangle, the common corner first.
+    """Return pairs (k, 2) of rows of ``mesh.cut`` in triangles that would turn over, and the corners (k, 3) of these.
 
-    Of triangles that share a row only the first is returned.
+    The corner that both edges share comes first. Of triangles that share a row only the first is returned.
     """
     edges = mesh.edges
     row = np.full(len(edges.ends) + 1, -1)
@@ -76,12 +77,18 @@ def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints
 
 
 def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
-    """Return (k, 2) whether rows of ``mesh.cut`` start at the common corner: one of two consecutive rows does."""
+    """Return (k, 2) 1 where a row of ``pairs`` starts at the common corner ``corners[:, 0]``, else 0.
+
+    For two consecutive edges of a boundary exactly one row does.
+    """
     return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
 
 
 def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
-    """Return the mesh with the third edge of these triangles on the boundary, in place of the two edges ``pairs``."""
+    """Return the mesh with the third edge of triangles on the boundary in place of the edges ``pairs`` (k, 2).
+
+    ``corners`` (k, 3) are the triangles' corners, the common corner of both edges first.
+    """
     later = _starts_at_common_corner(mesh, pairs, corners).argmax(axis=1)
     first = np.take_along_axis(pairs, 1 - later[:, None], 1)[:, 0]
     second = np.take_along_axis(pairs, later[:, None], 1)[:, 0]
@@ -94,10 +101,10 @@ def _replace_pairs(mesh: Mesh, pairs: Ints, corners: Ints) -> Mesh:
 
 
 def flip_chords(mesh: Mesh) -> Mesh:
-    """Return a mesh of triangles in which chords of boundaries are flipped, so that no triangle has two edges on one.
+    """Return triangles in which chords of boundaries are flipped, so that no triangle has two edges on one boundary.
 
-    A chord stays where it lies on a boundary or the rim, where its two triangles are not wound alike or form no convex
-    quadrilateral, or where the vertices that the flipped edge would join have an edge already.
+    A chord, the third edge of such a triangle, stays where it lies on a boundary or the rim, where its two triangles
+    are oriented differently or form no convex quadrilateral, or where the flipped edge exists already.
     """
     edges = mesh.edges
     on_cut = np.zeros(len(edges.ends) + 1, dtype=bool)
@@ -131,7 +138,10 @@ def _rotate(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, In
 
 
 def _neighbours(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
-    """Return the other triangle (k,) at the edges ``shared``, -1 unless it is the only one, and its opposite corner."""
+    """Return the other triangle (k,) at edges ``shared`` (k,) of the triangles ``rows``, and its corner opposite, (k,).
+
+    The triangle is -1 where the edge has not exactly two triangles.
+    """
     chosen = np.zeros(len(edges.ends), dtype=bool)
     chosen[shared] = True
     cell, corner = np.nonzero(chosen[edges.of_cells])
@@ -146,14 +156,14 @@ def _neighbours(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
 
 
 def _are_convex(vertices: Floats, cells: Ints, across: Ints, first: Ints, second: Ints) -> Bools:
-    """Return whether both new triangles are oriented like the quadrilateral of the old ones."""
+    """Return which quadrilaterals (k,) are convex: both new triangles are oriented like the old triangles together."""
     around = _area_vectors(vertices, cells) + _area_vectors(vertices, across)
     alike = [dots(_area_vectors(vertices, triangles), around) > 0 for triangles in (first, second)]
     return np.asarray(alike[0] & alike[1])
 
 
 def _area_vectors(vertices: Floats, cells: Ints) -> Floats:
-    """Return normals (m, 3) of triangles, as long as twice their area."""
+    """Return the normals (m, 3) of triangles ``cells`` (m, 3), as long as twice their areas."""
     x = vertices[cells]
     if x.shape[2] == 2:
         x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
@@ -161,7 +171,7 @@ def _area_vectors(vertices: Floats, cells: Ints) -> Floats:
 
 
 def _have_no_edge(mesh: Mesh, first: Ints, second: Ints) -> Bools:
-    """Return which pairs of vertices (k,) no edge joins."""
+    """Return which pairs of the vertices ``first`` and ``second`` (k,) are not connected by an edge."""
     count = len(mesh.vertices)
     low, high = np.minimum(first, second), np.maximum(first, second)
     ends = np.sort(mesh.edges.ends, axis=1)
@@ -169,7 +179,7 @@ def _have_no_edge(mesh: Mesh, first: Ints, second: Ints) -> Bools:
 
 
 def _are_unique(cells: Ints, chosen: Bools) -> Bools:
-    """Return which of the ``chosen`` cells (k,) occur once among the chosen."""
+    """Return which of ``cells`` (k,) are ``chosen`` (k,) and occur only once among the chosen."""
     _, place, count = np.unique(cells[chosen], return_inverse=True, return_counts=True)
     unique = np.zeros(len(cells), dtype=bool)
     unique[np.flatnonzero(chosen)] = count[place] == 1

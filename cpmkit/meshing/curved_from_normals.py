@@ -1,8 +1,8 @@
 """Quadratic cells from normals: the smooth surface that a mesh samples, above its flat triangles.
 
-A mesh that is read as smooth answers with closest points on its flat triangles, and with normals of the surface that it
-samples. The surface stands above the middle of an edge from a to b by (t_a - t_b) / 8, where t are its tangents at the
-ends, as long as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved PN triangles).
+A mesh that is read as smooth has closest points on its flat triangles, and normals of the surface that it samples. The
+surface stands above the middle of an edge from a to b by (t_a - t_b) / 8, where t are its tangents at the ends, as long
+as the edge (the middle of Hermite's cubic, as in Vlachos et al. 2001, Curved PN triangles).
 
 An edge keeps the share of that height that the surface beyond its ends supports
 (:mod:`cpmkit.mesh.normals_of_mesh`): a flat face beside a fillet stays flat.
@@ -46,18 +46,18 @@ ROUNDING_SHARE = 1e-12
 def curve_cells(
     mesh: Mesh, geometry: CellGeometry, source: LocalSource, boundaries: Sequence[LocalSource | None], spacing: float
 ) -> Mesh:
-    """Return the cells from which samples are taken: flat or quadratic, segments ending on knot planes.
+    """Return the cells on which quadrature samples are placed: flat or quadratic, segments ending on knot planes.
 
     Parameters
     ----------
     mesh : Mesh
         Flat cells, subdivided, with the boundaries inserted.
     geometry : "flat", "closest_point" or "normals"
-        As :func:`~cpmkit.meshing.source_cells.source_cells` says; "closest_point" for a contoured mesh.
+        As returned by :func:`~cpmkit.meshing.source_cells.source_cells`; "closest_point" for a contoured mesh.
     source : LocalSource
         The manifold.
     boundaries : sequence of LocalSource
-        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     spacing : float
         Spacing h of the lattice.
     """
@@ -84,12 +84,12 @@ class SmoothNormals:
     flat: Bools
 
     def append(self, others: SmoothNormals) -> SmoothNormals:
-        """Return these normals, followed by the others."""
+        """Return these normals followed by ``others``."""
         return SmoothNormals(np.concatenate([self.across, others.across]), np.concatenate([self.flat, others.flat]))
 
 
 def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
-    """Return triangles with vertices on the smooth surface and no edge longer than ``length``.
+    """Return triangles with edges halved at points of the smooth surface until none is longer than ``length``.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 
 
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return quadratic triangles on the smooth surface, with their edges on boundaries above where those lie.
+    """Return quadratic triangles on the smooth surface, with facets on boundaries moved onto these.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[Loc
     source : LocalSource
         The manifold.
     boundaries : sequence of LocalSource
-        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     """
     from cpmkit.meshing import curved_kernels
 
@@ -158,7 +158,7 @@ def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[Loc
 
 
 def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
-    """Return the source's own normals at the vertices of a mesh; cached where these are the source's own vertices."""
+    """Return the source's normals at the vertices of a mesh; cached values at vertices that the source has itself."""
     cache = mesh_cache_of(source)
     if cache is None:
         return smooth_normals(source, mesh.vertices)
@@ -167,7 +167,7 @@ def smooth_vertex_normals(source: LocalSource, mesh: Mesh) -> SmoothNormals:
 
 
 def smooth_normals(source: LocalSource, points: Floats) -> SmoothNormals:
-    """Return the source's own normals at the closest points of ``points``, beside creases those of its triangles."""
+    """Return the source's normals at the feet of ``points`` (n, d); those of its flat triangles beside creases."""
     feet = source.closest_point(np.ascontiguousarray(points))
     across = source.normals(feet)
     if not source.has_creases:
@@ -182,8 +182,8 @@ def smooth_midpoints(
 ) -> tuple[Floats, SmoothNormals]:
     """Return points (e, d) of the smooth surface above the middles of edges, and the normals there.
 
-    Edges of flat triangles keep their middles. The normals are the means of those at the ends; beside creases those
-    that the source has at the middles.
+    Edges of flat triangles keep their middles. The normals are the means of the normals at the ends; beside creases
+    they are the source's normals at the middles.
 
     Parameters
     ----------
@@ -208,12 +208,12 @@ def smooth_midpoints(
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> Support:
-    """Return the support of the edges of a mesh with ``normals`` at its vertices."""
+    """Return the support of the edges of a mesh, from ``normals`` at its vertices."""
     return edge_support(mesh.vertices, mesh.edges.ends, normals.across[mesh.edges.ends], normals.flat)
 
 
 def source_support(source: LocalSource) -> Support | None:
-    """Return the support of the edges of a source's own cells; None where its cells depend on the spacing."""
+    """Return the support of the edges of a source's own cells; None where these depend on the spacing."""
     cache = mesh_cache_of(source)
     if cache is None:
         return None
@@ -221,10 +221,10 @@ def source_support(source: LocalSource) -> Support | None:
 
 
 def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
-    """Return the mesh with the vertices ``rows`` moved from the flat triangles onto the smooth surface.
+    """Return the mesh with the vertices ``rows`` (k,) moved from the flat triangles onto the smooth surface.
 
-    Each is moved along its normal until its edges are perpendicular to the means of the normals at their ends: on a
-    sphere the vertices then lie on the sphere.
+    Each vertex is moved along its normal, from ``normals`` (v, d), until its edges are perpendicular to the means of
+    the normals at their ends: on a sphere the vertices then lie on the sphere.
     """
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
@@ -242,10 +242,11 @@ def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
 
 
 def _extend_normals(source: LocalSource, mesh: Mesh, cache: MeshCache, normals: SmoothNormals) -> SmoothNormals:
-    """Return the normals at the vertices of a mesh whose first vertices are the source's own, with these ``normals``.
+    """Return the normals at the vertices of a mesh, given the ``normals`` at the source's own vertices.
 
-    Normals at further vertices are queried in the scene's coordinates, like the cached ones: the source needs no search
-    tree of a translated copy, and the answer is the same on all lattices.
+    The mesh's first vertices are expected to be the source's own. Normals at the others are queried in the scene's
+    coordinates, like the cached normals: the source needs no search tree of a translated copy, and the result is the
+    same on all lattices.
     """
     in_scene, count = mesh.vertices + source.scene_origin, len(normals.flat)
     is_new = np.ones(len(in_scene), dtype=bool)
@@ -263,6 +264,7 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
     """Return the vectors (e, d) from the middles of the edges of a source's own cells to the smooth surface."""
 
     def heights() -> Floats:
+        """Compute the vectors (e, d) in the scene's coordinates."""
         mesh = cache.mesh
         middles = 0.5 * (mesh.vertices[mesh.edges.ends[:, 0]] + mesh.vertices[mesh.edges.ends[:, 1]])
         normals = smooth_vertex_normals(source, mesh)
@@ -274,7 +276,10 @@ def _cached_heights(source: LocalSource, cache: MeshCache) -> Floats:
 
 
 def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> Floats:
-    """Return the share (e,) of its height that each edge keeps; all of it where all edges of the source's cells do."""
+    """Return the share (e,) of the height of the smooth surface above each edge that the edge keeps.
+
+    It is computed only if some edge of the source's own cells keeps less than its whole height; otherwise it is 1.
+    """
     cache, support = mesh_cache_of(source), source_support(source)
     if cache is not None and support is not None and cache.has_cells_of(mesh):
         return support.share
@@ -283,7 +288,7 @@ def _height_shares(source: LocalSource, mesh: Mesh, normals: SmoothNormals) -> F
 
 
 def _is_supported_union(source: LocalSource) -> bool:
-    """Tell whether a source is a union of meshes whose edges all keep the whole of their heights."""
+    """Return whether a source is a union of meshes whose edges all keep their whole heights."""
     if not isinstance(source.of, HasMembers):
         return False
     for member in source.of.members:
@@ -297,7 +302,10 @@ def _is_supported_union(source: LocalSource) -> bool:
 
 
 def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[LocalSource | None]) -> Mesh:
-    """Return the mesh with its vertices on boundaries moved onto these along the surface, then onto the surface."""
+    """Return the mesh with its vertices on boundaries moved onto these along the surface, then back onto the surface.
+
+    ``normals`` (v, d) are those at the vertices.
+    """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
     reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, on_cut)
     for owner, boundary in enumerate(boundaries):
@@ -309,5 +317,5 @@ def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[Loca
 
 
 def _tangential(vectors: Floats, normals: Floats) -> Floats:
-    """Return the parts (n, d) of vectors perpendicular to unit normals (n, d)."""
+    """Return the components (n, d) of ``vectors`` perpendicular to unit ``normals`` (n, d)."""
     return vectors - dots(vectors, normals)[:, None] * normals

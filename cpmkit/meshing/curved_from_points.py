@@ -36,7 +36,7 @@ DISPLACEMENT_SHARES = np.array([0.0, 0.25, 0.5, 0.75])
 def curve_from_points(
     mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
 ) -> Mesh:
-    """Return quadratic cells on the manifold, with their facets on boundaries and on the rim where those lie.
+    """Return quadratic cells on the manifold, with their facets on boundaries and rims moved onto these.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ def curve_from_points(
     source : LocalSource
         The manifold.
     boundaries : sequence of LocalSource
-        By their number in ``mesh.owner``; None where a boundary stays where the mesh has it.
+        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     spacing : float, optional
         Spacing of the lattice: segments are split where the curve crosses its knot planes.
     """
@@ -56,9 +56,9 @@ def curve_from_points(
 
 
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
+    """Return the mesh with vertices moved onto the manifold, vertices of its rim and of boundaries onto these.
 
-    Facets that continue a boundary past its tip lie on the manifold alone.
+    Facets that continue a boundary past its tip are moved onto the manifold alone.
     """
     rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)
@@ -88,7 +88,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
 
 
 def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with a point of the manifold for each edge, the same for all cells that share the edge."""
+    """Return the mesh with a midpoint on the manifold for each edge, shared by all cells that have the edge."""
     edges, length = mesh.edges, mesh.edge_lengths
     straight = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
     positions = straight.copy()
@@ -107,14 +107,16 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
 
 
 def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
-    """Return the vertices (k,) near boundaries that move along with these, and their new positions (k, d).
+    """Return the vertices (k,) near boundaries to be displaced with these, and their new positions (k, d).
+
+    Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly with distance.
 
     Parameters
     ----------
     mesh : Mesh
         Triangles with edges on boundaries.
     before, moved : (v, d) float64
-        Its vertices, and the same with the boundary vertices moved onto the boundaries.
+        The vertices of the mesh, and the same with the boundary vertices moved onto the boundaries.
     free : (v,) bool
         Which vertices may move.
     """
@@ -142,22 +144,22 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> t
 
 
 def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
-    """Return the vertices on a boundary, without those that lie only on its continuations past tips."""
+    """Return the vertices (k,) on boundary ``owner``, without vertices only on its continuations past tips."""
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.beyond_tip])
 
 
 def longest_edges(mesh: Mesh, rows: Ints) -> Floats:
-    """Return the length (v,) of the longest edge at each of the vertices ``rows``, zero at others."""
+    """Return the length (v,) of the longest edge at each of the vertices ``rows`` (k,), zero at all others."""
     return _extreme_edges(mesh, rows, np.maximum, 0.0)
 
 
 def shortest_edges(mesh: Mesh, rows: Ints) -> Floats:
-    """Return the length (v,) of the shortest edge at each of the vertices ``rows``, infinity at others."""
+    """Return the length (v,) of the shortest edge at each of the vertices ``rows`` (k,), infinity at all others."""
     return _extreme_edges(mesh, rows, np.minimum, np.inf)
 
 
 def _extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
-    """Return the ``extreme`` (v,) of the lengths of the edges at each of the vertices ``rows``, ``none`` at others."""
+    """Return the ``extreme`` length (v,) of the edges at each of the vertices ``rows`` (k,), ``none`` at all others."""
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True
     lengths = np.full(len(mesh.vertices), none)
@@ -169,12 +171,18 @@ def _extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Fl
 
 
 def _limit_height(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
-    """Return the ``midpoints`` (n, d), replaced by those of the chords where they are too far from these."""
+    """Return ``midpoints`` (e, d), with ``straight`` (e, d) in place of those too far from the chord.
+
+    Too far is more than a share of the edge's ``length`` (e,): there is a crease.
+    """
     return np.where((norms(midpoints - straight) > CREASED_EDGE_SHARE * length)[:, None], straight, midpoints)
 
 
 def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
-    """Return the closest points (n, d); points of the rim are queried farther and farther out until on a rim."""
+    """Return the closest points (n, d) of ``points`` (n, d), of the points at ``rim`` on the manifold's rim.
+
+    Points at the rim are moved outwards, farther and farther, until their closest point lies on a rim.
+    """
     positions = np.array(points)
     positions[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
     closest = source.closest_point(positions)

@@ -12,7 +12,7 @@ from cpmkit.types import Bools, Floats, Ints
 def hermite_midpoints(
     vertices: Floats, ends: Ints, normals: Floats, straight: Bools, share: Floats, creased_share: float
 ) -> Floats:
-    """Return points (e, d) of the smooth surface above the middles of edges.
+    """Return points (e, d) of the smooth surface above the middles of edges, by Hermite's cubic between their ends.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ def hermite_midpoints(
     share : (e,) float64
         Share of the height of the middle of Hermite's cubic that each edge gets.
     creased_share : float
-        Edges keep their middles where the height is larger than this share of their length.
+        Edges keep their middles where the height is larger than this share of the edge's length.
     """
     d = vertices.shape[1]
     points = np.empty((len(ends), d))
@@ -63,7 +63,7 @@ def hermite_midpoints(
 
 @compiled
 def midpoints_by_heights(vertices: Floats, ends: Ints, heights: Floats, of_cells: Ints) -> Floats:
-    """Return the points (m, k, d) at ``heights`` (e, d) above the middles of the edges ``of_cells`` (m, k)."""
+    """Return the middles of the edges ``of_cells`` (m, k), displaced by ``heights`` (e, d), as (m, k, d)."""
     m, k = of_cells.shape
     by_cell = np.empty((m, k, vertices.shape[1]))
     for cell in range(m):
@@ -77,7 +77,7 @@ def midpoints_by_heights(vertices: Floats, ends: Ints, heights: Floats, of_cells
 
 @compiled
 def gather_by_cell(points: Floats, of_cells: Ints) -> Floats:
-    """Return the ``points`` (m, k, d) of the edges ``of_cells`` (m, k), from points (e, d) of all edges."""
+    """Return the rows of ``points`` (e, d) of the edges ``of_cells`` (m, k), as (m, k, d)."""
     m, k = of_cells.shape
     by_cell = np.empty((m, k, points.shape[1]))
     for cell in range(m):

@@ -1,4 +1,4 @@
-"""The mesh that a source gives at any spacing, with everything that no lattice changes: computed once for each source.
+"""The mesh of a source that is the same at any spacing, and quantities that no lattice changes: computed once.
 
 Repaired cells, edges, normals at the vertices and heights of the smooth surface above the edges are the same on every
 lattice, and on coarse lattices take longer than all the rest. They are computed in coordinates of the scene, so that
@@ -42,7 +42,7 @@ class RepairedMesh:
     report: RepairReport
 
     def apply(self, mesh: Mesh) -> Mesh:
-        """Return the repaired mesh of a translated ``mesh`` with the original cells; connectivity is shared."""
+        """Return the repaired mesh of a translated copy ``mesh`` of the original; connectivity is shared."""
         return self.mesh.with_same_cells(vertices=mesh.vertices[self.vertex_of])
 
 
@@ -68,7 +68,7 @@ class MeshCache:
 
     @cached_property
     def second_repair(self) -> RepairedMesh:
-        """The repair of the repaired mesh: welding may leave vertices at one place."""
+        """The repair of the repaired mesh, needed since welding may leave two vertices at one place."""
         repaired = _repaired(self.first_repair.mesh)
         if not np.array_equal(repaired.mesh.cells, self.first_repair.mesh.cells):
             return repaired
@@ -76,7 +76,7 @@ class MeshCache:
         return RepairedMesh(repaired.vertex_of, mesh, repaired.report)
 
     def repair_of(self, cells: Ints) -> RepairedMesh | None:
-        """Return the repair of the source's own ``cells``, or of the cells repaired once; None for other cells."""
+        """Return the repair of ``cells`` (m, k) if these are the source's own, or repaired once; else None."""
         if cells is self.original.cells:
             return self.first_repair
         return self.second_repair if cells is self.first_repair.mesh.cells else None
@@ -87,11 +87,11 @@ class MeshCache:
         return self.second_repair.mesh
 
     def has_cells_of(self, mesh: Mesh) -> bool:
-        """Whether ``mesh`` is a translated copy of the repaired mesh, without boundaries in it."""
+        """Return whether ``mesh`` is a translated copy of the repaired mesh, without boundaries among its facets."""
         return not len(mesh.cut) and mesh.cells is self.mesh.cells
 
     def value(self, name: str, compute: Callable[[], Value]) -> Value:
-        """Return the quantity ``name``, computed on first use."""
+        """Return the quantity ``name``, by ``compute`` at the first call."""
         if name not in self.values:
             self.values[name] = compute()
         value: Value = self.values[name]
@@ -102,13 +102,14 @@ CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 
 
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
-    """Return the cache of a source; None where its cells depend on the spacing.
+    """Return the cache of a source; None where the source has no mesh that is the same at any spacing.
 
     Parameters
     ----------
     source : LocalSource
     cells : (m, k) int64, optional
-        The cells that the source has just given: a cache is created for them. Without, an existing one is returned.
+        The cells that the source has just returned: a cache is created for them. Without cells, only an existing cache
+        is returned.
     """
     of: Any = source.of
     try:
@@ -127,13 +128,16 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
 
 
 def in_scene_coordinates(source: LocalSource) -> LocalSource:
-    """Return a source in the scene's coordinates; its queries are counted with those of ``source``."""
+    """Return the source in the scene's coordinates; its queries are counted together with those of ``source``."""
     assert source.of is not None
     return LocalSource(source.of, np.zeros(source.dim), source.queries)
 
 
 def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> tuple[Mesh, RepairReport]:
-    """Return :func:`repair` of a mesh of a source's cells; ``split``: its cells are parts of repaired cells."""
+    """Return a repaired mesh and the report of :func:`repair`, from the cache where the source has its cells there.
+
+    ``split`` says that the cells are parts of repaired cells, which need no repair if no two vertices coincide.
+    """
     cache = mesh_cache_of(source)
     repaired = None if cache is None or mesh.midpoints is not None or len(mesh.cut) else cache.repair_of(mesh.cells)
     if repaired is not None:
@@ -144,5 +148,6 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
 
 
 def _repaired(mesh: Mesh) -> RepairedMesh:
+    """Return the repair of ``mesh``."""
     vertex_of, cells, _, report = repaired_cells(mesh)
     return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

@@ -29,7 +29,7 @@ NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
 
 
 def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
-    """Return the name of the cells in messages, and the advice: ``cure`` where they are the user's mesh."""
+    """Return the name of the cells in messages, and the advice: ``cure`` if the cells are the user's mesh."""
     return ("triangulation of the surface", "use a smaller spacing") if geometry == "closest_point" else ("mesh", cure)
 
 
@@ -50,7 +50,7 @@ def repair_warnings(report: RepairReport, geometry: CellGeometry) -> Iterator[st
 
 
 def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) -> Iterator[str]:
-    """Yield a warning if edges of rims lie on other rims."""
+    """Yield a warning if edges of rims lie on other rims, near ``places`` (k, d)."""
     if len(places):
         yield (
             f"{len(places)} edges of rims lie on other rims, the first near {_in_scene(places[0], surface)}: nothing "
@@ -59,7 +59,7 @@ def seam_warnings(places: Floats, surface: LocalSource, geometry: CellGeometry) 
 
 
 def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator[str]:
-    """Yield warnings on the triangulation of a surface that is known by closest points alone."""
+    """Yield warnings on the triangulation of a surface by its closest points."""
     if report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         yield (
             f"{report.nonmanifold_share:.0%} of the edges of the triangulation by closest points have three triangles "
@@ -87,7 +87,10 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
 
 
 def with_noise_advice(texts: Iterator[str], source: LocalSource, spacing: float) -> tuple[str, ...]:
-    """Return the warnings; for noisy closest points they do not advise a smaller spacing, which would enlarge noise."""
+    """Return ``texts``, for a noisy source with the advice of exacter closest points in place of a smaller spacing.
+
+    A smaller spacing would increase the error by noise.
+    """
     noisy = source.noise > NOISE_SHARE * spacing
     return tuple(text.replace("use a smaller spacing", EXACTER) if noisy else text for text in texts)
 
@@ -127,7 +130,7 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
 
 
 def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
-    """Yield warnings on the trace of a curve that is known by closest points alone."""
+    """Yield warnings on the trace of a curve by its closest points."""
     broken = report.defects
     if len(broken.gaps):
         yield (
@@ -150,6 +153,7 @@ def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
 
 
 def _missing_piece_warnings(points: Floats, source: LocalSource, kind: str) -> Iterator[str]:
+    """Yield a warning if the mesh misses pieces of the manifold, at ``points`` (k, d); ``kind`` is its word."""
     if len(points):
         yield (
             f"A piece of the {kind} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
@@ -158,6 +162,7 @@ def _missing_piece_warnings(points: Floats, source: LocalSource, kind: str) -> I
 
 
 def _in_scene(point: Floats, source: LocalSource) -> str:
+    """Return the text of a ``point`` (d,), relative to the origin, in the scene's coordinates."""
     return place(point + source.scene_origin)
 
 

@@ -1,4 +1,4 @@
-"""The cells of sources that are meshes, or that draw a mesh of themselves good enough to take samples from."""
+"""The cells of sources that are meshes, or that have a mesh of themselves that is good enough for quadrature."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ BEYOND_RIM_EDGE_SHARE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SourceCells:
-    """The cells of a source.
+    """The cells of a source that serve for quadrature.
 
     Attributes
     ----------
     mesh : Mesh
         Flat cells with vertices on the manifold.
     geometry : "flat", "closest_point" or "normals"
-        How the manifold runs between these.
+        How the manifold runs between the vertices, see :data:`~cpmkit.mesh.mesh.CellGeometry`.
     split : bool
         Whether the cells are parts of repaired cells.
     """
@@ -51,11 +51,11 @@ class SourceCells:
 
 
 def source_cells(source: LocalSource, length: float, shortest: float | None = None) -> SourceCells | None:
-    """Return the cells of a source; None where they must be found by closest points.
+    """Return the cells of a source; None where a mesh must be contoured from closest points.
 
-    A mesh or polyline gives its own cells, curved where it is read as smooth; an analytic or parametric shape gives a
-    drawing of itself. Drawings of level sets in space have too many triangles, of bad shape. Members of a union stand
-    side by side; where they meet, other than in vertices that they share, only closest points know the junction.
+    A mesh or polyline has its own cells, curved where it is read as smooth; an analytic or parametric shape has a mesh
+    of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
+    cells; where they meet, other than in vertices that they share, only closest points reveal the junction.
 
     Parameters
     ----------
@@ -94,10 +94,10 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
 
 
 def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
-    """Tell whether a drawing ends on the rim alone, has few blunt triangles, and not too many for edges of ``length``.
+    """Return whether a mesh ends on the rim alone, has few blunt triangles, and not too many for edges of ``length``.
 
     Triangles that do not share edges end inside the manifold; triangles with an angle near 180 degrees turn over when
-    they are curved. Narrow triangles with a short edge, as towards a pole, do no harm. Drawings of curves are suitable.
+    they are curved. Narrow triangles with a short edge, as towards a pole, do no harm. Meshes of curves are suitable.
     """
     if mesh.manifold_dim == 1:
         return True
@@ -118,7 +118,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
 
 
 def _drawn_mesh(source: LocalSource, length: float) -> Mesh | None:
-    """Return the mesh that a source draws with edges of ``length``; None where its cells have another dimension."""
+    """Return the mesh that a source has with edges of ``length``; None where its cells have another dimension."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
@@ -127,6 +127,7 @@ def _drawn_mesh(source: LocalSource, length: float) -> Mesh | None:
 
 
 def _cached_height(source: LocalSource, mesh: Mesh) -> float:
+    """Return :func:`_height`, from the cache where the source's mesh is the same at any spacing."""
     cache = mesh_cache_of(source, mesh.cells)
     if cache is None:
         return _height(source, mesh)
@@ -134,10 +135,10 @@ def _cached_height(source: LocalSource, mesh: Mesh) -> float:
 
 
 def _height(source: LocalSource, mesh: Mesh) -> float:
-    """Return the largest distance of the centres of cells from the manifold: zero for a faceted mesh.
+    """Return the largest distance of sampled centres of cells from the manifold: zero for a faceted mesh.
 
-    No query, and so no search tree, is needed where the source answers exact closest points, has values at vertices of
-    its own and gives the same cells at another spacing: then it is these cells.
+    No query, and so no search tree, is needed where the source has exact closest points, values at its vertices, and
+    the same cells at another spacing: then the manifold consists of these cells.
     """
     drawing = source.source
     assert isinstance(drawing, HasMesh)
@@ -150,7 +151,7 @@ def _height(source: LocalSource, mesh: Mesh) -> float:
 
 
 def _side_by_side(source: LocalSource, length: float, shortest: float | None) -> SourceCells | None:
-    """Return the cells of a union of members of one dimension that do not meet."""
+    """Return the cells of all members of a union; None where members meet, differ in dimension or have no cells."""
     if source.manifold_dim is None:
         return None
     parts: list[SourceCells] = []
@@ -170,7 +171,7 @@ def _side_by_side(source: LocalSource, length: float, shortest: float | None) ->
 
 
 def _meet(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh: Mesh) -> bool:
-    """Tell whether two members of a union have points in common, by alternating projections from vertices."""
+    """Return whether two members of a union have points in common, by alternating projections from vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices
     x = x[np.argsort(norms(second.closest_point(x).points - x))[:MEETING_PLACES]]

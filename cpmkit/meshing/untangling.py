@@ -1,7 +1,7 @@
-"""Triangles that turn over beside a boundary that bends: their vertices or midpoints are moved back, or along with it.
+"""Triangles that turn over beside a curved boundary: their vertices or midpoints are moved back, or with the boundary.
 
-A vertex may lie nearer to the chord of a boundary than the boundary does. What a triangle covers that turned over would
-count twice; were the boundary left on its chord, samples would lie on its wrong side and be given data of the other.
+A vertex may lie nearer to the chord of a boundary than the boundary does. The area of a triangle that turned over would
+count twice; were the boundary left on its chord, samples would lie on its wrong side and get data of the other side.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ LEAST_AREA_RATIO = 0.2
 LEAST_MOVED_AREA_RATIO = 0.02
 #: Step of differences for normals of a manifold that has no normals of its own, over the longest edge.
 NORMAL_EDGE_SHARE = 0.1
-#: Moving vertices or midpoints back may turn over other triangles: so often it is repeated.
+#: Number of rounds, since moving vertices or midpoints back may turn over other triangles.
 UNTANGLING_ROUNDS = 4
 
 
 def untangle_vertices(mesh: Mesh, before: Floats, moved: Floats) -> Floats:
-    """Return the vertices ``moved`` (v, d); those of triangles that would turn over stay where they were ``before``.
+    """Return ``moved`` (v, d), with the positions ``before`` (v, d) for vertices of triangles that would turn over.
 
     A vertex may be nearer to a boundary than the boundary is to its chords: the boundary then passes it on the side on
     which its chords do.
@@ -68,7 +68,7 @@ def untangle_midpoints(
     on_boundary : (c,) int64
         The edges on boundaries.
     midpoints, free : (e, d) float64
-        Midpoints on the manifold, the rim and boundaries, and the same without regard to these.
+        Midpoints on the manifold, the rim and boundaries, and midpoints without regard to boundaries.
     source : LocalSource
         The manifold.
     project : callable
@@ -92,12 +92,12 @@ def untangle_midpoints(
 
 
 def area_ratios(before: Floats, moved: Floats) -> Floats:
-    """Return the ratio (m,) of the signed area of triangles after a move to that before, from corners (m, 3, d)."""
+    """Return the ratio (m,) of the signed areas of triangles after and before a move, from their corners (m, 3, d)."""
     return _signed_ratio(*_sides(before), *_sides(moved))
 
 
 def is_folded(x: Floats, midpoints: Floats) -> Bools:
-    """Tell which quadratic triangles (m,) with corners ``x`` and ``midpoints`` (m, 3, d) nearly turn over at a corner.
+    """Return which quadratic triangles (m,) nearly turn over at a corner, from corners and midpoints (m, 3, d).
 
     A thin triangle beside a boundary does so where the boundary bends by more than the triangle's height.
     """
@@ -110,12 +110,15 @@ def is_folded(x: Floats, midpoints: Floats) -> Bools:
 
 
 def _sides(corners: Floats) -> tuple[Floats, Floats]:
-    """Return two sides (n, d) of triangles (n, 3, d)."""
+    """Return the two sides (n, d) from the first corner of triangles with ``corners`` (n, 3, d)."""
     return corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
 
 
 def _signed_ratio(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
-    """Return the area spanned by c and d, projected on the plane of a and b, over that spanned by a and b; 1 if 0."""
+    """Return the ratio (n,) of the area spanned by c and d, projected on the plane of a and b, to that of a and b.
+
+    All are (n, d) vectors; areas have signs, and the ratio is 1 where the area of a and b is zero.
+    """
     size = dots(a, a) * dots(b, b) - dots(a, b) ** 2
     projected = dots(c, a) * dots(d, b) - dots(c, b) * dots(d, a)
     return np.asarray(np.divide(projected, size, out=np.ones_like(size), where=size > 0))
@@ -124,7 +127,8 @@ def _signed_ratio(a: Floats, b: Floats, c: Floats, d: Floats) -> Floats:
 def _folded_triangles(mesh: Mesh, midpoints: Floats, source: LocalSource) -> Ints:
     """Return the triangles (k,) that turn over, seen along the manifold's normal.
 
-    The plane of a triangle that is thinner than its edges bend with the manifold says nothing; it only preselects.
+    The plane of a triangle is no measure where the triangle is thinner than its edges bend with the manifold; it serves
+    for preselection.
     """
     corners, of_cells = mesh.vertices[mesh.cells], mesh.edges.of_cells
     rows = np.flatnonzero(is_folded(corners, midpoints[of_cells]))
@@ -145,7 +149,7 @@ def _move_with_boundary(
     free: Floats,
     project: Callable[[Floats], Floats],
 ) -> Floats:
-    """Return the midpoints, those of ``folded`` triangles (k,) displaced like the boundary next to them."""
+    """Return the midpoints (e, d), displaced in ``folded`` triangles (k,) like the midpoint on the boundary."""
     edges = mesh.edges.of_cells[folded]
     edges = edges[is_on_boundary[edges].sum(axis=1) == 1]
     moved = midpoints.copy()
