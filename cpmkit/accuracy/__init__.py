@@ -1,1 +1,1 @@
-"""How large the error of a solution is, and solving to an error, in a time, or within a memory that is asked for."""
+"""Estimates of the error of a solution, and solving to a given error, in a given time or within a given memory."""

@@ -1,4 +1,4 @@
-"""The solves on the way to a target: each is timed, and compared with a coarser one of them."""
+"""The solves on the way to a target: each is timed, and compared with a coarser solution among them."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Progress, no_progress
 
-#: Ratios of spacings at which two solutions are compared, least, best and most. With the estimate from the solution
-#: alone a large ratio is as exact as a small one, and the coarse solution costs less.
+#: Least, best and largest ratio of the spacings of two solutions that are compared. With the estimate from the solution
+#: alone a large ratio is as accurate as a small one, and the coarse solution costs less.
 LEAST_RATIO, BEST_RATIO, MOST_RATIO = 1.3, 2.5, 2.75
-#: A first spacing that is too coarse for a scene is divided by the root of two, at most so many times.
+#: Largest number of first spacings that are tried, each smaller by the root of two than a spacing that was too coarse.
 MOST_TRIALS = 10
-#: Steps in time are shortened until their error is this share of the tolerance.
+#: Steps in time are shortened until their error is at most this share of the tolerance.
 TIME_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class TimedSolve:
-    """One solve.
+    """One solve with its duration and the estimates of its error.
 
     Attributes
     ----------
@@ -53,11 +53,11 @@ class TimedSolve:
     solution : SolutionRecord
         The solution.
     seconds : float
-        Duration.
+        Duration of the solve.
     alone : ExpectedError, optional
-        The estimate of the error from the solution alone.
+        The estimate of the error from this solution alone.
     estimate : ErrorEstimate, optional
-        The estimate from a coarser solution too.
+        The estimate of the error from a coarser solution too.
     """
 
     purpose: Purpose
@@ -68,30 +68,31 @@ class TimedSolve:
 
     @property
     def spacing(self) -> float:
-        """Of the lattice."""
+        """Spacing of the lattice."""
         return self.solution.spacing
 
     @property
     def unknowns(self) -> int:
-        """Size of the system."""
+        """Number of unknowns."""
         return self.solution.discretized.size
 
     def error(self, norm: str) -> float:
-        """Return the estimate in a norm; NaN without one."""
+        """Return the estimated error in a norm, as a share of the range; NaN without an estimate."""
         return math.nan if self.estimate is None else self.estimate.of(norm)
 
     def expected_error(self, norm: str) -> float:
-        """Return the estimate from the solution alone in a norm, as a share of the range; NaN without one."""
+        """Return the error in a norm estimated from the solution alone, as a share of the range; NaN if unknown."""
         if self.alone is None:
             return math.nan
         return float(np.max((self.alone.rms if norm == "rms" else self.alone.largest) / self._unit))
 
     @cached_property
     def _unit(self) -> Floats:
+        """The unit (channels,) of relative errors, the range of the solution."""
         return error_unit(self.solution)
 
     def step(self, norm: str) -> SolveStep:
-        """Return the record of the solve, with its error in a norm."""
+        """Return the record of the solve for the history, with its estimated error in a norm."""
         problem = self.solution.scene.problem
         length = problem.step if isinstance(problem, Evolution) else 0.0
         return SolveStep(self.purpose, self.spacing, length, self.unknowns, self.seconds, self.error(norm))
@@ -99,7 +100,7 @@ class TimedSolve:
 
 @dataclass(eq=False)
 class AdaptiveRun:
-    """The target and the solves so far.
+    """The state of the search for a target: the scene, the options chosen, and the solves so far.
 
     Attributes
     ----------
@@ -112,11 +113,11 @@ class AdaptiveRun:
     progress : callable
         Called with the purpose, spacing and stage of each solve, and the share of it that is done.
     in_time : float
-        The error of the steps in time, as a share of the range; zero before it is measured.
+        The error of the steps in time, as a share of the range; zero before it is computed.
     started : float
-        When the run began, ``time.perf_counter()``.
+        ``time.perf_counter()`` at the start of the run.
     solves : list of TimedSolve
-        In order.
+        The solves so far, in order.
     origin : sequence, optional
         A node of the answer's lattice, if the user gave one.
     solver : str
@@ -126,13 +127,13 @@ class AdaptiveRun:
     chosen_options : dict
         Options that the run chose.
     order : float, optional
-        The order at which errors fall, where it is not the form's.
+        The order at which errors fall, if it is not that of the form.
     trials : int
-        How often a first spacing that is too coarse is divided.
+        Largest number of first spacings that are tried.
     failure : Exception, optional
-        The error that ended the run before its target.
+        The error that ended the run before its target was met.
     measured_floor : float, optional
-        The error that the source leaves, once it is measured.
+        The error due to the source of the manifold, once it is computed, as a share of the range.
     """
 
     scene: Scene
@@ -153,7 +154,7 @@ class AdaptiveRun:
 
     @property
     def best(self) -> TimedSolve:
-        """The solve with the smallest known error; the last one where none is known."""
+        """The solve with the smallest estimated error; the last solve if no error is known."""
         known = [
             solve for solve in self.solves if self._has_steps_of(solve.solution) and np.isfinite(self.error_of(solve))
         ]
@@ -161,25 +162,28 @@ class AdaptiveRun:
 
     @property
     def last(self) -> TimedSolve:
-        """The finest solve."""
+        """The last solve, which has the finest lattice."""
         return self.solves[-1]
 
     def error_of(self, solve: TimedSolve) -> float:
-        """Return the estimate of a solve's error in the norm of the target; NaN without one."""
+        """Return the estimated error of a solve in the norm of the target; NaN without an estimate."""
         return solve.error(self.target.norm)
 
     @property
     def error(self) -> float:
-        """The estimate of the last solve's error in the norm of the target."""
+        """The estimated error of the last solve in the norm of the target."""
         return self.error_of(self.last)
 
     @property
     def expected_error(self) -> float:
-        """The estimate from the last solution alone, in the norm of the target; NaN without one."""
+        """The error of the last solve, estimated from it alone, in the norm of the target; NaN if unknown."""
         return self.last.expected_error(self.target.norm)
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
-        """Return a solution with the modes that the scene has: coarse solutions of eigenvalue problems have more."""
+        """Return an eigenvalue solution with as many modes as the scene asks for; other solutions unchanged.
+
+        Coarse solutions of eigenvalue problems have further modes.
+        """
         modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenRecord)
         return fewer_modes(cast("EigenRecord", solution), self.scene) if modes else solution
 
@@ -189,7 +193,10 @@ class AdaptiveRun:
         return time.perf_counter() - self.started
 
     def solve(self, purpose: Purpose, spacing: float, expected_seconds: float | None = None) -> TimedSolve:
-        """Solve at a spacing; ``expected_seconds`` are reported to the progress callback."""
+        """Solve at a spacing, add the solve to the list, and return it.
+
+        ``expected_seconds`` is reported to the progress callback.
+        """
         scene = self.scene if purpose in ("answer", "correction") else coarser_scene(self.scene)
         about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
         label = f"{purpose} at spacing {spacing:.3g}{about}"
@@ -206,12 +213,12 @@ class AdaptiveRun:
         return self.last
 
     def solve_first(self, spacing: float) -> TimedSolve:
-        """Solve at a spacing, or at the first finer one at which the scene can be solved.
+        """Solve at a spacing, or at the first smaller spacing at which the scene can be solved; return the solve.
 
         Raises
         ------
         CpmkitError
-            If there is none, with the reason for which the first spacing was refused.
+            If there is no such spacing, with the reason for which the first spacing was refused.
         """
         refusal: ResolutionError | SceneError | None = None
         for trial in range(self.trials):
@@ -229,15 +236,15 @@ class AdaptiveRun:
         ) from refusal
 
     def shorten_steps(self) -> bool:
-        """Shorten the steps in time until their error is a small share of the tolerance; return whether they changed.
+        """Shorten the steps in time until their error is a small share of the tolerance; return True if they changed.
 
-        Measured on the first solve, as that error hardly depends on the spacing.
+        The error is computed from the last solution, a coarse one, as it hardly depends on the spacing.
         """
         problem: Any = self.scene.problem
         if not isinstance(problem, Evolution):
             return False
         first = self.last.solution
-        same = {"origin": first.discretization()["origin"]}  # elsewhere errors in space would count
+        same = {"origin": first.discretization()["origin"]}  # on another lattice errors in space would count
         self.in_time = error_in_time(first, lambda scene, spacing: self.solve_scene(scene, spacing, **same))
         order, most = order_in_time(problem), TIME_SHARE * (self.target.tolerance or np.inf)
         if self.in_time <= most:
@@ -248,24 +255,27 @@ class AdaptiveRun:
         return True
 
     def source_error(self) -> float:
-        """Return the error that the source leaves, measured by a solve on a mesh's triangles where it matters."""
+        """Return the error due to the source of the manifold, as a share of the range.
+
+        For a mesh read as smooth it is computed by a solve on the flat triangles, if it may exceed the tolerance.
+        """
         solution = self.last.solution
         if self.measured_floor is None:
             if self.target.tolerance is None or self.order is not None or self.failure is not None:
-                return solution.discretized.source_error()  # a recipe makes no solution on triangles
+                return solution.discretized.source_error()  # a recipe has no solution on flat triangles
             origin = solution.discretization()["origin"]
             solve = partial(self.solve_scene, spacing=solution.spacing, origin=origin, **self.chosen_options)
             self.measured_floor = measured_source_error(solution, solve, self.target.tolerance)
         return self.measured_floor
 
     def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
-        """Return whether a solution has the form and options of another one, by default the last."""
+        """Return True if a solution has the form and options of another one, by default of the last."""
         pair = (solution, other or self.last.solution)
         mine, others = (lattice_options(each.discretized) for each in pair)
         return mine is not None and others is not None and mine.own == others.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
-        """Return the solution with which another is compared: that with the best ratio of spacings, if one serves."""
+        """Return the coarser solution with which a solution is compared, by the ratio of spacings; None without any."""
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves
@@ -275,22 +285,26 @@ class AdaptiveRun:
         return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
 
     def _has_steps_of(self, solution: SolutionRecord) -> bool:
-        """Return whether the steps in time of a solution are those of the scene now."""
+        """Return True if a solution has the same steps in time as the scene has now."""
         problem = self.scene.problem
         return not isinstance(problem, Evolution) or cast("Any", solution.scene.problem).step == problem.step
 
     def _estimate(self, solution: SolutionRecord, alone: ExpectedError | None) -> ErrorEstimate | None:
+        """Return the estimated error of a solution; None if no coarser solution serves or the form has no estimate.
+
+        ``alone`` is the estimate from the solution alone.
+        """
         coarse, solution = self._coarse_solution(solution), self.with_scene_modes(solution)
         if coarse is None or any(pair.discretized.diagnosis().no_estimate for pair in (solution, coarse)):
             return None
         return estimate_from(solution, [coarse], self.in_time, self.order, alone)
 
     def _origin(self, spacing: float) -> Any:
-        """Return a node of the lattice: the user's for what may be the answer, else one that no other solve has."""
+        """Return a node of the lattice of a solve: the user's if it may be the answer, else one of this solve only."""
         if self.origin is not None and any(solve.spacing > spacing for solve in self.solves):
-            return self.origin  # further ratios of spacings are no whole numbers
+            return self.origin  # ratios of later spacings are not integers
         return shifted_origin(self.scene, spacing, len(self.solves) + 1)
 
     def steps(self) -> tuple[SolveStep, ...]:
-        """Return the records of all solves."""
+        """Return the records of all solves for the history, in order."""
         return tuple(solve.step(self.target.norm) for solve in self.solves)

@@ -1,4 +1,4 @@
-"""The error of a solution from its differences to coarser solutions, and from an estimate that needs no other one."""
+"""The error of a solution estimated from its differences to coarser solutions, and from the solution alone."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from cpmkit.solution.modes import EigenRecord, compare_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Number of points at which solutions are compared, for each unknown of the finer one, at least, and at most.
+#: Number of points at which solutions are compared: per unknown of the finer solution, at least, and at most.
 COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
-#: Eigenvalues below this share of the largest are zero: the unit of their errors is the first that is not.
+#: Eigenvalues below this share of the largest count as zero: the unit of their errors is the first larger eigenvalue.
 ZERO_SHARE = 1e-6
-#: A range below this share of a solution's size is rounding.
+#: Largest range of a constant solution, as a share of its size: rounding.
 ROUNDING_SHARE = 1e-12
 #: Weight of the estimate from coarse solutions, in the geometric mean with that from the solution alone, where it is
 #: the larger one (a coarse lattice that does not resolve the solution makes differences large), and where it is not.
@@ -25,7 +25,7 @@ WEIGHT_ABOVE, WEIGHT_BELOW = 0.35, 0.5
 #: The result is at least this share of the estimate from coarse solutions: the solution alone does not show the errors
 #: of quadrature.
 LEAST_OF_APART = 0.45
-#: Estimates are so many times too small where a solution is hardly resolved (measured).
+#: Factor by which estimates are too small where a solution is hardly resolved (measured).
 UNRESOLVED_FACTOR = 1.7
 
 
@@ -36,12 +36,12 @@ class Difference:
     Attributes
     ----------
     rms, largest : (channels,) float64
-        Of the difference, as shares of ``unit``; of eigenvalue problems both are the relative difference of each
-        eigenvalue, infinite where the coarser solution has no matching mode.
+        Root mean square and largest difference, as shares of ``unit``; for eigenvalue problems both are the relative
+        difference of each eigenvalue, infinite where the coarser solution has no matching mode.
     unit : (channels,) float64
-        The range of the finer solution, its size where it is constant; of eigenvalue problems each eigenvalue.
+        The range of the finer solution, or its size where it is constant; for eigenvalue problems each eigenvalue.
     at : (d,) float64
-        Where they differ most, in the scene's coordinates.
+        The point where the solutions differ most, in the scene's coordinates.
     ratio : float
         The coarser spacing over the finer one.
     """
@@ -54,7 +54,7 @@ class Difference:
 
 
 def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
-    """Return points (k, d) at which a solution is compared, their weights (k,) and its values (k, channels) there."""
+    """Return points (k, d) where a solution is compared, weights (k,) of sum 1, and its values (k, channels) there."""
     form = solution.discretized
     count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
     rows, points = form.some_points(count)
@@ -66,7 +66,7 @@ def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
 
 
 def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
-    """Return the difference of a solution from one at a larger spacing, at points of the finer one."""
+    """Return the difference of the solution ``fine`` from one at a larger spacing, at points of the finer one."""
     points, weights, values = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
     if isinstance(fine, EigenRecord) and isinstance(coarse, EigenRecord):
@@ -82,18 +82,18 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
 
 
 def error_unit(solution: SolutionRecord) -> Floats:
-    """Return the unit (channels,) of a solution's relative errors: its range at the points of comparison."""
+    """Return the unit (channels,) of relative errors of a solution: its range at the points of comparison."""
     return _ranges(compared_points(solution)[2])
 
 
 def _ranges(values: Floats) -> Floats:
-    """Return the range of each channel of (k, channels), its size where that is rounding, and 1 where it is zero."""
+    """Return the range (channels,) of values (k, channels); the size if the range is rounding, 1 if that is zero."""
     extent, size = np.ptp(values, axis=0), np.abs(values).max(axis=0)
     return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))
 
 
 def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
-    """Return the estimate of a solution's error from that solution alone; None where the form has none."""
+    """Return the error of a solution estimated from that solution alone; None if the form has no such estimate."""
     return None if isinstance(solution, EigenRecord) else solution.discretized.estimate(solution.values)
 
 
@@ -104,23 +104,24 @@ def estimate_from(
     order: float | None = None,
     alone: ExpectedError | None = None,
 ) -> ErrorEstimate:
-    """Estimate the error of a solution from coarser ones.
+    """Return the error of a solution estimated from coarser solutions.
 
-    Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is their geometric
-    mean. The order p is that of the form for differences at that ratio (docs/explanation/galerkin.md, section 10). With
-    ``alone`` the result is a weighted geometric mean of that and of the estimate from the solution alone: the two are
-    independent, and together are less often too small than either (measured: docs/explanation/galerkin.md).
+    Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is the geometric
+    mean of these. The order p is that of the form for differences at that ratio (docs/explanation/galerkin.md,
+    section 10). With ``alone`` the result is a weighted geometric mean of this estimate and the estimate from the
+    solution alone: the two are independent, and together are less often too small than either (measured:
+    docs/explanation/galerkin.md).
 
     Parameters
     ----------
     solution : SolutionRecord
-        Whose error is estimated.
+        The solution whose error is estimated.
     coarse_solutions : sequence of Solution
-        At larger spacings, the coarsest last.
+        Solutions at larger spacings, the coarsest last.
     in_time : float
         The error of the steps in time, as a share of the range, which is added.
     order : float, optional
-        The order p in place of the form's.
+        The order p, if it is not that of the form.
     alone : ExpectedError, optional
         See :func:`estimate_alone`.
     """
@@ -158,9 +159,9 @@ def estimate_from(
 
 
 def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> tuple[float, float]:
-    """Return the errors, rms and largest, that come from an eigenvalue near zero: 0 where there is none.
+    """Return the rms and the largest error of a solution due to an eigenvalue near zero; 0 if there is none.
 
-    The error of the eigenvalue is measured on the coarser lattice, which has one of its own.
+    The error of the eigenvalue is estimated from the eigenvalue on the lattice of the ``coarse`` solution, if known.
     """
     fine, other = solution.resonance, coarse.resonance
     if fine is None:
@@ -171,7 +172,10 @@ def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Di
 
 
 def _combine(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats) -> Floats:
-    """Return the mean of an estimate from coarse solutions and of that from the solution alone, if it is known."""
+    """Return the weighted mean (channels,) of an ``error`` from coarse solutions and that from the solution alone.
+
+    The first is a share of ``unit``, the second in the solution's unit; without ``alone`` it is the first.
+    """
     if alone is None:
         return error
     expected = getattr(alone, norm) / unit
@@ -182,9 +186,11 @@ def _combine(error: Floats, norm: str, alone: ExpectedError | None, unit: Floats
 
 
 def _diagnosis(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> Diagnosis:
+    """Return the form's diagnosis of the differences ``apart`` between a solution and a coarser one."""
     eigenvalues = isinstance(solution, EigenRecord)
     return solution.discretized.diagnosis(coarse.discretized, apart.ratio, float(apart.rms.max()), eigenvalues)
 
 
 def _geometric_mean(errors: Sequence[Floats]) -> Floats:
+    """Return the geometric mean (channels,) of several errors (channels,)."""
     return np.asarray(np.exp(np.mean(np.log(np.maximum(errors, np.finfo(float).tiny)), axis=0)))

@@ -1,4 +1,4 @@
-"""The degree of splines that reaches an error soonest, from a record made by ``benchmarks/knobs.py --record``."""
+"""Choice of the degree of splines that reaches an error soonest, from timings of ``benchmarks/knobs.py --record``."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import AdaptiveRun
 from cpmkit.types import Floats
 
-#: Kinds of equations for which the record was made.
+#: Kinds of equations that were timed.
 RECORDED_KINDS = ("poisson", "screened")
 
 
 def cheaper_degree(run: AdaptiveRun, tolerance: float) -> int | None:
-    """Return a higher degree with which a tolerance is reached sooner; None to keep the degree.
+    """Return a higher degree of splines with which a tolerance is reached sooner; None to keep the degree.
 
-    Only where the record, which is one of seconds, holds: neither a degree nor a memory is given, the manifold is a
-    smooth closed surface that is known exactly, and the error falls as it should.
+    A degree is returned only where the recorded timings hold: neither a degree nor a memory is given, the manifold is a
+    smooth closed surface that is known exactly, and the error falls at its expected order.
     """
     form, scene = run.last.solution.discretized, run.scene
     recorded = (
@@ -38,9 +38,9 @@ def cheaper_degree(run: AdaptiveRun, tolerance: float) -> int | None:
 
 @cache
 def error_of_equal_cost() -> float:
-    """Return the error below which cubic splines take less time than quadratic ones, the mean over the surfaces.
+    """Return the error below which cubic splines take less time than quadratic splines, the mean over the surfaces.
 
-    Seconds are taken to grow with a power of the error, through the two finest solves of each degree.
+    The time is assumed to be a power of the error, through the two finest solves of each degree.
     """
     rows = json.loads((files("cpmkit.accuracy") / "degree_choice.json").read_text(encoding="utf-8"))
     logarithms = []
@@ -51,7 +51,7 @@ def error_of_equal_cost() -> float:
 
 
 def _line(rows: list[dict[str, Any]], surface: str, degree: int) -> Floats:
-    """Return the slope and the height of log seconds over log error."""
+    """Return the slope and the height of log(seconds) as a line over log(error), for a surface and a degree."""
     chosen = [row for row in rows if row["surface"] == surface and row["degree"] == degree]
     finest = sorted(chosen, key=lambda row: row["spacing"])[:2]
     log = np.log([[row["error"], row["seconds"]] for row in finest])

@@ -1,4 +1,4 @@
-"""An estimate of a solution's error: its size, where it is largest, and the coarser solutions that it comes from."""
+"""The estimated error of a solution: its size, where it is largest, and the coarser solutions that it comes from."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: The bound of an error is so many times its estimate.
+#: Ratio of the bound of an error to its estimate.
 ERROR_SAFETY_FACTOR = 2.0
 
 
@@ -75,33 +75,34 @@ class ErrorEstimate:
 
     @property
     def coarse(self) -> SolutionRecord:
-        """The coarsest solution with which it was compared."""
+        """The coarsest solution used for the estimate."""
         return self.coarse_solutions[-1]
 
     def of(self, norm: str) -> float:
-        """Return the error in a norm, ``"rms"`` or ``"max"``, of the channel where it is largest, as a share."""
+        """Return the error in the norm ``"rms"`` or ``"max"``, as a share of the range; the largest of the channels."""
         return float(np.max(self.rms if norm == "rms" else self.largest))
 
     def at_points(self, points: Any) -> Floats:
-        """Return the estimated error (n,) or (n, channels) at points of the manifold, in the solution's own unit."""
+        """Return the estimated error (n,) or (n, channels) at points (n, d) of the manifold, in the solution's unit."""
         pair = (self.solution, self.coarse)
         errors = self._pointwise(*(solution.evaluate(points).reshape(len(points), -1) for solution in pair))
         return np.asarray(errors[:, 0] if errors.shape[1] == 1 else errors)
 
     def on_mesh(self, mesh: DisplayMesh) -> Floats:
-        """Return the estimated error (v, channels) at a mesh's vertices, each on the side of its cells."""
+        """Return the estimated error (v, channels) at the vertices of a mesh, each on the side of its cells."""
         sides = np.zeros((len(mesh.points), 0), dtype=np.int64) if mesh.sides is None else mesh.sides
         pair = (self.solution, self.coarse)
         return self._pointwise(*(evaluate_on_sides(solution, mesh.points, sides) for solution in pair))
 
     def _pointwise(self, fine: Floats, coarse: Floats) -> Floats:
-        if isinstance(self.solution, EigenRecord):  # functions of a multiplet are any basis of it
+        """Return the error (n, channels) from the values (n, channels) of the fine and the coarsest solution."""
+        if isinstance(self.solution, EigenRecord):  # eigenfunctions of a multiplet are an arbitrary basis
             coarse = coarse @ np.linalg.lstsq(coarse, fine, rcond=None)[0]
         ratio = self.coarse.spacing / self.solution.spacing
         return np.asarray(self.factor * np.abs(fine - coarse) / (ratio**self.order - 1))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the estimate as plain values."""
+        """Return the estimate as numbers, lists and strings."""
         arrays = {name: getattr(self, name).tolist() for name in ("rms", "largest", "unit", "floor", "at")}
         spacings = [solution.spacing for solution in self.coarse_solutions]
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}

@@ -1,4 +1,4 @@
-"""Estimating the error of a solution by solving the same scene at larger spacings."""
+"""Estimates of the error of a solution by solving the same scene at larger spacings."""
 
 from __future__ import annotations
 
@@ -29,33 +29,33 @@ from cpmkit.solution.modes import EigenRecord, with_further_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Spacings of the coarser solutions over that of the solution; ``True`` for a tight estimate.
+#: Ratios of the coarser spacings to the spacing of the solution; ``True`` for a tight estimate.
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
-#: Shift of coarser lattices, in spacings of theirs: nodes at the same places would make the same errors there.
+#: Shift of coarser lattices, in units of their spacing: the same nodes would have the same errors.
 SHIFT = (0.37, 0.59, 0.43)
-#: An error of the source below this share of the solution's error is not measured more closely.
+#: An error of the source below this share of the solution's error is not computed more accurately.
 FLOOR_SHARE = 0.5
 
-#: Solves a scene at a spacing, on a lattice elsewhere, with all other options as they were.
+#: Solves a scene at a spacing, on a shifted lattice, with all other options unchanged.
 SolveAt = Callable[[Scene, float], SolutionRecord]
 
 
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
-    """Solve a scene at larger spacings, and estimate the error of a solution from the differences.
+    """Solve a scene at larger spacings, and return the error of a solution estimated from the differences.
 
     Parameters
     ----------
     solution : SolutionRecord
-        Whose error is estimated.
+        The solution whose error is estimated.
     solve_at : callable
         Solves a scene at a spacing.
     tight : bool
-        Whether the solution is compared at the root of two and at two times the spacing, or at two times alone.
+        Whether the solution is compared at both the root of two and two times the spacing, or only at two times.
 
     Raises
     ------
     ResolutionError
-        If the scene has no solution at these spacings, nor at the root of two.
+        If the scene cannot be solved at these spacings, nor at the root of two times the spacing.
     CpmkitError
         As ``solve`` does at the larger spacings.
     """
@@ -72,14 +72,15 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
 def _coarser_solutions(
     scene: Scene, solution: SolutionRecord, solve_at: SolveAt, ratios: Sequence[float]
 ) -> list[SolutionRecord]:
-    """Return solutions at ``ratios`` times the spacing, or at the root of two where these are too coarse.
+    """Return solutions at ``ratios`` times the spacing, or at the root of two times it if these are too coarse.
 
-    Too coarse is a lattice that leaves unresolved what that of the solution resolves: bends of the manifold, or waves.
+    A lattice is too coarse if it does not resolve the bends of the manifold or waves that the solution's lattice
+    resolves.
 
     Raises
     ------
     ResolutionError
-        If that one is too coarse as well; the message names the spacing that the user gave.
+        If the last of these lattices is too coarse as well; the message names the spacing that the user gave.
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
@@ -101,19 +102,21 @@ def _coarser_solutions(
 
 
 def _is_unresolved(solution: SolutionRecord) -> bool:
+    """Return True if the lattice of a solution does not resolve the manifold or the standing waves."""
     form, problem = solution.discretized, solution.scene.problem
     return form.diagnosis().unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
 
 def coarser_scene(scene: Scene) -> Scene:
-    """Return the scene for coarser solutions: of eigenvalue problems with further modes, as their order may differ."""
+    """Return the scene for coarser solutions; an eigenvalue problem with further modes, whose order may differ."""
     return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
 
 
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
-    It hardly depends on the spacing, so that a coarse solution serves.
+    It hardly depends on the spacing, so a coarse solution suffices. 0 for equations without time, and if twice the
+    step exceeds the duration.
     """
     problem = solution.scene.problem
     if not isinstance(problem, Evolution) or 2 * problem.step > problem.duration:
@@ -124,26 +127,26 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
 
 
 def order_in_time(problem: Evolution) -> int:
-    """Return the order of a problem's scheme; 1 where a function is called after each step."""
+    """Return the order of the time stepping scheme; 1 if a function is called after each step."""
     return 1 if problem.scheme in FIRST_ORDER_SCHEMES or problem.after_step is not None else 2
 
 
 def measured_source_error(
     solution: SolutionRecord, solve: Callable[[Scene], SolutionRecord], negligible: float
 ) -> float:
-    """Return the error that the source of the manifold leaves, as a share of the solution's range; 0 for eigenvalues.
+    """Return the error due to the source of the manifold, as a share of the solution's range; 0 for eigenvalues.
 
-    The form's estimate is from areas. Where it is above ``negligible`` and the source is a mesh that is read as smooth,
-    the scene is also solved on the flat triangles: solutions differ by less than areas do.
+    The form estimates it from areas. If the estimate is above ``negligible`` and the source is a mesh read as smooth,
+    the scene is also solved on the flat triangles, since solutions differ by less than areas do.
 
     Parameters
     ----------
     solution : SolutionRecord
-        A coarse one, as the further solve costs as much.
+        A coarse solution, as the further solve costs as much as it.
     solve : callable
         Solves a scene on the lattice of the solution.
     negligible : float
-        A smaller error need not be known exactly.
+        An error below this share is not computed more accurately.
     """
     if isinstance(solution, EigenRecord):
         return 0.0
@@ -156,12 +159,12 @@ def measured_source_error(
 
 
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
-    """Estimate the error of a solution with the options of its discretisation.
+    """Return the estimated error of a solution, from coarser solutions with the options of its discretisation.
 
     Raises
     ------
     InputError
-        If the solution is not one on a lattice, or its error has no estimate.
+        If the solution has no lattice, or its error cannot be estimated.
     """
     form = solution.discretized
     options = lattice_options(form)
@@ -177,12 +180,12 @@ def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
 
 
 def check_estimable(form: Discretized) -> None:
-    """Refuse an estimate where differences of solutions say nothing of their errors.
+    """Raise if differences between solutions of this form do not measure their errors.
 
     Raises
     ------
     InputError
-        With the reason.
+        In this case, with the reason.
     """
     reason = form.diagnosis().no_estimate
     if reason:
@@ -190,18 +193,18 @@ def check_estimable(form: Discretized) -> None:
 
 
 def with_estimate(solution: SolutionRecord, how: bool | str | None, options: Mapping[str, Any]) -> SolutionRecord:
-    """Return a solution with its estimate made at once (``True``, ``"tight"``), never (``False``), later (``None``)."""
+    """Return a solution with its error estimated now (``True``, ``"tight"``), never (``False``) or later (``None``)."""
     if how is None:
         return solution
     if how is False:
         return replace(solution, estimated=False)
-    if solution.discretized.diagnosis().no_estimate:  # its warnings say so; the solution is not lost
+    if solution.discretized.diagnosis().no_estimate:  # the warnings say so; the solution is returned
         return solution
     return replace(solution, estimated=estimate_by_solving(solution, coarse_solver(options), how == "tight"))
 
 
 def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
-    """Return the function that solves with the options of ``solve``, on lattices whose nodes lie elsewhere."""
+    """Return the function that solves with the given options of ``solve``, on a shifted lattice."""
     given = {name: value for name, value in options.items() if name not in ("spacing", "origin")}
 
     def solve_at(scene: Scene, spacing: float) -> SolutionRecord:
@@ -212,7 +215,7 @@ def coarse_solver(options: Mapping[str, Any]) -> SolveAt:
 
 
 def shifted_origin(scene: Scene, spacing: float, number: int = 1) -> Floats:
-    """Return a node (d,) of the lattice of coarse solution ``number``: no two have nodes at the same places."""
+    """Return a node (d,) of the lattice of coarse solution ``number``, shifted so that no two lattices share nodes."""
     shift = number * np.array(SHIFT)[: scene.surface.dim] % 1.0
     return np.asarray(np.asarray(scene.surface.bounds).mean(axis=0) + spacing * shift)
 

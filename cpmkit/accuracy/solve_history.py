@@ -1,4 +1,4 @@
-"""The record of the solves by which an error was reached, or a time or a memory was kept."""
+"""The record of the solves by which a target was met: an error, a time or a memory."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ class SolveHistory:
 
     @property
     def cost_over_last_solve(self) -> float:
-        """Seconds of all solves and estimates over those of the last solve."""
+        """Ratio of the seconds of all solves and estimates to the seconds of the last solve."""
         return self.seconds / self.steps[-1].seconds
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the record as plain values."""
+        """Return the record as a dictionary of plain values."""
         return {**asdict(self), "cost_over_last_solve": self.cost_over_last_solve}
 
     def __str__(self) -> str:

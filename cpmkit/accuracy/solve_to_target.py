@@ -1,4 +1,4 @@
-"""Solving to an error, within a time, or within a memory: the target goes in, the solution and its history come out."""
+"""Solving to a given error, within a time or within a memory; returns the solution with the history of the solves."""
 
 from __future__ import annotations
 
@@ -29,22 +29,22 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress, no_progress
 
-#: The relative residual of linear solves over the tolerance, which leaves less than a twentieth of it; the largest and
+#: Ratio of the relative residual of linear solves to the tolerance, of which its error is below 1/20; the largest and
 #: the smallest residual (measured: tests/accuracy/test_tolerance.py).
 RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
-#: A recipe's first spacing is divided so many times at most: a recipe may refuse a scene at every spacing.
+#: Largest number of first spacings tried with a recipe, which may refuse a scene at every spacing.
 MOST_RECIPE_TRIALS = 4
 
-#: The class of the solutions that a recipe makes.
+#: The class of the solutions that a recipe returns.
 Made = TypeVar("Made", bound=SolutionRecord)
-#: Makes a solution at a spacing, on a lattice that has a node at the given origin, or at one of its own choice.
+#: Returns a solution at a spacing, on a lattice with a node at the given origin, or anywhere if that is None.
 Recipe = Callable[[float, Any], SolutionRecord]
 
 
 def solve_to_target(
     scene: Scene, target: AccuracyTarget, progress: Progress, options: Mapping[str, Any]
 ) -> SolutionRecord:
-    """Solve until the target is met, or cannot be.
+    """Solve at several spacings until the target is met or cannot be met.
 
     Returns
     -------
@@ -54,7 +54,7 @@ def solve_to_target(
     Raises
     ------
     InputError
-        If an option determines what is to be chosen.
+        If an option needs a spacing to be given.
     CpmkitError
         As ``solve`` does, where no spacing serves.
     """
@@ -167,7 +167,7 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 
 
 def answer_of(run: AdaptiveRun) -> SolutionRecord:
-    """Search for the spacing and return the answer, with its estimate and its history."""
+    """Search for the spacing of the target, and return the answer with its estimate and history."""
     target = run.target
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
@@ -189,12 +189,12 @@ def answer_of(run: AdaptiveRun) -> SolutionRecord:
 
 
 def algebraic_tolerance(tolerance: float) -> float:
-    """Return the relative residual at which linear systems are solved well enough for an error of ``tolerance``."""
+    """Return the relative residual to which linear systems are solved for an error of ``tolerance``."""
     return min(max(RESIDUAL_SHARE * tolerance, SMALLEST_RESIDUAL), LARGEST_RESIDUAL)
 
 
 def _check(scene: Scene, options: Mapping[str, Any]) -> None:
-    """Refuse options and scenes for which a spacing must be given."""
+    """Raise InputError for options and scenes that need a spacing to be given."""
     given = [name for name in declared_options(Checkpointing) if name in options]
     given += ["backend"] if options["backend"] != "cpm" else []
     if given:
@@ -216,7 +216,10 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
 
 
 def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> str:
-    """Return the result in a sentence."""
+    """Return the result of the search in a sentence.
+
+    ``aim`` is the tolerance aimed at, or the error due to the source if that is larger.
+    """
     target, estimate = run.target, best.estimate
     where = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
     size, norm = run.error_of(best), {"rms": "root mean square", "max": "largest error"}[target.norm]
@@ -245,7 +248,8 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
 
 
 def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
-    if not run.chosen_options or not run.is_like_last(best.solution):  # the last one has the degree that was chosen
+    """Return a sentence on the degree that was chosen; "" if none was, or the best solve has another degree."""
+    if not run.chosen_options or not run.is_like_last(best.solution):  # the last solve has the degree that was chosen
         return ""
     return (
         f"degree {run.chosen_options['degree']} was chosen: on smooth surfaces that are known exactly it reaches "
@@ -254,6 +258,7 @@ def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
 
 
 def _limits(run: AdaptiveRun) -> str:
+    """Return the limits of time and memory in words."""
     target = run.target
     limits = [] if target.seconds is None else [f"{target.seconds:g} seconds"]
     limits.append(

@@ -1,8 +1,8 @@
 """The search for the spacing at which a target (error, time, memory) is met.
 
 A first, coarse solve gives an estimate of its error, and from that the spacing of the next solve, with which it is
-compared. Where the target is far away, a solve in between shows how the error falls and what solves cost, and the
-answer is compared with it.
+compared. If the target is far away, a solve at a spacing in between shows how fast the error falls and what solves
+cost, and the answer is compared with it.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ AIMED_SHARE, FIRST_AIMED_SHARE, FIRST_ORDER = 0.55, 0.45, 2.4
 #: Shares of the tolerance below which an estimate is accepted, later and at the first comparison: largest errors
 #: scatter more, and with one coarser solution nothing shows whether errors fall yet as they should.
 ACCEPTED_SHARE, FIRST_ACCEPTED_SHARE = {"rms": 0.97, "max": 0.87}, {"rms": 0.93, "max": 0.75}
-#: Times this where errors may fall slowly: of slits with an exact solution the estimate was down to .49 of the error.
+#: Factor of these where errors may fall slowly: for slits with an exact solution the estimate was down to .49 of it.
 SLOW_SHARE = 0.55
-#: Times these where there is no estimate from the solution alone, at first and later; of eigenvalues the second pair,
+#: Factors of these without an estimate from the solution alone, at first and later; for eigenvalues the second pair,
 #: whose estimates are rather large.
 UNTOLD_SHARES, EIGENVALUE_SHARES = (0.6, 0.75), (0.8, 0.92)
 #: Orders at which errors are taken to fall: at least, at most, and at most where they may fall slowly.
@@ -46,19 +46,19 @@ LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 #: The same from the first solve, which is cheap, to the second; and where the first one has no estimate.
 FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.48, 2.2
-#: A time is kept to within this factor.
+#: A time limit counts as kept up to this factor.
 LATE = 1.5
-#: Solutions whose spacings are nearer to each other than this factor show neither an order nor an error.
+#: Least ratio of two spacings whose solutions show an order and an error.
 TELLING_RATIO = 1.35
-#: Finer answers after the first, at most.
+#: Largest number of finer answers after the first.
 MOST_CORRECTIONS = 2
-#: Linear solves to a relative residual leave an error of at most about so many times it, as a share of the range
+#: Ratio of the error of linear solves, as a share of the range, to their relative residual: at most about this
 #: (measured: tests/accuracy/test_tolerance.py).
 RESIDUAL_FACTOR = 50.0
 #: Unknowns of the first solve, about, by the manifold's dimension; and the blocks from which they are counted: few, as
 #: closest points may be expensive.
 FIRST_UNKNOWNS, COUNTED_BLOCKS = {0: 35, 1: 35, 2: 100, 3: 400}, 100
-#: A solve may take so many times longer than expected; of memory this share is used.
+#: Factor by which a solve may take longer than expected; share of the memory that is used.
 LONGER, PLANNED_SHARE = 1.25, 0.8
 #: Bytes of holes between arrays and of partly used pages of 2 MiB where one solve follows another: a constant, a share
 #: of the need, and at most (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at most, in processes of
@@ -69,15 +69,15 @@ FITTING_ROUNDS = 20
 
 
 def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
-    """Solve until the target is met; return the status, and the tolerance that was aimed at (0 without one).
+    """Solve at one spacing after another until the target is met or cannot be met.
 
-    Once there is a solution, a solve that fails ends the search with the error in ``run.failure``: the solutions so far
-    are not lost.
+    Return how the search ended, and the tolerance that was aimed at (0 without one). Once there is a solution, a solve
+    that fails ends the search with the error in ``run.failure``, and the solutions so far are kept.
 
     Raises
     ------
     CpmkitError
-        As a solve does where there is no solution yet, or if a coarse solve exceeds the memory of the target.
+        As a solve does if there is no solution yet, or if a coarse solve exceeds the memory of the target.
     """
     tolerance = run.target.tolerance
     run.solve_first(first_spacing(run.scene))
@@ -97,13 +97,13 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
 
 
 def _reachable_tolerance(run: AdaptiveRun) -> float:
-    """Return the tolerance, or the error that the source leaves if that is larger; 0 without a tolerance."""
+    """Return the tolerance, or the error due to the source if that is larger; 0 without a tolerance."""
     tolerance = run.target.tolerance
     return 0.0 if tolerance is None else max(tolerance, run.source_error())
 
 
 def _solve_second(run: AdaptiveRun) -> None:
-    """Shorten the steps in time, if needed, and solve at the second spacing."""
+    """Shorten the steps in time if needed, and solve at the second spacing."""
     if run.shorten_steps():
         run.solve("pilot", run.last.spacing)
     run.solve("pilot", run.last.spacing / _first_factor(run))
@@ -111,7 +111,7 @@ def _solve_second(run: AdaptiveRun) -> None:
 
 
 def _first_factor(run: AdaptiveRun) -> float:
-    """Return how many times finer the second spacing is, from the estimate of the first solution alone."""
+    """Return the ratio of the first to the second spacing, from the estimate of the first solution alone."""
     tolerance = run.target.tolerance
     if math.isnan(run.expected_error):
         return UNTOLD_FACTOR
@@ -122,7 +122,7 @@ def _first_factor(run: AdaptiveRun) -> float:
 
 
 def _refine(run: AdaptiveRun) -> None:
-    """Solve at smaller spacings until the tolerance is reached, a limit, or the error no longer falls."""
+    """Solve at smaller spacings until the tolerance or a limit is reached, or the error no longer falls."""
     aim = _reachable_tolerance(run)
     degree = cheaper_degree(run, aim)
     if degree is not None:
@@ -144,15 +144,16 @@ def _refine(run: AdaptiveRun) -> None:
 
 
 def _solve(run: AdaptiveRun, purpose: Purpose, spacing: float) -> None:
+    """Solve at a spacing, with the expected time reported to the progress callback."""
     run.solve(purpose, spacing, expected_seconds(run, spacing))
 
 
 def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
-    """Return whether the estimate of the last solution's error is below the tolerance ``aim``, with a margin.
+    """Return True if the estimated error of the last solution is below the tolerance ``aim``, with a margin.
 
-    Never where pieces of the manifold with one unknown each are so large that they alone may leave more: no estimate
-    sees their errors. Without an estimate from the solution alone the margin is larger if errors fall more slowly than
-    they should, as they do while a layer is about as wide as a spacing. Two independent estimates need no such caution.
+    It is never accepted if pieces of the manifold with one unknown each are so large that their errors, which no
+    estimate includes, may exceed the tolerance. Without an estimate from the solution alone the margin is larger if
+    errors fall more slowly than expected, as they do while a layer is about as wide as a spacing.
     """
     if run.last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
@@ -169,10 +170,10 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
 
 
 def errors_stay(run: AdaptiveRun) -> bool:
-    """Return whether smaller spacings no longer help.
+    """Return True if smaller spacings no longer reduce the error.
 
-    Either the error has risen and is what the residuals of linear solves may leave, which grow as the spacing falls. Or
-    none of the last three errors is below the one before, nor do they fall.
+    Either the error has risen and is of the size that the residuals of linear solves cause, which grow as the spacing
+    falls; or the last four errors do not fall.
     """
     known = _comparable(run)[-4:]
     spacings, errors = [solve.spacing for solve in known], [run.error_of(solve) for solve in known]
@@ -184,14 +185,14 @@ def errors_stay(run: AdaptiveRun) -> bool:
 
 
 def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
-    """Return the spacing at which the error is expected to be below the tolerance ``aim``; zero without one."""
+    """Return the spacing at which the error is expected to be below the tolerance ``aim``; zero without a tolerance."""
     here = run.last.spacing
     if aim == 0:
         return 0.0
     if _is_accepted(run, aim):
         return here
     known = _comparable(run)
-    if not known:  # no mode was matched
+    if not known:  # no mode was matched, so no error is known
         return here / math.sqrt(2)
     p, last = observed_order(run), known[-1]
     error = run.error_of(last) * (here / last.spacing) ** p
@@ -199,7 +200,7 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
 
 
 def observed_order(run: AdaptiveRun) -> float:
-    """Return the order at which the error is taken to fall: the mean of the observed one and of the form's."""
+    """Return the order at which the error is assumed to fall: the mean of the observed order and the form's."""
     observed = prior = _prior_order(run)
     pair, errors = _last_two_errors(run)
     if len(pair) == 2 and pair[0].spacing > TELLING_RATIO * pair[1].spacing:
@@ -209,7 +210,10 @@ def observed_order(run: AdaptiveRun) -> float:
 
 
 def _last_two_errors(run: AdaptiveRun) -> tuple[list[TimedSolve], list[float]]:
-    """Return the last two solves with estimates, and these; else the last two, with estimates from each alone."""
+    """Return the last two solves with estimated errors, and these errors without the error in time.
+
+    If there are fewer than two, the last two solves, with the errors estimated from each alone, if known.
+    """
     known = _comparable(run)[-2:]
     if len(known) == 2 or math.isnan(run.expected_error):
         return known, [run.error_of(solve) - run.in_time for solve in known]
@@ -217,7 +221,7 @@ def _last_two_errors(run: AdaptiveRun) -> tuple[list[TimedSolve], list[float]]:
 
 
 def _prior_order(run: AdaptiveRun) -> float:
-    """Return the order of the last estimate, of the form where there is none."""
+    """Return the order of the last estimate; without an estimate, that of the form."""
     estimate = run.last.estimate
     if estimate is not None:
         return estimate.order
@@ -225,12 +229,12 @@ def _prior_order(run: AdaptiveRun) -> float:
 
 
 def _comparable(run: AdaptiveRun) -> list[TimedSolve]:
-    """Return the solves with the options of the last one whose error is known, the finest last."""
+    """Return the solves with the options of the last solve whose errors are known, the finest last."""
     return [solve for solve in run.solves if np.isfinite(run.error_of(solve)) and run.is_like_last(solve.solution)]
 
 
 def first_spacing(scene: Scene) -> float:
-    """Return the spacing of the first solve."""
+    """Return the spacing of the first solve, for a number of unknowns that depends on the manifold's dimension."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
     spacing = (unknowns_at_one(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
@@ -238,12 +242,12 @@ def first_spacing(scene: Scene) -> float:
 
 
 def finest_spacing(run: AdaptiveRun) -> float:
-    """Return the finest spacing that time and memory allow: those of the target, and the memory of the process."""
+    """Return the smallest spacing that the target's time and memory and the memory of the process allow."""
     return _growth(run).spacing_with(min(_most_in_memory(run), _most_in_time(run)))
 
 
 def expected_seconds(run: AdaptiveRun, spacing: float) -> float | None:
-    """Return about how long a solve at a spacing takes; None before two were timed."""
+    """Return the expected duration of a solve at a spacing; None before two solves were timed."""
     if len(run.solves) < 2:
         return None
     start, slope = _seconds(run)
@@ -251,31 +255,35 @@ def expected_seconds(run: AdaptiveRun, spacing: float) -> float | None:
 
 
 def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
-    """Return the peak of memory of a solve of so many unknowns, with that of coarser solutions, pages and holes."""
+    """Return the predicted peak of memory, in bytes, of a solve with this number of unknowns.
+
+    It includes stored coarser solutions, and holes and partly used pages of memory.
+    """
     used, stored = _needed_bytes(run, unknowns)
     return stored + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
-    """Return the bytes that a solve of so many unknowns needs, and those that coarser solutions hold meanwhile."""
+    """Return the bytes that a solve with this number of unknowns needs, and those of the coarser solutions stored."""
     model = _cost_model(run)
     used = model.peak_bytes(unknowns, model.choose_solver(run.solver, unknowns), run.last.solution.work)
     return used, sum(model.stored_bytes(solve.solution.work) for solve in run.solves if solve.unknowns < unknowns)
 
 
 def _cost_model(run: AdaptiveRun) -> CostModel[Any]:
+    """Return the cost model of the scene with the discretisation options of the last solve."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
     return cost_model(run.scene, options)
 
 
 def check_memory(run: AdaptiveRun) -> None:
-    """Refuse a memory that coarse solves exceed.
+    """Raise if the last, coarse solve needs more memory than the target allows.
 
     Raises
     ------
     ResolutionError
-        With the memory that they need.
+        In this case, with the memory that it needs.
     """
     needed, target = sum(_needed_bytes(run, run.last.unknowns)), run.target.memory
     if target is not None and needed > target:
@@ -286,25 +294,28 @@ def check_memory(run: AdaptiveRun) -> None:
 
 
 def _growth(run: AdaptiveRun) -> Growth:
-    """Return the number of unknowns as a function of the spacing."""
+    """Return the number of unknowns as a function of the spacing, through the last two solves."""
     coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
     return rising_growth(fine, coarse, max(largest_dim(run.scene.surface), 1))
 
 
 def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
-    """Return the finest solve after the next coarser one."""
+    """Return the next coarser solve than the last, and the last solve."""
     fine = run.last
     return next(solve for solve in reversed(run.solves) if solve.spacing > 1.1 * fine.spacing), fine
 
 
 def _seconds(run: AdaptiveRun) -> tuple[float, float]:
-    """Return the constant and the slope of seconds as a function of unknowns, through the last two solves."""
+    """Return the constant and the slope of the duration as a linear function of the number of unknowns."""
     coarse, fine = ((float(solve.unknowns), solve.seconds) for solve in _last_two(run))
     return line_through(coarse, fine)
 
 
 def _most_in_time(run: AdaptiveRun) -> float:
-    """Return how many unknowns fit into the remaining time, with a solve at twice the spacing for comparison."""
+    """Return the number of unknowns for which the remaining time suffices; infinite without a time limit.
+
+    A solve at twice the spacing for comparison is included.
+    """
     if run.target.seconds is None:
         return np.inf
     start, slope = _seconds(run)
@@ -315,7 +326,7 @@ def _most_in_time(run: AdaptiveRun) -> float:
 
 
 def _most_in_memory(run: AdaptiveRun) -> float:
-    """Return how many unknowns the memory holds."""
+    """Return the number of unknowns for which the memory suffices."""
     limit = PLANNED_SHARE * min(run.target.memory or np.inf, memory.available_bytes())
     most = float(run.last.unknowns)
     for _ in range(FITTING_ROUNDS):

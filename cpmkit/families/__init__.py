@@ -1,1 +1,1 @@
-"""Families of equations, written over any form."""
+"""Solvers of the families of equations (steady, in time, eigenvalue, coupled, biharmonic) for any form."""

@@ -26,7 +26,7 @@ from cpmkit.scene.equations import Terms
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Sides
 
-#: The solvers of complex systems.
+#: The linear solvers that solve complex systems.
 COMPLEX_SOLVERS = ("direct", "multigrid", "reference")
 
 
@@ -43,24 +43,24 @@ class BiharmonicRecord(SolutionRecord):
     second: Floats
 
     def laplacian(self, points: Any, side: Sides = None) -> Floats:
-        """Return Lap u; the parameters are those of :meth:`cpmkit.Solution.evaluate`."""
+        """Return Lap u at ``points``; parameters and shape as for :meth:`cpmkit.Solution.evaluate`."""
         values: Floats = replace(self, values=self.second).evaluate(points, side)
         return values
 
     def arrays(self) -> dict[str, Any]:
-        """Return the lattice, the nodes, the values and the Laplacian as plain arrays."""
+        """Return the lattice, the nodes, the values and the Laplacian as plain arrays, by name."""
         return {**super().arrays(), "laplacian": self.second}
 
 
 def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
-    """Solve a biharmonic problem.
+    """Assemble and solve the system of a biharmonic problem, and return its solution.
 
     Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there.
 
     Raises
     ------
     InputError
-        If the solver solves real systems alone.
+        If c is not zero and the linear solver does not solve complex systems.
     ConvergenceError
         If the solver does not reach the tolerance.
     """
@@ -85,26 +85,30 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     return BiharmonicRecord(form, u, report, work, seconds, -v, warnings=warnings, imbalances=imbalances)
 
 
-#: u and v, the report, and the part of f that has no solution.
+#: u (n, channels), v (n, channels), the report, and the imbalances: the parts of f for which there is no solution.
 _Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
 
 
 def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
-    """Return u and v with ``K u - M v = r`` and ``c M u + K v = q``.
+    """Solve ``K u - M v = r`` and ``c M u + K v = q`` as one complex system; return u, v and the report.
 
-    M is that of equations in time: where c is large, the mass matrix of integrals leaves some unknowns free.
+    ``stiffness`` is K; M is the mass matrix of equations in time, since for large c the consistent mass matrix leaves
+    some unknowns undetermined.
     """
     s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
     prepared, constants = context.cache.get(("complex", s), _prepare, context, ComplexShift(stiffness, s, mass))
     b: Any = q + 1j * s * r
     w, report = constants.solve(prepared, b, context.tolerance, progress=context.progress)
-    report = replace(report, operator_applications=2 * report.operator_applications)  # of a real A
+    report = replace(report, operator_applications=2 * report.operator_applications)  # products with the real A
     return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report, ()
 
 
 def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
-    """Return u and v with ``K v = q`` and ``K u = r + M v``."""
-    del c  # zero
+    """Solve ``K v = q``, then ``K u = r + M v``, for c = 0; return u, v, the report and the imbalances of f.
+
+    On pieces where a constant is free, u has mean zero.
+    """
+    del c  # is zero
     form = context.discretized
     operator, (prepared, constants) = context.cache.get(("pair", 0.0), _prepared_laplacian, context, stiffness)
     v, first = constants.solve(prepared, q, context.tolerance, progress=context.progress)
@@ -120,20 +124,22 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
 def _prepared_laplacian(
     context: SolveContext, stiffness: Stiffness
 ) -> tuple[Operator, tuple[PreparedSolver, ConstantFunctions]]:
+    """Return K, bordered on pieces where a constant is free, and its prepared solver with the constant functions."""
     free = context.discretized.free_constants(stiffness)
     operator: Operator = stiffness if free is None else Bordered(stiffness, free)
     return operator, _prepare(context, operator)
 
 
 def _prepare(context: SolveContext, operator: Operator) -> tuple[PreparedSolver, ConstantFunctions]:
+    """Return the prepared solver of systems with ``operator``, and the constant functions taken out of them."""
     return context.prepare(operator), context.constants(operator)
 
 
 def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
-    """Return u with mean zero on free pieces, and v with the mean there that balances the slopes of u at its edge.
+    """Return u with mean zero on free pieces, and v with the mean there that balances the fluxes of u at the edge.
 
-    ``K v = q`` leaves the mean of v free, and ``K u = r + M v`` has a solution for one mean alone: the imbalance of the
-    second system gives that mean.
+    ``K v = q`` leaves the mean of v free, and ``K u = r + M v`` has a solution for only one mean, which is computed
+    from the imbalance of the second system. A piece is free if no condition or term fixes a constant on it.
     """
     border = operator.border
     u, means = border.remove_means(u)
@@ -144,12 +150,12 @@ def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v:
 
 
 def _times_mass(form: Discretized, u: Floats) -> Floats:
-    """Return M u."""
+    """Return M u for u (n, k), with the mass matrix M of the form; u itself if the form has none."""
     return u if form.mass is None else form.mass.apply(u)
 
 
 def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
-    """Return the report of two solves one after the other."""
+    """Return the report of two successive solves: counts added, all else from the solve with the larger residual."""
     worse = max(first, second, key=lambda report: report.residual)
     return replace(
         worse,

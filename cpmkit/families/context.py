@@ -1,4 +1,4 @@
-"""The context of a solve: a discretised scene, the linear solver, and operators kept for the next solve."""
+"""The context of a solve: a discretised scene, the linear solver, and a cache of operators for later solves."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Progress
 
-#: Number of operators that are kept with their factors: a run in time has those of shortened steps before frames too.
+#: Number of operators cached with their factors; a run in time has several, as steps before frames are shorter.
 MOST_CACHED = 4
 
 
 @dataclass(frozen=True, eq=False)
 class OperatorCache:
-    """Operators and prepared solvers of a discretised scene, by their keys; those used last are kept.
+    """Cache of operators and prepared solvers of a discretised scene; the most recently used are kept.
 
     Attributes
     ----------
     entries : dict
-        By key.
+        Cached values by their keys, the least recently used first.
     shares_preconditioner : bool
-        Whether the preconditioner of the first operator serves further operators of its size.
+        Whether the preconditioner of the first operator is used for further operators of the same size.
     shared : dict
-        The prepared solvers whose preconditioners serve others, by the size of their operators.
+        Prepared solvers whose preconditioners are used for further operators, by the size of the operators.
     """
 
     entries: dict[Hashable, Any] = field(default_factory=dict)
@@ -41,13 +41,13 @@ class OperatorCache:
     shared: dict[int, ReusablePreconditioner] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
-        # factors cannot be pickled, and are made again
+        # factors cannot be pickled, and are computed again
         return {"entries": {}, "shares_preconditioner": self.shares_preconditioner, "shared": {}}
 
     def get(self, key: Hashable, make: Callable[..., Any], *arguments: Any) -> Any:
-        """Return the entry of a key; without one make it by ``make(*arguments)``.
+        """Return the cached value of ``key``, or else ``make(*arguments)``, which is then cached.
 
-        ``make`` is no closure: where memory runs out, a closure would keep the tables alive.
+        ``make`` must be no closure: if memory runs out, a closure would keep the tables of the form alive.
         """
         self.entries[key] = self.entries.pop(key) if key in self.entries else make(*arguments)
         while len(self.entries) > MOST_CACHED:
@@ -56,14 +56,17 @@ class OperatorCache:
 
 
 def operator_key(terms: Terms) -> Hashable:
-    """Return a key that is equal for equations with the same operator: all terms but f, compared by identity."""
+    """Return a key that is equal for equations with the same operator: all terms but f.
+
+    Functions and arrays are compared by identity.
+    """
     parts = terms.c, terms.diffusivity, terms.velocity, terms.conservative, terms.lumped
     return tuple(_IdentityKey(part) if callable(part) or isinstance(part, np.ndarray) else part for part in parts)
 
 
 @dataclass(frozen=True, eq=False)
 class _IdentityKey:
-    """A key that is equal to a key of the same object alone, and keeps the object alive."""
+    """A key equal only to keys of the same object ``target``, which it keeps alive."""
 
     target: Any
 
@@ -76,31 +79,31 @@ class _IdentityKey:
 
 @dataclass(frozen=True, eq=False)
 class SolveContext:
-    """A solve in progress, from which each family of equations makes a solution.
+    """The input of the solver of a family of equations.
 
     Attributes
     ----------
     discretized : Discretized
         The scene on the unknowns of a form.
     solver : LinearSolver
-        Solves linear systems.
+        The solver of linear systems.
     solver_name : str
-        Its name: "direct", "reference" or a plugin's.
+        Name of the linear solver: "direct", "reference" or the name of a plugin's solver.
     tolerance : float
         Relative residual of each linear solve.
     progress : callable
         ``progress(stage, fraction)``.
     started : float
-        ``time.perf_counter()`` when the solve began.
+        ``time.perf_counter()`` at the start of the solve.
     checkpointing : Checkpointing
-        Where the state of a run in time is written and read.
+        Files to which the state of a run in time is written and from which it is read.
     guess : (n, channels) float64, optional
-        Where the iteration of a steady problem starts.
+        Initial guess of the iteration of a steady problem.
     cache : OperatorCache
         Operators and prepared solvers, shared by all solves on the same tables.
     default_tolerance : bool
-        Whether ``tolerance`` is the default, not one that the user gave: a single steady solve may then stop by its
-        error.
+        Whether ``tolerance`` is the default and not given by the user: the iteration of a single steady solve may then
+        stop by an estimate of its error.
     """
 
     discretized: Discretized
@@ -120,7 +123,10 @@ class SolveContext:
         return self.discretized.scene
 
     def prepare(self, operator: Operator) -> PreparedSolver:
-        """Return the solver of systems with ``operator``, prepared with the levels of the form."""
+        """Return the prepared solver of systems with ``operator``, using the form's multigrid levels.
+
+        With ``cache.shares_preconditioner``, the preconditioner of an earlier operator of the same size is used.
+        """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:
             return SharedPreconditioner(lender.for_operator(operator), lambda: self._prepare(operator))
@@ -130,13 +136,17 @@ class SolveContext:
         return prepared
 
     def _prepare(self, operator: Operator) -> PreparedSolver:
+        """Return the prepared solver of systems with ``operator``, with a preconditioner of its own."""
         takes_levels = getattr(self.solver, "takes_levels", True)
         return self.solver.prepare(operator, self.discretized.levels(operator) if takes_levels else ())
 
     def constants(self, operator: Operator) -> ConstantFunctions:
-        """Return the constants that are taken out of systems with ``operator``."""
+        """Return the constant functions that are taken out of systems with ``operator`` before the solve."""
         return ConstantFunctions.of(operator, self.discretized.constant)
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
-        """Return the report of a solve that is more than one linear system."""
+        """Return the report of a solve that consists of several linear systems.
+
+        ``products`` counts operator applications, ``residual`` is relative, ``reason`` says why the solve ended.
+        """
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)

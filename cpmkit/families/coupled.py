@@ -1,8 +1,8 @@
-"""Problems whose channels are coupled point by point: one linear system for all of them.
+"""Problems whose channels are coupled at each point: one linear system for all channels.
 
-With A the operator of one channel and M_ij the mass matrix weighted with C_ij, the unknowns ordered channel by channel
-at each spline, ``(A x I + sum_ij M_ij x e_i e_j') u = b``. Multigrid levels are those of one channel, each for all
-channels.
+With A the operator of one channel and M_ij the mass matrix weighted with C_ij, and the channels of each spline
+numbered consecutively, the system is ``(A x I + sum_ij M_ij x e_i e_j') u = b`` with Kronecker products x. The
+multigrid levels are those of one channel, repeated for all channels.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ from cpmkit.types import Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: C is symmetric where its entries differ from their mirror images by at most this share of the largest: rounding.
+#: Largest asymmetry of a symmetric C, as a share of its largest entry: rounding.
 SYMMETRIC_SHARE = 1e-12
-#: A constant v is free where |C v| is at most this share of the largest: the rounding of squares.
+#: Largest |C v| for a constant v to be free, as a share of the largest |C v| of any v: rounding of squares.
 FREE_SHARE = 1e-7
 
 
 def solve_coupled(context: SolveContext) -> SolutionRecord:
-    """Assemble and solve the system of all channels.
+    """Assemble and solve the system of all channels, and return the solution.
 
     Raises
     ------
@@ -66,7 +66,13 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
 
 
 def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
-    """Return C (p, k, k) at the form's points."""
+    """Return the coupling matrices C (p, k, k) at the form's points, for k channels.
+
+    Raises
+    ------
+    InputError
+        If the function does not return finite matrices of this shape.
+    """
     points, channels = form.points, form.scene.channels
     values = np.asarray(problem.coupling(points.copy()), dtype=np.float64)
     if values.shape != (len(points), channels, channels) or not np.isfinite(values).all():
@@ -78,12 +84,14 @@ def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
 
 
 def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> None:
-    """Refuse a piece on which a combination of constant channels is free: C times it vanishes all over the piece.
+    """Raise if C v vanishes on a whole piece for constant channels v (k,), which are then not determined there.
+
+    ``coupling`` (p, k, k) is C at the form's points.
 
     Raises
     ------
     SceneError
-        If there is one.
+        In this case.
     """
     free = form.free_constants(stiffness)
     if free is None:
@@ -102,7 +110,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
 
 def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) -> CsrOperator:
-    """Return the operator of all channels."""
+    """Return the operator of all channels, from that of one channel and C (p, k, k) at the form's points."""
     from scipy.sparse import bsr_array
 
     channels = coupling.shape[1]
@@ -128,7 +136,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
 
 
 def _levels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
-    """Return the levels of one channel, each for all channels."""
+    """Return the multigrid levels of a scalar ``stiffness``, each repeated for all ``channels``."""
     from scipy.sparse import eye_array, kron
 
     levels = []

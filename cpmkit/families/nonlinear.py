@@ -1,7 +1,7 @@
-"""Fluxes that depend on the solution, ``du/db = j(u)``, by Newton's method on the same tables.
+"""Steady problems with fluxes that depend on the solution, ``du/db = j(u)``, by Newton's method on the same tables.
 
-A step replaces the flux by its tangent at the last solution v, ``du/db = j(v) + j'(v) (u - v)``: a Robin condition. No
-closest point is queried again.
+A step replaces the flux by its linearisation at the last solution v, ``du/db = j(v) + j'(v) (u - v)``: a Robin
+condition. No closest point is queried again.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.solution.record import SolutionRecord
 
 MOST_NEWTON_STEPS = 30
-#: Newton's method has converged when u changes by less than this share on the boundaries: linear solves to the default
-#: tolerance scatter by about as much.
+#: Newton's method has converged when u on the boundaries changes by less than this share of its size: linear solves to
+#: the default tolerance vary by about as much.
 CONVERGED_CHANGE_SHARE = 1e-8
 
 
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
-    """Solve a scene with fluxes that depend on the solution.
+    """Solve a steady scene with fluxes that depend on the solution, and return the solution.
 
     Parameters
     ----------
     context : SolveContext
-        With the discretised scene.
+        The context, with the discretised scene.
     solve_linear : callable
         Solves a scene whose conditions are linear.
 
@@ -38,7 +38,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
     SceneError
         If the scene has several channels, or the fluxes do not fix a free constant.
     ResolutionError
-        If a flux grows with u more strongly than the spacing resolves.
+        If a flux grows with u faster than the spacing resolves.
     ConvergenceError
         If Newton's method does not converge.
     """
@@ -77,12 +77,12 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 
 
 def _check_balance(solution: SolutionRecord) -> None:
-    """Refuse a solution whose data were changed because the fluxes do not fix a free constant.
+    """Raise if the data of a solution had to be changed because the fluxes do not fix a free constant.
 
     Raises
     ------
     SceneError
-        Naming a point of the piece.
+        In this case, with a point of the piece on which the constant is free.
     """
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:

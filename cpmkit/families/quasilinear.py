@@ -1,7 +1,7 @@
 """Steady problems whose diffusivity depends on u, by Newton's method or with the diffusivity of the last iterate.
 
-The last step is always a linear steady problem with the diffusivity of the solution itself: it leaves the solution
-unchanged, and gives the warnings of linear problems.
+The last step is always a linear steady problem with the diffusivity at the solution: it leaves the solution unchanged,
+and provides the warnings of linear problems.
 """
 
 from __future__ import annotations
@@ -26,22 +26,22 @@ from cpmkit.types import Floats
 
 #: The largest number of steps of each method.
 MOST_STEPS = {"newton": 60, "lagged": 500}
-#: A method has converged when u changes by less than this share of its range: lagged steps converge slowly.
+#: A method has converged when a step changes u by at most this share of its range; lagged steps converge slowly.
 CONVERGED_CHANGE_SHARE = {"newton": 1e-8, "lagged": 1e-6}
-#: The same of the equations of a continuation that lead to the one that is solved.
+#: The same share for the equations of a continuation, before the equation itself.
 APPROACHED_CHANGE_SHARE = 1e-2
-#: This share of the largest value is added to the range: the rounding of a solution that is far from zero.
+#: Share of the largest value that is added to the range, because of the rounding of solutions far from zero.
 ROUNDING_SHARE = 1e-5
 
 
 @dataclass(frozen=True)
 class StepRecord:
-    """One step.
+    """One step of the iteration.
 
     Attributes
     ----------
     change : float
-        The largest change of u, over its range.
+        The largest change of u in the step, over the range of u.
     energy : float or None
         The energy that the solution minimises, where it is known.
     """
@@ -52,12 +52,12 @@ class StepRecord:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearRecord(SolutionRecord):
-    """The solution of an equation whose diffusivity depends on it.
+    """The solution of an equation whose diffusivity depends on u.
 
     Attributes
     ----------
     history : tuple of StepRecord
-        The steps by which it was reached.
+        The steps of the iteration.
     """
 
     history: tuple[StepRecord, ...] = ()
@@ -65,7 +65,7 @@ class QuasilinearRecord(SolutionRecord):
 
 @dataclass(frozen=True, eq=False)
 class _FrozenEquation(Equation):
-    """An equation with its diffusivity frozen at one iterate."""
+    """A linear equation with the diffusivity of a quasilinear equation at one iterate."""
 
     frozen_terms: Terms
     kind: ClassVar[str] = "frozen"
@@ -76,13 +76,14 @@ class _FrozenEquation(Equation):
 
 @dataclass(frozen=True, eq=False)
 class _StepCount:
-    """Iterations and products of the steps so far, and their records."""
+    """Counts of linear iterations and operator products in all steps so far, and the records of the steps."""
 
     iterations: int = 0
     products: int = 0
     records: tuple[StepRecord, ...] = ()
 
     def plus(self, report: SolveReport, record: StepRecord) -> _StepCount:
+        """Return the counts and records after one more step."""
         return _StepCount(
             self.iterations + report.iterations,
             self.products + report.operator_applications,
@@ -91,12 +92,12 @@ class _StepCount:
 
 
 def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
-    """Solve a steady problem whose diffusivity depends on the solution.
+    """Solve a steady problem whose diffusivity depends on u, and return the solution with the history of the steps.
 
     Raises
     ------
     SceneError
-        If the form has no such diffusivities, or the scene several channels.
+        If the form does not have such diffusivities, or the scene has several channels.
     InputError
         If the diffusivity is not above zero.
     ConvergenceError
@@ -137,7 +138,7 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
 
 @dataclass(frozen=True, eq=False)
 class _CachedData:
-    """Data that every step reads at the same points: their values at the last points are kept."""
+    """Data that every step evaluates at the same points; the values at the last points are cached."""
 
     data: Data
     cache: list[tuple[Floats, Floats]] = field(default_factory=list)
@@ -150,7 +151,7 @@ class _CachedData:
 
 
 def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
-    """Return the first iterate (n, 1)."""
+    """Return the first iterate (n, 1): the guess, the equation's initial guess, or the solution with diffusivity 1."""
     form, data = context.discretized, problem.initial_guess
     if context.guess is not None:
         return context.guess
@@ -160,19 +161,21 @@ def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) ->
 
 
 def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
-    """Return the solution of the linear problem with ``terms``."""
+    """Return the solution of the linear steady problem with ``terms``, from the initial guess ``guess`` (n, 1)."""
     scene = replace(context.scene, problem=_FrozenEquation(terms))
     form = context.discretized.with_scene(scene)
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
 def _continuation(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _StepCount]:
-    """Return a first iterate (n, 1): the solution of the last equation of a continuation, each from the one before.
+    """Solve the equations of the continuation in turn, each from the solution of the one before.
+
+    Return the last solution (n, 1), from which the problem itself starts, and the count of the steps taken.
 
     Raises
     ------
     ConvergenceError
-        If one of them does not converge.
+        If the steps of one equation do not converge.
     """
     count = _StepCount()
     for nearer in problem.continuation:
@@ -185,12 +188,14 @@ def _continuation(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tupl
 def _converge(
     steps: Steps, problem: QuasilinearEquation, u: Floats, count: _StepCount, share: float | None = None
 ) -> tuple[Floats, _StepCount]:
-    """Return the iterate (n, 1) from which a step changes less than a ``share`` of u's range.
+    """Step from u (n, 1) until a step changes u by at most a ``share`` of its range.
+
+    Return u (n, 1) after that step, and ``count`` with the steps taken added.
 
     Raises
     ------
     ConvergenceError
-        If there were too many steps.
+        If no step up to the largest number of steps changes u so little.
     """
     method, state = problem.method, steps.state(u)
     share = CONVERGED_CHANGE_SHARE[method] if share is None else share
@@ -212,6 +217,7 @@ def _converge(
 
 
 def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
+    """Return the record of the step from the iterate ``before`` (n, 1) to ``state``."""
     form = steps.context.discretized
     old, new = form.at_points(before), form.at_points(state.u)
     size = float(np.ptp(new) + ROUNDING_SHARE * np.abs(new).max(initial=0.0)) or 1.0
@@ -221,7 +227,7 @@ def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: S
 def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:
     """Return the energy that the solution minimises: the integral of its density, and terms quadratic and linear in u.
 
-    ``u . A u / 2`` contains half of ``a |grad u|^2``, in place of which the density counts.
+    ``u . A u / 2`` contains half of ``a |grad u|^2``, which is replaced by the density. None if no density is known.
     """
     form, u = steps.context.discretized, state.u
     slopes = form.gradient(u)[:, 0]
@@ -235,7 +241,7 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
 
 
 def _mean_diffusivity(context: SolveContext, problem: QuasilinearEquation, u: Floats) -> float:
-    """Return the geometric mean of the diffusivity at u."""
+    """Return the geometric mean of the diffusivity over the form's points, at the iterate u (n, 1)."""
     form = context.discretized
     a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
     return float(np.exp(np.log(a).mean()))

@@ -1,6 +1,7 @@
-"""Steps towards A(u) u = b(u): with the diffusivity of the last iterate, or by Newton's method.
+"""Steps for A(u) u = b(u): with the diffusivity of the last iterate, or by Newton's method.
 
-Of a Newton tangent the symmetric part is solved with; the rest by GMRES with that as preconditioner.
+A Newton tangent is symmetric except for the derivative of the diffusivity with respect to u. Systems with the symmetric
+part are solved by the linear solver, systems with the whole tangent by GMRES, preconditioned with the symmetric part.
 """
 
 from __future__ import annotations
@@ -20,32 +21,32 @@ from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Floats
 
-#: Relative residual to which a step is solved: the next step corrects the rest.
+#: Relative residual to which the linear system of a step is solved; the next step corrects the error.
 STEP_TOLERANCE = 1e-6
-#: A step is halved until the residual falls by at least this share of the step's length, down to the shortest.
+#: A step is halved until it reduces the residual by at least this share times its length; the shortest length.
 LEAST_FALL, SHORTEST_STEP = 0.1, 2.0**-12
-#: A change below this share of u is rounding.
+#: Largest change of u that is regarded as rounding, as a share of u.
 ROUNDING_CHANGE = 1e-11
-#: GMRES restarts after so many products.
+#: Number of products after which GMRES restarts.
 RESTART = 40
 
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """An iterate u, and the residual of A(u) u = b(u).
+    """An iterate u, and the residual of A(u) u = b(u) there.
 
     Attributes
     ----------
     u : (n, 1) float64
         The unknowns.
     stiffness : Stiffness
-        A(u).
+        The operator A(u).
     b : (n, 1) float64
-        b(u).
+        The right-hand side b(u).
     residual : (n, 1) float64
-        b - A u, without the part that has no solution on pieces where a constant is free.
+        b - A u, without the part for which there is no solution on pieces where a constant is free.
     border : Border or None
-        These pieces.
+        The pieces where a constant is free.
     """
 
     u: Floats
@@ -57,20 +58,20 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps on a form, for the terms of an equation whose diffusivity depends on u.
+    """Steps of an iteration for an equation whose diffusivity depends on u, on a form.
 
     Attributes
     ----------
     context : SolveContext
-        The form, and how linear systems are solved.
+        The form, and the solver of linear systems.
     terms : Terms
-        Of the equation.
+        Terms of the equation.
     law : StateDiffusivity
-        Their diffusivity.
+        The diffusivity of the equation.
     loads : (n, 1) float64
-        The load of f.
+        The load vector of f.
     penalty_scale : float, optional
-        The diffusivity by which penalties and stabilisation are scaled; by default the diffusivity itself.
+        The diffusivity by which penalties and stabilisation are scaled; by default the diffusivity of the equation.
     """
 
     context: SolveContext
@@ -80,17 +81,18 @@ class Steps:
     penalty_scale: float | None = None
 
     def frozen_terms(self, u: Floats) -> Terms:
-        """Return the terms with the diffusivity frozen at u."""
+        """Return the terms with the diffusivity evaluated at u (n, 1), independent of the solution."""
         scale = None if self.penalty_scale is None else self._scale_at
         return replace(self.terms, diffusivity=StateDependentCoefficient(self.law.at, u, scale))
 
     def _scale_at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
+        """Return the penalty scale (k,) at each of k points, as a function with the arguments of a diffusivity."""
         del slopes, points
         assert self.penalty_scale is not None
         return np.full(len(u), self.penalty_scale)
 
     def state(self, u: Floats) -> State:
-        """Return the residual at u."""
+        """Return the state at u (n, 1), with the operator, the right-hand side and the residual there."""
         form = self.context.discretized
         stiffness = form.stiffness(self.frozen_terms(u))
         b = self.loads + form.condition_load(stiffness)
@@ -104,17 +106,17 @@ class Steps:
         return State(u, stiffness, b, residual, border)
 
     def lagged_step(self, state: State) -> tuple[State, SolveReport]:
-        """Return the state at the solution with the diffusivity of this one."""
+        """Return the state after a step with the diffusivity at ``state``, and the report of its linear solve."""
         change, report = self._solve(state.stiffness, state)
         return self.state(state.u + change), report
 
     def newton_step(self, state: State) -> tuple[State, SolveReport]:
-        """Return the next state of Newton's method, with a line search along the solution of the tangent.
+        """Return the state after a step of Newton's method with a line search, and the report of its linear solve.
 
         Raises
         ------
         ConvergenceError
-            If no step lessens the residual.
+            If no step length reduces the residual.
         """
         form = self.context.discretized
         scale = self.law.at if self.penalty_scale is None else self._scale_at
@@ -145,7 +147,11 @@ class Steps:
         ) from refusal
 
     def _solve(self, tangent: Stiffness, state: State, drift: Operator | None = None) -> tuple[Floats, SolveReport]:
-        """Return the solution (n, 1) of the linear system of a step, ``tangent + drift``."""
+        """Return the solution (n, 1) of the linear system of a step with ``tangent + drift``, and the report.
+
+        The right-hand side is the residual of ``state``. On pieces where a constant is free, the solution has mean
+        zero.
+        """
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
         prepared = context.prepare(operator)
@@ -174,4 +180,5 @@ class Steps:
 
 
 def _size(residual: Floats, weights: Any) -> float:
+    """Return the norm of a residual (n, 1), with ``weights`` (n, 1) of the squares."""
     return float(np.sqrt(np.sum(weights * residual**2)))

@@ -1,6 +1,6 @@
-"""Options of a solve: where the state of a run in time is written, and the keywords that type checkers see.
+"""Options of a solve: checkpoints of a run in time, and the keyword arguments that type checkers see.
 
-What an option does, its default and its check stand where it is declared; a test compares declarations and keywords.
+The meaning, default and check of an option are given where it is declared; a test compares declarations and keywords.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cpmkit.scene.equations_in_time import Evolution
 
 
 class SolverKeywords(TypedDict, total=False):
-    """How linear systems are solved; see :class:`cpmkit.linear.choice.SolverOptions`."""
+    """Keyword arguments for the linear solver; see :class:`cpmkit.linear.choice.SolverOptions`."""
 
     solver: str
     solver_tolerance: float | None
@@ -29,7 +29,7 @@ class SolverKeywords(TypedDict, total=False):
 
 
 class DiscretizingKeywords(TypedDict, total=False):
-    """How a scene is discretised: options of all forms, and of each."""
+    """Keyword arguments for the discretisation: options of all forms and of single forms."""
 
     form: str
     origin: Any
@@ -44,7 +44,7 @@ class DiscretizingKeywords(TypedDict, total=False):
 
 
 class CheckpointingKeywords(TypedDict, total=False):
-    """Where the state of a run in time is written; see :class:`Checkpointing`."""
+    """Keyword arguments for checkpoints; see :class:`Checkpointing`."""
 
     checkpoint: str | PathLike[str] | None
     checkpoint_every: int
@@ -52,7 +52,7 @@ class CheckpointingKeywords(TypedDict, total=False):
 
 
 class TargetKeywords(TypedDict, total=False):
-    """The target of a solution; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
+    """Keyword arguments for the target; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
 
     tolerance: float | None
     norm: str
@@ -62,15 +62,21 @@ class TargetKeywords(TypedDict, total=False):
 
 
 class PreparingKeywords(DiscretizingKeywords, SolverKeywords, total=False):
-    """Options of ``prepare``, ``explain`` and ``estimate_error``."""
+    """Keyword arguments of ``prepare``, ``explain`` and ``estimate_error``."""
 
 
 class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, total=False):
-    """Options of ``solve``."""
+    """Keyword arguments of ``solve``."""
 
 
 def _path(value: Any, label: str) -> Path | None:
-    """Return the path of a file; None where the value is None or empty."""
+    """Return ``value`` as the path of a file; None if it is None or empty.
+
+    Raises
+    ------
+    InputError
+        If the value is not a path; ``label`` is its name in the message.
+    """
     if value is None or value == "":
         return None
     if not isinstance(value, (str, os.PathLike)):
@@ -81,7 +87,7 @@ def _path(value: Any, label: str) -> Path | None:
 
 @dataclass(frozen=True)
 class Checkpointing(DeclaredOptions):
-    """Where the state of a run is written and read."""
+    """Options for writing and reading the state of a run in time."""
 
     checkpoint: Path | None = option(
         None,
@@ -98,12 +104,12 @@ class Checkpointing(DeclaredOptions):
     )
 
     def check_for(self, problem: Equation) -> None:
-        """Refuse, before anything is built, checkpoints that an equation cannot have.
+        """Raise, before anything is computed, if checkpoints are not possible for the equation ``problem``.
 
         Raises
         ------
         InputError
-            If the problem has no time, or a file cannot be written or read.
+            If the equation is not one in time, or a file cannot be written or read.
         """
         write, resume = self.checkpoint, self.resume
         if (write or resume) and not isinstance(problem, Evolution):

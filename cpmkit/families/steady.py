@@ -1,4 +1,4 @@
-"""Steady problems, A u = b: one linear system, with checks of waves and of eigenvalues near zero."""
+"""Steady problems, A u = b: one linear system, with checks for unresolved waves and eigenvalues near zero."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from cpmkit.solution.modes import Resonance
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Relative residual to which the distance to an eigenvalue is computed.
+#: Relative residual of the solves that find the distance to an eigenvalue.
 ROUGH_RESIDUAL = 1e-3
-#: Steps of inverse iteration towards the eigenvalue nearest to zero, from so many plane waves: each mode of about their
-#: length has a part in these, and after three steps that of the nearest mode is the largest where it matters.
+#: Steps of inverse iteration for the eigenvalue nearest to zero, and number of plane waves from which it starts: they
+#: contain each mode of about their wavelength; after three steps the nearest mode is the largest part where it matters.
 INVERSE_STEPS, PLANE_WAVES = 3, 6
-#: Number of points at which the wavenumber of a mode is measured, and the diffusivity.
+#: Number of points at which the wavenumber of a mode and the diffusivity are computed.
 MODE_POINTS = 500
 
 
 def assemble(form: Discretized) -> LinearSystem:
-    """Return the linear system A u = b of a steady problem, shifted on pieces where a constant is free.
+    """Return the linear system A u = b of a steady problem, bordered on pieces where a constant is free.
 
     Parameters
     ----------
@@ -46,7 +46,7 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
-    """Return A, and A with the constants that are free shifted out of its kernel."""
+    """Return the operator A of a steady problem, and A bordered on pieces where a constant is free (else A again)."""
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     return stiffness, stiffness if free is None else Bordered(stiffness, free)
@@ -54,7 +54,7 @@ def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
 
 @dataclass(frozen=True, eq=False)
 class _PreparedSystem:
-    """A, A without free constants, the prepared solver, and the constants that are taken out of its systems."""
+    """A, A bordered where constants are free, its prepared solver, and the constant functions of its systems."""
 
     stiffness: Stiffness
     operator: Operator
@@ -63,12 +63,13 @@ class _PreparedSystem:
 
 
 def _prepare_system(context: SolveContext) -> _PreparedSystem:
+    """Return the operators of a steady problem with their prepared solver."""
     stiffness, operator = _operators(context.discretized)
     return _PreparedSystem(stiffness, operator, context.prepare(operator), context.constants(operator))
 
 
 def solve_steady(context: SolveContext) -> SolutionRecord:
-    """Assemble and solve the linear system of a steady problem.
+    """Assemble and solve the linear system of a steady problem, and return the solution.
 
     Raises
     ------
@@ -104,12 +105,12 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
 
 
 def _solve_system(context: SolveContext, system: _PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
-    """Return the solution of a steady problem's system, and the report.
+    """Return the solution (n, channels) of the system with right-hand side b, and the report.
 
     Raises
     ------
     ConvergenceError
-        If the solver does not reach the tolerance; for standing waves it says whether an eigenvalue is the cause.
+        If the solver does not reach the tolerance; for standing waves the message says if an eigenvalue is the cause.
     """
     by_error = stop_by_preconditioned_residual(system.solver) if context.default_tolerance else None
     solver, tolerance = (system.solver, context.tolerance) if by_error is None else by_error
@@ -131,7 +132,7 @@ def _solve_system(context: SolveContext, system: _PreparedSystem, b: Floats) -> 
 
 
 def squared_wavenumber(terms: Terms) -> float:
-    """Return k^2 of the equation of standing waves -Lap u - k^2 u = f; 0 for other equations."""
+    """Return k^2 of an equation -Lap u - k^2 u = f of standing waves; 0 for other equations."""
     varies = (
         callable(terms.c) or callable(terms.diffusivity) or not isinstance(terms.diffusivity, (int, float, np.number))
     )
@@ -141,17 +142,17 @@ def squared_wavenumber(terms: Terms) -> float:
 
 
 def resolves_waves(form: Discretized, terms: Terms) -> bool:
-    """Return whether the spacing resolves the standing waves of an equation, if it has any."""
+    """Return True if the spacing resolves the standing waves of an equation, or it has none."""
     return float(np.sqrt(squared_wavenumber(terms))) * form.spacing <= form.traits.dispersion.resolved
 
 
 def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
-    """Return a warning where the spacing resolves standing waves poorly.
+    """Return a warning in a list if the spacing resolves standing waves poorly; else an empty list.
 
     Raises
     ------
     ResolutionError
-        If there are too few nodes a wavelength to distinguish eigenvalues.
+        If there are too few nodes per wavelength to distinguish eigenvalues.
     """
     if resolves_waves(form, terms):
         return []
@@ -167,9 +168,9 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
 
 
 def may_resonate(form: Discretized) -> bool:
-    """Return whether the operator of a steady linear problem may have an eigenvalue near zero.
+    """Return True if the operator of a steady linear problem may have an eigenvalue near zero.
 
-    That is so where c or a condition takes from the energy.
+    This is possible where c or a condition may make the energy negative.
     """
     terms = form.scene.problem.terms()
     linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
@@ -178,9 +179,10 @@ def may_resonate(form: Discretized) -> bool:
 
 
 def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
-    """Return the eigenvalue nearest to zero, and a warning where its error may determine the solution.
+    """Return warnings, and the eigenvalue nearest to zero or None if it is not computed.
 
-    By inverse iteration from plane waves; one more step from u (n, channels) gives the part of u in its modes.
+    There is a warning if the error of the eigenvalue may determine the solution u (n, channels). The eigenvalue is
+    computed by inverse iteration from plane waves; one more step from u gives the part of u in its modes.
     """
     form = context.discretized
     terms, mass = context.scene.problem.terms(), form.mass
@@ -219,7 +221,10 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
 
 
 def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Floats) -> Resonance:
-    """Return the record of an eigenvalue ``gap`` from zero with squared wavenumber ``square`` and ``part`` of u."""
+    """Return the record of an eigenvalue at the distance ``gap`` from zero, with squared wavenumber ``square``.
+
+    ``part`` (n, channels) is the part of the solution u (n, channels) in its modes.
+    """
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
     error = form.traits.dispersion.error(square, form.spacing, 0.5 * float((bounds[1] - bounds[0]).max()))
     values, whole = form.at_points(part), form.at_points(u)
@@ -230,7 +235,10 @@ def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Fl
 
 
 def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
-    """Return a sum of plane waves in random directions, as long as those of the equation, or as the manifold."""
+    """Return a sum of plane waves in random directions, as a function of points (n, d) with equal channels.
+
+    Their wavelength is that of the equation, but at most twice the size of the manifold.
+    """
     bounds = np.asarray(form.scene.surface.bounds, dtype=np.float64)
     own = float(np.sqrt(squared_wavenumber(form.scene.problem.terms())))
     k = max(own, np.pi / float(np.ptp(bounds, axis=0).max()))
@@ -246,7 +254,7 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
 
 
 def _squared_wavenumber_of(form: Discretized, mode: Floats) -> float:
-    """Return the mean of |grad u|^2 over that of u^2."""
+    """Return the squared wavenumber of a ``mode`` (n, 1): the mean of |grad u|^2 over the mean of u^2."""
     rows, points = form.some_points(MODE_POINTS)
     values, slopes = form.at_points(mode, rows), form.gradient(mode, points)
     return float(np.sum(slopes**2) / np.sum(values**2))

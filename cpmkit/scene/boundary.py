@@ -19,7 +19,7 @@ from cpmkit.types import Floats, Ints, Side
 
 
 def vertex_numbers(value: Any) -> Ints | None:
-    """Return a whole number, or a row of whole numbers, as an array (k,); None for anything else."""
+    """Return an integer, or a one-dimensional sequence of integers, as an array (k,); None for any other value."""
     if isinstance(value, (str, bytes, bool)) or not (isinstance(value, (int, np.integer)) or hasattr(value, "__len__")):
         return None
     try:
@@ -30,12 +30,15 @@ def vertex_numbers(value: Any) -> Ints | None:
 
 
 def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
-    """Return the vertices (k, d) of a surface that was made from a mesh, by their numbers.
+    """Return the vertices (k, d) with the ``numbers`` (k,) of a surface that was made from a mesh.
+
+    ``label`` is the name of the argument in error messages.
 
     Raises
     ------
     SceneError
-        If the surface has no mesh, a number is not that of a vertex, or the numbers may be coordinates of a point.
+        If the surface was not made from a mesh, if a number is negative or not below the number of vertices, or if
+        there are d numbers, which may also be the coordinates of one point.
     """
     dim = int(surface.dim)
     if not isinstance(surface, HasGivenMesh):
@@ -60,15 +63,16 @@ def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class VertexNumbers:
-    """Numbers (k,) of vertices of a surface that the boundary does not know yet."""
+    """Vertex numbers (k,) of a surface, as the place of a boundary before the scene replaces them by points."""
 
     numbers: Ints
 
 
 def as_boundary_source(value: Any) -> Any:
-    """Return the source of points (k, d) or of one point, or the numbers of vertices; anything else as it is.
+    """Return the closest-point source of points (k, d) or of a point (d,), or the :class:`VertexNumbers` of integers.
 
-    A whole number, and whole numbers in an array of shape (k,), are numbers of vertices.
+    An integer, and integers in an array (k,), are vertex numbers. Any other value, also a source, is returned
+    unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
@@ -83,7 +87,7 @@ def as_boundary_source(value: Any) -> Any:
     return source("points", at=np.atleast_2d(array)) if is_point or array.ndim == 2 else value
 
 
-#: Conditions that are accepted on a side, and across; for messages.
+#: Conditions that are accepted on one side of a boundary, and across it, in the words of error messages.
 ONE_SIDED_WORDS = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
 COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
@@ -147,6 +151,7 @@ class Boundary:
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Check the conditions, and replace data by Dirichlet conditions and the given place by a source."""
         sides = [*self.given_conditions]
         if sides not in (["both"], ["left", "right"], ["across"]):
             raise SceneError(
@@ -179,12 +184,12 @@ class Boundary:
 
     @property
     def given_conditions(self) -> dict[str, Any]:
-        """The conditions by the names of their arguments, without those that are None."""
+        """The conditions that are not None, by the names of their arguments: both, left, right, across."""
         sides = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
         return {side: condition for side, condition in sides.items() if condition is not None}
 
     def on(self, surface: ClosestPointSource) -> Boundary:
-        """Return the boundary with the points of ``surface`` in place of numbers of its vertices.
+        """Return the boundary with vertex numbers replaced by those vertices of ``surface``; itself if it has none.
 
         Raises
         ------
@@ -209,15 +214,15 @@ class BoundarySet(Protocol):
 
     @property
     def name(self) -> str:
-        """The name that reports and ``evaluate(side=...)`` use."""
+        """The name of the boundary in reports and in ``evaluate(side=...)``."""
 
     @property
     def source(self) -> ClosestPointSource:
-        """Where the boundary lies."""
+        """The closest-point source of the boundary."""
 
     @property
     def left_of(self) -> Floats | None:
-        """A point (d,) on the left of each piece, for sources without normals or tangents of their own."""
+        """A point (d,) on the left of each connected piece, or None; needed by sources without normals or tangents."""
 
     def condition(self, side: Side, /) -> Condition:
         """Return the condition on ``side``."""

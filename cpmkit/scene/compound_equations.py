@@ -61,6 +61,7 @@ class Coupled(Equation):
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
+        """Check the coupling, the diffusivity and c."""
         super().__post_init__()
         if not callable(self.coupling):
             raise InputError(
@@ -71,7 +72,7 @@ class Coupled(Equation):
         check_factor(self.c, "c of a coupled problem")
 
     def terms(self) -> Terms:
-        """Return the terms without the coupling."""
+        """Return the terms that all channels have, without the coupling."""
         return Terms(self.f, self.c, self.diffusivity, lumped=self.lumped)
 
 
@@ -112,12 +113,13 @@ class Eigen(Equation[EigenFamily]):
     c: Data = 0.0
     kind: ClassVar[str] = "eigen"
     family: ClassVar[str] = "eigen"
-    #: Factors serve about sixty solves; iterations take long for each (sphere, 8,000 unknowns: 80 seconds, and 10).
+    #: About sixty solves use one factorisation (sphere, 8,000 unknowns: 10 seconds; with an iterative solver 80).
     factorise_up_to: ClassVar[float] = 80.0
     factorise_beside_multigrid: ClassVar[float | None] = 8.0
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
+        """Check the number of eigenvalues, ``near``, the diffusivity and c."""
         super().__post_init__()
         whole(self.count, "count of an eigenvalue problem", 1)
         if self.near is not None:
@@ -127,18 +129,27 @@ class Eigen(Equation[EigenFamily]):
         check_factor(self.c, "c of an eigenvalue problem")
 
     def factors_up_to(self, multigrid: bool) -> float:
-        """Return a larger factor where ``near`` is set: inside the spectrum each solve takes 20 cycles."""
+        """Return the multiple of :meth:`Equation.factors_up_to`; 60 with multigrid for eigenvalues near a number.
+
+        Inside the spectrum each multigrid solve takes about 20 cycles.
+        """
         return 60.0 if multigrid and self.near is not None else super().factors_up_to(multigrid)
 
     def terms(self) -> Terms:
-        """Return the terms of the operator."""
+        """Return the terms of the operator -div(a grad u) + c u, with f = 0."""
         return Terms(0.0, self.c, self.diffusivity)
 
     def __str__(self) -> str:
         return str(self.terms()).removesuffix("f") + "lambda u"
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check the conditions as for any equation, and that all data are zero."""
+        """Raise if a condition is not accepted, as for any equation, or if its data are not all zero.
+
+        Raises
+        ------
+        SceneError
+            For the first condition that is not accepted.
+        """
         super().check_conditions(conditions)
         for label, condition in conditions:
             if any(callable(datum) or np.any(np.asarray(datum, dtype=object) != 0) for _, datum in condition.data()):
@@ -191,7 +202,7 @@ class Biharmonic(Equation):
             positive(self.c, "c of a biharmonic problem, where it is not zero,")
 
     def terms(self) -> Terms:
-        """Return f and c, without the terms of fourth order."""
+        """Return the terms c u = f, without Lap^2 u."""
         return Terms(self.f, float(self.c))
 
     def __str__(self) -> str:

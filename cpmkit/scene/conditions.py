@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 
 def check_order(order: Any, label: str) -> int:
-    """Return the order of accuracy of a condition, which ``label`` names in errors.
+    """Return the order of accuracy of a condition, 1 or 2; ``label`` is the name of the argument in error messages.
 
     Raises
     ------
     InputError
-        If it is neither 1 nor 2; the Galerkin form has conditions of third order.
+        If the order is neither 1 nor 2. The Galerkin form, not the collocation form, has conditions of third order.
     """
     if order in (3, 4):
         raise InputError(f'{label} must be 1 or 2, got {order}; use form="galerkin", with conditions of third order.')
@@ -70,26 +70,26 @@ class Condition(ABC):
     @property
     @abstractmethod
     def law(self) -> Law:
-        """The standard law that the condition is."""
+        """The law of the condition, by which forms discretise it."""
 
     @property
     def couples(self) -> bool:
-        """True if it couples both sides of a boundary."""
+        """True if the condition couples both sides of a boundary."""
         return self.law.couples
 
     @property
     def one_sided(self) -> OneSided:
-        """The law of a condition that does not couple sides."""
+        """The law of the condition, which must not couple sides."""
         assert not self.couples
         law: Any = self.law
         return cast("OneSided", law)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the names and values of the data that have channels."""
+        """Return the names and values of the data with one value for each channel."""
         return self.law.data
 
     def refusal(self, problem: Equation) -> str:
-        """Return the reason why an equation does not accept it, a predicate for a sentence; "" if it does."""
+        """Return why the equation ``problem`` does not accept the condition, as a predicate; "" if it accepts it."""
         return "" if problem.family in self.law.families else self.law.needs
 
 
@@ -123,12 +123,12 @@ class Dirichlet(Condition):
 
     @property
     def law(self) -> Value:
-        """The value."""
+        """The law u = value."""
         return Value(self.value)
 
 
 def as_condition(value: Any) -> Any:
-    """Return the Dirichlet condition of data, numbers, formulas or functions; anything else as it is."""
+    """Return data (a number, formula, sequence, array or function) as a Dirichlet condition; other values unchanged."""
     if is_sequence(value):
         return value if any(isinstance(entry, Condition) for entry in value) else Dirichlet(value)
     if isinstance(value, (Condition, bool, type)) or value is None:
@@ -138,7 +138,7 @@ def as_condition(value: Any) -> Any:
 
 
 def as_conditions(values: Any) -> Any:
-    """Apply :func:`as_condition` to each entry of a mapping by side or loop, or to a single value."""
+    """Return data as Dirichlet conditions: a single value, or each value of a mapping by side or by loop."""
     if isinstance(values, Mapping):
         return {key: as_condition(value) for key, value in values.items()}
     return as_condition(values)
@@ -162,7 +162,7 @@ class Neumann(Condition):
 
     @property
     def law(self) -> Flux:
-        """The flux."""
+        """The law du/db = flux."""
         return Flux(self.flux)
 
 
@@ -205,6 +205,7 @@ class Robin(Condition):
     kind: ClassVar[str] = "robin"
 
     def __post_init__(self) -> None:
+        """Convert alpha and beta to floats, unless beta is a function of points; check that neither is zero."""
         super().__post_init__()
         for name, other in (("alpha", "Dirichlet"), ("beta", "Neumann")):
             value = getattr(self, name)
@@ -222,13 +223,13 @@ class Robin(Condition):
 
     @property
     def law(self) -> Mixed:
-        """The linear relation of value and flux."""
+        """The law alpha du/db + beta u = gamma."""
         beta: Any = self.beta  # a number or a function; formulas were replaced
         return Mixed(self.alpha, beta, self.gamma)
 
 
 def same_condition(first: Any, second: Any) -> bool:
-    """Return True if two conditions are of one kind with equal numbers, equal formulas or the same callables."""
+    """Return True if two conditions have one type and equal parameters: numbers, formulas or the same functions."""
     if first is second:
         return True
     if type(first) is not type(second) or not is_dataclass(first):
@@ -237,14 +238,15 @@ def same_condition(first: Any, second: Any) -> bool:
 
 
 def sides_differ(left: Condition, right: Condition) -> bool:
-    """Return True if it matters which side of a boundary is left.
+    """Return True if the solution depends on which side of a boundary is left.
 
-    It does not with one condition on both sides, nor with a coupling that is symmetric in the sides.
+    It does not if both sides have the same condition, or a coupling that is unchanged when the sides are exchanged.
     """
     return not left.law.is_symmetric if left.couples else not same_condition(left, right)
 
 
 def _equal(first: Any, second: Any) -> bool:
+    """Return True if two parameters of conditions are equal; functions as by :func:`_same_function`."""
     if first is second:
         return True
     if callable(first) or callable(second):
@@ -257,7 +259,7 @@ def _equal(first: Any, second: Any) -> bool:
 
 
 def _same_function(first: Any, second: Any) -> bool:
-    """Return True if two callables are equal: formulas of equal text, bound methods of one object."""
+    """Return True if two callables compare equal, as formulas of equal text and bound methods of one object do."""
     try:
         return bool(first == second)
     except ValueError:  # a class that compares arrays entry by entry

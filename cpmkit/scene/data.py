@@ -17,11 +17,11 @@ from cpmkit.types import Floats
 
 
 class Functional:
-    """A right-hand side that is not a function of points; see :mod:`cpmkit.scene.functionals`."""
+    """A right-hand side known only by its integrals with test functions; see :mod:`cpmkit.scene.functionals`."""
 
     @property
     def channels(self) -> int:
-        """Number of its channels."""
+        """Number of channels of the functional."""
         raise NotImplementedError
 
 
@@ -33,14 +33,14 @@ LARGEST_DATUM = 1e100
 
 
 def is_sequence(value: Any) -> bool:
-    """Return True for a list or a tuple, which has one entry for each channel, coordinate or row."""
+    """Return True for a list or a tuple; its entries belong to channels, coordinates or rows."""
     return isinstance(value, (list, tuple))
 
 
 def takes_time(data: Any) -> bool:
-    """Return True if data, or one entry of them, is a callable with a parameter ``t`` without a default.
+    """Return True if data, or an entry of a sequence of data, is a callable with a parameter ``t`` without a default.
 
-    With a default, ``t`` is a value that the caller bound (``lambda x, t=thickness: ...``), not the time.
+    A ``t`` with a default is a value that the caller bound (``lambda x, t=thickness: ...``), not the time.
     """
     if is_sequence(data):
         return any(takes_time(entry) for entry in data)
@@ -160,7 +160,7 @@ DATA_TYPE, VECTOR_TYPE = "Data", "VectorField"
 
 @dataclass(frozen=True)
 class FieldOfEntries:
-    """A vector field with one number, formula or function for each coordinate."""
+    """A vector field whose components are numbers, formulas or functions of points."""
 
     entries: tuple[Data, ...]
     label: str = "a vector field"
@@ -172,12 +172,12 @@ class FieldOfEntries:
 
 
 def read_formulas(instance: Any, label: str) -> None:
-    """Replace formulas by functions in all fields of a frozen dataclass that contain data or vector fields.
+    """Replace formulas by functions, in place, in all fields of a frozen dataclass declared as data or vector fields.
 
     Raises
     ------
     SceneError
-        If a formula does not parse, or uses a name that is not available; ``label`` names the instance.
+        If a formula does not parse, or uses an unknown name; ``label`` is the name of the instance in the message.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
@@ -189,7 +189,10 @@ def read_formulas(instance: Any, label: str) -> None:
 
 
 def as_data(value: Any, label: str) -> Any:
-    """Return a formula as a function, a list entry by entry, a column of pandas as an array; others as they are."""
+    """Return data with formulas replaced by functions and pandas columns by arrays; other values unchanged.
+
+    Lists are converted entry by entry. ``label`` is the name of the data in error messages.
+    """
     if hasattr(value, "to_numpy"):
         return value.to_numpy()
     if isinstance(value, str):
@@ -200,7 +203,7 @@ def as_data(value: Any, label: str) -> Any:
 
 
 def as_vector_field(components: Any, label: str) -> FieldOfEntries:
-    """Return the vector field of one number, formula or function for each coordinate.
+    """Return the vector field with these ``components``: a number, formula or function for each coordinate.
 
     Raises
     ------
@@ -214,7 +217,13 @@ def as_vector_field(components: Any, label: str) -> FieldOfEntries:
 
 
 def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
-    """Return ``kind(text, *more)``, a formula; its errors begin with ``label``, the name of the datum."""
+    """Return ``kind(text, *more)``, the formula of a text; ``label``, the name of the datum, begins its error messages.
+
+    Raises
+    ------
+    SceneError
+        If the text is not a formula of this kind.
+    """
     try:
         return kind(text, *more)
     except SceneError as error:
@@ -222,4 +231,5 @@ def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) ->
 
 
 def _contains_text(entries: Any) -> bool:
+    """Return True if an entry of a nested sequence is a string."""
     return any(isinstance(entry, str) or (is_sequence(entry) and _contains_text(entry)) for entry in entries)

@@ -37,12 +37,12 @@ class TensorOfEntries:
 
 
 def as_diffusivity(value: Any, label: str) -> Any:
-    """Return a diffusivity as a number, a (d, d) array, or a function of points.
+    """Return a diffusivity as the same number or function, or a tensor as a (d, d) array or a function of points.
 
     Raises
     ------
     InputError
-        If a number is not above zero, or a tensor is not square, symmetric and finite.
+        If a number is not above zero, or a constant tensor is not square, symmetric and finite.
     """
     if callable(value):
         return value
@@ -64,19 +64,19 @@ def as_diffusivity(value: Any, label: str) -> Any:
 
 
 def is_tensor(diffusivity: Any, points: Floats) -> bool:
-    """Return True if a diffusivity is a tensor; a function of points is evaluated at ``points`` (n, d)."""
+    """Return True if a diffusivity is a tensor; a function is evaluated at ``points`` (n, d) to find out."""
     if getattr(diffusivity, "needs_state", False):
         return False
     return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
 
 
 def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
-    """Return a diffusivity at ``points`` (n, d): (n,) numbers or (n, d, d) symmetric tensors.
+    """Return the values of a diffusivity at ``points`` (n, d): numbers (n,), or symmetric tensors (n, d, d).
 
     Raises
     ------
     InputError
-        If it is not finite, of another shape, or a tensor is not symmetric.
+        If a value is not finite, the shape is another one, or a tensor is not symmetric.
     """
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
@@ -92,7 +92,7 @@ def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats
 
 
 def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
-    """Return the mean of a diffusivity over ``points`` (n, d); of a tensor, the mean of its eigenvalues."""
+    """Return the mean of a diffusivity over ``points`` (n, d); for a tensor, the mean of its d eigenvalues."""
     values = evaluate_diffusivity(diffusivity, points, "the diffusivity")
     return float(np.trace(values, axis1=1, axis2=2).mean() / points.shape[1] if values.ndim == 3 else values.mean())
 
@@ -118,7 +118,13 @@ def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
 
 
 def _symmetric(tensors: Floats, label: str) -> Floats:
-    """Return the symmetric part of tensors (..., d, d) that are symmetric up to rounding."""
+    """Return the symmetric part of ``tensors`` (..., d, d).
+
+    Raises
+    ------
+    InputError
+        If an entry is not finite, or a tensor is not symmetric up to rounding; ``label`` is its name in the message.
+    """
     if not np.isfinite(tensors).all():
         raise InputError(f"{label} must be finite, got NaN or infinity.")
     transposed = np.swapaxes(tensors, -1, -2)
@@ -131,9 +137,9 @@ def _symmetric(tensors: Floats, label: str) -> Floats:
     return np.asarray(0.5 * (tensors + transposed))
 
 
-#: Step of finite differences, as a share of the varied quantity: the square root of rounding errors, with a margin.
+#: Step of finite differences, as a share of the varied quantity: above the square root of the rounding error.
 DIFFERENCE_SHARE = 1e-6
-#: Least derivative of a s by s, as a share of a: it would not be positive where a s decreases with s.
+#: Least derivative of a s by s, as a share of a: where a s decreases with s, the derivative itself is not positive.
 MIN_TANGENT_SHARE = 1e-3
 
 
@@ -152,7 +158,7 @@ class StateDiffusivity:
     function: Callable[..., Any]
     by_value: Callable[..., Any] | None = None
     by_slope: Callable[..., Any] | None = None
-    #: Distinguishes it from functions of points.
+    #: Distinguishes this diffusivity from functions of points.
     needs_state: ClassVar[bool] = True
 
     def __call__(self, points: Floats) -> Floats:
@@ -168,15 +174,18 @@ class StateDiffusivity:
 
     @property
     def depends_on_value(self) -> bool:
-        """Whether a depends on u."""
+        """Whether a may depend on u."""
         return self.by_value is not _zero
 
     def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return a (k,) for u (k,), its tangential gradients ``slopes`` (k, d) and points (k, d)."""
+        """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
         return _called(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
 
     def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the derivative (k, d, d) of a grad u with respect to grad u: a I + s da/ds e e', e along grad u."""
+        """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
+
+        Its eigenvalue along e is at least a small positive share of a. Arguments as for :meth:`at`.
+        """
         a, s = self.at(u, slopes, points), np.linalg.norm(slopes, axis=1)
         if self.by_slope is not None:
             slope = _called(self.by_slope, u, s, points, "the derivative of the diffusivity by the slope")
@@ -190,7 +199,7 @@ class StateDiffusivity:
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
 
     def drift(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
-        """Return the derivative (k, d) of a grad u with respect to u."""
+        """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for :meth:`at`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
             rate = _called(self.by_value, u, s, points, "the derivative of the diffusivity by u")
@@ -202,13 +211,13 @@ class StateDiffusivity:
 
 
 def slope_diffusivity(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
-    """Return the diffusivity a(s) with a function and its derivative."""
+    """Return the diffusivity a(s) of the slope s = norm(grad u) alone, given a and da/ds as functions of s (k,)."""
     return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
 
 
 @dataclass(frozen=True, eq=False)
 class _OfSlope:
-    """A function of s alone, called with u and s."""
+    """A function of s (k,) alone, in the form that is called with u (k,) and s (k,)."""
 
     function: Callable[[Floats], Floats]
 
@@ -221,12 +230,12 @@ def _zero(u: Floats) -> Floats:
 
 
 def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
-    """Return the values (k,) of a function of u, of u and s, or of u, s and points.
+    """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d).
 
     Raises
     ------
     InputError
-        If the values are not (k,) finite numbers.
+        If the values are not (k,) finite numbers; ``label`` is the name of the function in the message.
     """
     parameters = inspect.signature(function).parameters.values()
     count = sum(each.default is each.empty and each.kind is not each.VAR_KEYWORD for each in parameters)

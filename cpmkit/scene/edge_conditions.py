@@ -23,14 +23,14 @@ Where = str | Callable[[Floats], Any]
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A condition and where on the edge it holds; None means wherever no earlier part holds."""
+    """A condition and the part of the edge where it holds; ``where`` None is the rest, where no earlier part holds."""
 
     condition: Condition
     where: Callable[[Floats], Any] | None = None
 
     @property
     def summary(self) -> str:
-        """The condition and where it holds, in words."""
+        """The condition and its part of the edge, in words."""
         if self.where is None:
             return f"{self.condition.kind} on the rest"
         text = self.where.text if isinstance(self.where, Expression) else "a function of position holds"
@@ -39,15 +39,15 @@ class Part:
 
 @dataclass(frozen=True, eq=False)
 class ByPosition:
-    """Conditions for parts of the edge, in order: at a point the condition of the first part that contains it holds.
+    """Conditions on parts of the edge, in order: the first part that contains a point determines the condition there.
 
-    They are the list that a scene takes as its ``edge``; see :class:`cpmkit.Scene`.
+    A scene makes it from the list that is given as its ``edge``; see :class:`cpmkit.Scene`.
     """
 
     parts: tuple[Part, ...]
 
     def number_at(self, points: Floats) -> Ints:
-        """Return the number (n,) of the part that contains each of ``points`` (n, d), -1 where none does."""
+        """Return the number (n,) of the first part that contains each of ``points`` (n, d); -1 where no part does."""
         number = np.full(len(points), -1)
         for k, part in enumerate(self.parts):
             rest = np.flatnonzero(number < 0)
@@ -57,12 +57,12 @@ class ByPosition:
         return number
 
     def along(self, points: Floats) -> list[tuple[Condition, Ints]]:
-        """Return each condition with the rows of ``points`` (n, d), in the scene's coordinates, at which it holds.
+        """Return each condition with the rows (m,) of ``points`` (n, d), in the scene's coordinates, where it holds.
 
         Raises
         ------
         SceneError
-            If no part contains a point.
+            If a point is in no part.
         """
         number = self.number_at(points)
         uncovered = np.flatnonzero(number < 0)
@@ -75,7 +75,7 @@ class ByPosition:
 
 
 def is_by_position(value: Any) -> bool:
-    """Return True for a list of parts, which are conditions or pairs, False for data of several channels."""
+    """Return True for a list with a condition, a part or a pair (condition, where); False for data of channels."""
     return is_sequence(value) and any(isinstance(entry, (Condition, Part)) or _is_pair(entry) for entry in value)
 
 
@@ -84,13 +84,13 @@ def _is_pair(entry: Any) -> bool:
 
 
 def as_parts(entries: Any) -> ByPosition:
-    """Return the conditions by position of a list of conditions, pairs (condition, where), or parts.
+    """Return the conditions by position given as a list of conditions, pairs (condition, where) or parts.
 
     Raises
     ------
     SceneError
-        If an entry has no condition, if an entry before the last holds everywhere, or if ``where`` is neither a formula
-        nor a function.
+        If an entry has no condition, if an entry before the last one holds everywhere, or if ``where`` is neither a
+        formula nor a function, or depends on t.
     """
     parts = []
     for number, entry in enumerate(entries):
@@ -113,6 +113,13 @@ def as_parts(entries: Any) -> ByPosition:
 
 
 def _as_where(value: Any, number: int) -> Callable[[Floats], Any] | None:
+    """Return the ``where`` of part ``number`` as a function of points (n, d); None stays None.
+
+    Raises
+    ------
+    SceneError
+        If the value is neither a formula nor a function, or depends on t.
+    """
     label = f"`where` of part {number} of the edge"
     function: Any = read_formula(Expression, value, label) if isinstance(value, str) else value
     if function is not None and not callable(function):
@@ -123,16 +130,16 @@ def _as_where(value: Any, number: int) -> Callable[[Floats], Any] | None:
     return checked
 
 
-#: Conditions of an edge or a loop of it: one, or several by position.
+#: Conditions of the edge or of one edge loop: a single condition, or several by position.
 LoopConditions = Condition | ByPosition
-#: Conditions of the edge of a manifold: the same on all of it, or by the number of the loop.
+#: Conditions of the edge of a manifold: the same on all loops, or by the number of the loop.
 EdgeConditions = LoopConditions | Mapping[int, LoopConditions]
-#: Values that are accepted for an edge or a loop of it.
+#: Values that a scene accepts for the edge or for one edge loop.
 EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Where]]
 
 
 def as_edge(value: Any) -> Any:
-    """Return the conditions of an edge from the values that a scene accepts; other values as they are.
+    """Return the conditions of an edge from any value that a scene accepts; other values unchanged.
 
     Raises
     ------
@@ -148,12 +155,15 @@ def as_edge(value: Any) -> Any:
 
 
 def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
-    """Return all conditions of an edge."""
+    """Return the conditions of an edge, of all its loops and parts."""
     return [part.condition for part, _ in parts_of_edge(edge)]
 
 
 def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
-    """Return all conditions of an edge as parts, each with the conditions by position that it belongs to, or None."""
+    """Return all parts of an edge, each with the :class:`ByPosition` that contains it.
+
+    A condition of a whole loop, or of the whole edge, is a part with ``where`` None, and comes with None.
+    """
     parts: list[tuple[Part, ByPosition | None]] = []
     for conditions in _loops(edge):
         match conditions:
@@ -165,11 +175,12 @@ def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
 
 
 def _loops(edge: EdgeConditions) -> list[LoopConditions]:
+    """Return the conditions of each loop for which they are given, or those of the whole edge as the only entry."""
     return [*edge.values()] if isinstance(edge, Mapping) else [edge]
 
 
 def shape_of_edge(edge: EdgeConditions) -> Any:
-    """Return the numbers of the loops and where parts are: the structure, which does not change with the data."""
+    """Return the loop numbers and the ``where`` of each part: the structure of an edge, which data do not change."""
     match edge:
         case Mapping():
             return {loop: shape_of_edge(conditions) for loop, conditions in edge.items()}
@@ -179,7 +190,7 @@ def shape_of_edge(edge: EdgeConditions) -> Any:
 
 
 def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any:
-    """Return the conditions of an edge with ``function`` applied to each."""
+    """Return the conditions of an edge, each replaced by ``function(condition)``."""
     match edge:
         case Mapping():
             return {loop: map_conditions(conditions, function) for loop, conditions in edge.items()}
@@ -190,26 +201,26 @@ def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any
 
 
 def position_parts(edge: EdgeConditions) -> list[ByPosition]:
-    """Return the conditions by position of an edge, of all its loops."""
+    """Return the :class:`ByPosition` of each loop that has conditions by position."""
     return [conditions for conditions in _loops(edge) if isinstance(conditions, ByPosition)]
 
 
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
-    """Return each condition with the rows at which it holds.
+    """Return each condition of an edge that holds at any of ``points``, with the rows (m,) of these.
 
     Parameters
     ----------
     edge : EdgeConditions
         Conditions of the edge.
     loops : (n,) int64
-        Number of the loop that each point lies on.
+        Number of the edge loop of each point.
     points : (n, d) float64
-        In the scene's coordinates.
+        Points of the edge, in the scene's coordinates.
 
     Raises
     ------
     SceneError
-        If there is no condition for a loop, or no part contains a point.
+        If a loop has no condition, or a point is in no part.
     """
     pairs: list[tuple[Condition, Ints]] = []
     for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
@@ -223,12 +234,12 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
 
 
 def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
-    """Refuse parts by position whose condition is not among the ``used``, as no sample of the edge is in them.
+    """Raise if the condition of a part by position is not among ``used``, the conditions that hold at edge samples.
 
     Raises
     ------
     SceneError
-        Naming the first such part.
+        For the first such part.
     """
     ids = {id(condition) for condition in used}
     for number, part in ((k, part) for parts in position_parts(edge) for k, part in enumerate(parts.parts)):
@@ -240,12 +251,12 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
 
 
 def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
-    """Return the condition of edge ``loop``.
+    """Return the condition of edge loop number ``loop``.
 
     Raises
     ------
     SceneError
-        If there is no condition for the loop, or there are several by position: use :func:`conditions_along`.
+        If the loop has no condition, or several by position, for which there is :func:`conditions_along`.
     """
     condition = _of_loop(edge, loop)
     if isinstance(condition, ByPosition):
@@ -254,6 +265,13 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
 
 
 def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
+    """Return the conditions of edge ``loop``; conditions that are not given loop by loop hold on every loop.
+
+    Raises
+    ------
+    SceneError
+        If the loop has none.
+    """
     if not isinstance(edge, Mapping):
         return edge
     if loop not in edge:
@@ -264,15 +282,15 @@ def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
 
 
 def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition | None) -> Floats:
-    """Return a point (1, d) of the edge of ``source`` at which to evaluate the data of a ``part`` of it.
+    """Return a point (1, d) of the edge of ``source`` at which the data of its ``part`` can be evaluated.
 
-    It is in the part, one of ``parts``, if the closest points of a few points around the bounds include such a point:
-    data may be undefined elsewhere.
+    The point is in ``part``, one of ``parts``, if the closest points of a few points around the bounds include one
+    that is, since data may be undefined elsewhere.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
     centre, reach = bounds.mean(axis=0), np.ptp(bounds, axis=0)
     lattices = [bounds.T]
-    if parts is not None:  # seven points an axis, from before the bounds to past them
+    if parts is not None:  # seven points on each axis, beyond both ends of the bounds
         lattices.append((bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * reach).T)
     queries = np.array([*(point for lattice in lattices for point in product(*lattice)), centre])
     feet = LocalSource(source, np.zeros(source.dim)).closest_point(queries)

@@ -23,15 +23,15 @@ from cpmkit.types import Floats
 
 
 class EquationFamily:
-    """Marks equations by the kind of their solution: one function, unless a derived class says otherwise."""
+    """Type that marks the kind of an equation's solution: a single function, unless it is a derived class."""
 
 
 class EigenFamily(EquationFamily):
-    """Marks equations whose solution is eigenvalues and eigenfunctions."""
+    """Type that marks equations solved by eigenvalues and eigenfunctions."""
 
 
 class TimeFamily(EquationFamily):
-    """Marks equations whose solution depends on the time."""
+    """Type that marks equations whose solution depends on the time."""
 
 
 if TYPE_CHECKING:
@@ -83,21 +83,21 @@ class Terms:
 
     @property
     def fixes_constant(self) -> bool:
-        """True if c may determine the constant part of u: a callable c does on pieces on which it is not zero."""
+        """True if c may determine the constant part of u; a callable c does so on each piece where it is not zero."""
         return callable(self.c) or self.c != 0
 
     def fixes_constant_at(self, points: Floats) -> bool:
-        """Return True if c determines the constant part of u on a piece of the manifold with ``points`` (n, d)."""
+        """Return True if c determines the constant part of u on the piece that contains ``points`` (n, d)."""
         return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
 def check_conservative(conservative: Any, velocity: VectorField | None, label: str) -> None:
-    """Check that ``conservative`` is a flag, and that there is a velocity if it is set.
+    """Raise if ``conservative`` is not a bool, or is True without a velocity.
 
     Raises
     ------
     InputError
-        If not; ``label`` is the name of the equation.
+        In these cases; ``label`` is the name of the equation in the message.
     """
     if not isinstance(conservative, bool):
         raise InputError(f"conservative of {label} must be True or False, got {shown(conservative)}.")
@@ -106,12 +106,12 @@ def check_conservative(conservative: Any, velocity: VectorField | None, label: s
 
 
 def check_factor(c: Data, label: str) -> None:
-    """Check that a factor of u is a finite number or a function of points.
+    """Raise if a factor of u is neither a finite number nor a function of points.
 
     Raises
     ------
     InputError
-        If not; ``label`` is its name.
+        In this case; ``label`` is the name of the factor in the message.
     """
     if not callable(c):
         try:
@@ -128,13 +128,13 @@ class Equation(ABC, Generic[Family]):
     """Base class of equations."""
 
     kind: ClassVar[str]
-    #: Which function solves it: "steady", "time", "eigen", "coupled" or "biharmonic".
+    #: Name of the solver: "steady", "time", "eigen", "coupled" or "biharmonic".
     family: ClassVar[str] = "steady"
-    #: The direct solver is used up to so many times the unknowns for which it is for a single definite system.
+    #: The largest number of unknowns for the direct solver, as a multiple of that for a single definite system.
     factorise_up_to: ClassVar[float] = 1.0
-    #: The same where the form has multigrid; None for the same number.
+    #: The same multiple in a form with multigrid; None if it is equal.
     factorise_beside_multigrid: ClassVar[float | None] = None
-    #: Advice in the message that refuses a condition.
+    #: Advice in the error message about a condition that is not accepted.
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
 
     def __post_init__(self) -> None:
@@ -150,7 +150,10 @@ class Equation(ABC, Generic[Family]):
         return None
 
     def factors_up_to(self, multigrid: bool) -> float:
-        """Return the factor by which the limit of the direct solver is larger than for a single definite system."""
+        """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
+
+        ``multigrid`` says whether the form has multigrid, to which the direct solver is then compared.
+        """
         factor = self.factorise_beside_multigrid if multigrid else None
         return self.factorise_up_to if factor is None else factor
 
@@ -158,12 +161,12 @@ class Equation(ABC, Generic[Family]):
         return str(self.terms())
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check that the equation accepts all of ``conditions``, pairs of a place's name and a condition.
+        """Raise if the equation does not accept one of ``conditions``, pairs of the name of a place and its condition.
 
         Raises
         ------
         SceneError
-            For the first condition that it does not accept.
+            For the first condition that is not accepted.
         """
         for label, condition in conditions:
             refusal = condition.refusal(self)
@@ -171,7 +174,7 @@ class Equation(ABC, Generic[Family]):
                 raise SceneError(f"{label}: {condition.kind!r} {refusal}; {self.accepted}.")
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data that have channels, with their names in errors."""
+        """Return the data with one value for each channel, each after its name in error messages."""
         return [("the right-hand side f", self.terms().f)]
 
 

@@ -70,7 +70,7 @@ class Evolution(Equation[TimeFamily]):
         return self.until - self.t0
 
     def with_scheme(self, explicit_steps: bool) -> Self:
-        """Return the equation with ``scheme="auto"`` replaced, for a form that can take ``explicit_steps`` or not."""
+        """Return the equation with ``scheme="auto"`` replaced; by an explicit scheme only if ``explicit_steps``."""
         del explicit_steps
         return self
 
@@ -82,6 +82,13 @@ class Evolution(Equation[TimeFamily]):
         return tuple(sorted({float(time) for time in self.frames}))
 
     def _check(self, schemes: Sequence[str], coefficients: dict[str, object]) -> None:
+        """Convert times to floats, and check the times, the scheme, the coefficients, the frames and ``after_step``.
+
+        Raises
+        ------
+        InputError
+            If an argument is not accepted, or one of ``coefficients``, by their names, depends on t.
+        """
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):
             object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))
         if self.until <= self.t0:
@@ -104,6 +111,13 @@ class Evolution(Equation[TimeFamily]):
 
 
 def _check_frames(frames: int | Sequence[float], start: float, until: float, kind: str) -> None:
+    """Raise if ``frames`` is neither a number of intervals nor a list of times between ``start`` and ``until``.
+
+    Raises
+    ------
+    InputError
+        In this case, or if there are too many frames; ``kind`` is the name of the equation in the message.
+    """
     accepted = (
         f"frames of {kind} must be a number of equal parts of the time or a list of times from {start:g} to {until:g}, "
         f"at most {MAX_FRAMES} of them"
@@ -194,6 +208,7 @@ class Heat(Evolution):
     kind: ClassVar[str] = "heat"
 
     def __post_init__(self) -> None:
+        """Check the arguments, and convert kappa to a diffusivity."""
         super().__post_init__()
         self._check(
             ("bdf2", "backward-euler", "crank-nicolson"), {"kappa": self.kappa, "velocity": self.velocity, "c": self.c}
@@ -209,7 +224,7 @@ class Heat(Evolution):
         return Terms(self.f, self.c, self.kappa, self.velocity, self.conservative)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data that have channels, with their names in errors."""
+        """Return the right-hand side and the initial data, each after its name in error messages."""
         return [("the right-hand side f", self.f), ("the initial data", self.initial)]
 
     def __str__(self) -> str:
@@ -278,7 +293,7 @@ class Wave(Evolution):
         object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
 
     def with_scheme(self, explicit_steps: bool) -> Wave:
-        """Return the equation with ``scheme="auto"`` replaced: leapfrog if steps may be explicit, else Newmark."""
+        """Return the equation with ``scheme="auto"`` replaced: leapfrog if ``explicit_steps`` is True, else Newmark."""
         default = "leapfrog" if explicit_steps else "newmark"
         return replace(self, scheme=default) if self.scheme == "auto" else self
 
@@ -287,7 +302,7 @@ class Wave(Evolution):
         return Terms(self.f, diffusivity=self.speed * self.speed)
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data that have channels, with their names in errors."""
+        """Return the right-hand side, the initial data and the initial rate, each after its name in error messages."""
         return [
             ("the right-hand side f", self.f),
             ("the initial data", self.initial),

@@ -16,46 +16,49 @@ from cpmkit.types import Floats
 
 
 class TestsFunctionals(Protocol):
-    """The members of a form that functionals use."""
+    """The members of a form that functionals use to compute their load vectors."""
 
     @property
     def scene(self) -> Any:
-        """The scene, whose ``channels`` are the number of right-hand sides that are solved together."""
+        """The scene, whose ``channels`` is the number of right-hand sides that are solved together."""
 
     @property
     def points(self) -> Floats:
-        """Points (p, d) at which the form has values."""
+        """The points (p, d) at which the form has values."""
 
     @property
     def points_in_use(self) -> Floats:
-        """The same points (p, d), not to be written to."""
+        """The same points (p, d), as an array that must not be written to."""
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return the integrals (n, channels) of a function f times each test function."""
+        """Return the integrals (n, channels) of f, at ``time`` if it depends on it, times each test function."""
 
     def rows(self, points: Floats) -> Any:
         """Return the matrix (k, n) of the values of the test functions at the closest points of ``points`` (k, d)."""
 
     def gradient_load(self, values: Floats) -> Floats:
-        """Return the integrals (n,) of the vectors ``values`` (p, d) times the gradient of each test function."""
+        """Return the integrals (n,) of a vector field times the gradient of each test function.
+
+        The field is ``values`` (p, d) at the form's points.
+        """
 
 
 class TestedRightSide(Functional, ABC):
-    """A functional plus a function ``beside`` of points."""
+    """A right-hand side that is the sum of a functional and a function ``beside`` of points."""
 
     beside: Data
 
     @property
     def takes_time(self) -> bool:
-        """True if it depends on the time."""
+        """True if the function ``beside`` depends on the time."""
         return takes_time(self.beside)
 
     @abstractmethod
     def values(self, form: TestsFunctionals) -> Floats:
-        """Return the values (n, channels) of the functional for each test function, without the function ``beside``."""
+        """Return the values (n, channels) of the functional alone for each test function, without ``beside``."""
 
     def loads(self, form: TestsFunctionals, time: float | None = None) -> Floats:
-        """Return the loads (n, channels) for each test function, those of the function ``beside`` included."""
+        """Return the load vectors (n, channels) of the sum of the functional and the function ``beside``."""
         is_zero = isinstance(self.beside, (int, float)) and self.beside == 0
         return self.values(form) if is_zero else form.load(self.beside, time) + self.values(form)
 
@@ -97,6 +100,7 @@ class PointSource(TestedRightSide):
     beside: Data = 0.0
 
     def __post_init__(self) -> None:
+        """Convert ``at`` to points (k, d) and ``strength`` to an array (k, channels), and check them."""
         at = np.asarray(self.at, dtype=np.float64)
         points = as_points(at[None] if at.ndim == 1 else at, at.shape[-1] if at.ndim else 0)
         try:
@@ -118,7 +122,7 @@ class PointSource(TestedRightSide):
         return int(self.strength.shape[1])
 
     def values(self, form: TestsFunctionals) -> Floats:
-        """Return the sum (n, channels) of strength times value of each test function over the points."""
+        """Return for each test function the sum (n, channels) over the points of its value times the strength."""
         loads = np.asarray(form.rows(self.at).T @ self.strength)
         return loads if loads.shape[1] == form.scene.channels else np.repeat(loads, form.scene.channels, axis=1)
 
@@ -175,7 +179,7 @@ class Divergence(TestedRightSide):
     __rmul__ = __mul__
 
     def values(self, form: TestsFunctionals) -> Floats:
-        """Return -scale times the integrals of X . grad phi, (n, channels)."""
+        """Return -scale times the integral of X . grad phi for each test function phi, repeated for all channels."""
         points = form.points_in_use
         is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument
         values = np.asarray(self.of(points if is_field else points.copy()), dtype=np.float64)

@@ -1,7 +1,7 @@
-"""The standard laws of conditions, which forms discretise; forms know no class of conditions.
+"""Laws: the standard forms to which conditions are reduced for discretisation; forms use no class of conditions.
 
-Every condition has one of these laws. A law on one side is ``alpha du/db + beta u = datum`` with b the conormal out of
-that side; terms that depend on the solution (lambda u, a nonlinear flux) are not part of it.
+Every condition has one law. A law on one side is ``alpha du/db + beta u = datum`` with b the conormal out of
+that side; terms that depend on the solution (lambda u, a nonlinear flux) are not part of this relation.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ class _Law:
     Attributes
     ----------
     families : tuple of str
-        The families of equations that accept it.
+        The families of equations that accept the law.
     needs : str
-        Why other families do not accept it, a predicate for a sentence on a condition.
+        Why other families do not accept it, as a predicate whose subject is the condition.
     couples : bool
-        Whether it couples both sides of a boundary.
+        Whether the law couples both sides of a boundary.
     involves_value : bool
-        Whether it is a linear condition on u itself, and not on its derivative alone.
+        Whether the law is a linear relation with u in it, not only its derivative.
     """
 
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
@@ -43,7 +43,7 @@ class _Law:
 
     @property
     def data(self) -> list[tuple[str, Data]]:
-        """Names and values of the data; none where they depend on the solution."""
+        """Names and values of the data; empty if the law has no data, or a flux that depends on the solution."""
         return []
 
     @property
@@ -53,33 +53,33 @@ class _Law:
 
     @property
     def of_laplacian(self) -> Law:
-        """The law of Lap u in a biharmonic problem with this law of u."""
+        """The law of Lap u in a biharmonic problem in which u has this law."""
         return Flux(0.0)
 
     @property
     def is_zero_flux(self) -> bool:
-        """True if it prescribes the flux zero."""
+        """True if the law prescribes zero flux."""
         return False
 
     @property
     def is_symmetric(self) -> bool:
-        """True if it couples both sides, and is the same with these exchanged."""
+        """True if the law couples both sides and is unchanged when they are exchanged."""
         return False
 
     @property
     def is_dissipative(self) -> bool:
-        """True if it is known to be dissipative: it makes no eigenvalue of the operator negative."""
+        """True if the law is known to be dissipative, so that it makes no eigenvalue of the operator negative."""
         return False
 
 
 class _LinearLaw(_Law):
-    """Base class of laws on one side with a datum."""
+    """Base class of laws on one side with a datum as right-hand side."""
 
     datum: Data
 
     @property
     def data(self) -> list[tuple[str, Data]]:
-        """The datum."""
+        """The datum, after its name."""
         return [("datum", self.datum)]
 
 
@@ -89,7 +89,7 @@ def _is_zero(datum: Data) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Value(_LinearLaw):
-    """u = datum; in a biharmonic problem Lap u = 0 too."""
+    """The law u = datum; in a biharmonic problem also Lap u = 0."""
 
     datum: Data
     alpha: ClassVar[float] = 0.0
@@ -100,13 +100,13 @@ class Value(_LinearLaw):
 
     @property
     def of_laplacian(self) -> Value:
-        """Lap u = 0."""
+        """The law Lap u = 0."""
         return Value(0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Support(Value):
-    """u = datum and Lap u = laplacian."""
+    """The laws u = datum and Lap u = laplacian of a biharmonic problem."""
 
     laplacian: Data = 0.0
     families: ClassVar[tuple[str, ...]] = ("biharmonic",)
@@ -114,18 +114,18 @@ class Support(Value):
 
     @property
     def data(self) -> list[tuple[str, Data]]:
-        """The value and the Laplacian."""
+        """The value and the Laplacian, after their names."""
         return [("value", self.datum), ("Laplacian", self.laplacian)]
 
     @property
     def of_laplacian(self) -> Value:
-        """Lap u = laplacian."""
+        """The law Lap u = laplacian."""
         return Value(self.laplacian)
 
 
 @dataclass(frozen=True, eq=False)
 class Flux(_LinearLaw):
-    """du/db = datum."""
+    """The law du/db = datum."""
 
     datum: Data
     alpha: ClassVar[float] = 1.0
@@ -141,7 +141,7 @@ class Flux(_LinearLaw):
 
 @dataclass(frozen=True, eq=False)
 class Mixed(_LinearLaw):
-    """alpha du/db + beta u = datum, with a number alpha other than zero and a number or function of points beta."""
+    """The law alpha du/db + beta u = datum, alpha a number other than zero, beta a number or a function of points."""
 
     alpha: float
     beta: float | Callable[..., Any]
@@ -161,7 +161,7 @@ class Mixed(_LinearLaw):
 
 @dataclass(frozen=True, eq=False)
 class Spectral(_Law):
-    """du/db = lambda u with the unknown eigenvalue lambda."""
+    """The law du/db = lambda u with the unknown eigenvalue lambda."""
 
     alpha: ClassVar[float] = 1.0
     beta: ClassVar[float] = 0.0
@@ -172,7 +172,7 @@ class Spectral(_Law):
 
 @dataclass(frozen=True, eq=False)
 class Nonlinear(_Law):
-    """du/db = flux(u), or flux(u, points); Newton's method starts where u is ``guess``."""
+    """The law du/db = flux(u), or flux(u, points); Newton's method starts at u = ``guess`` on the boundary."""
 
     flux: Callable[..., Any]
     slope: Callable[..., Any] | None = None
@@ -185,11 +185,11 @@ class Nonlinear(_Law):
 
     @property
     def factors(self) -> tuple[Any, ...]:
-        """Equal to those of no other law: its functions are not compared."""
+        """A new object, so that this law equals no other: its functions are not compared."""
         return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the flux (n,) where u is ``values`` (n,), at ``points`` (n, d).
+        """Return the flux (n,) for ``values`` (n,) of u at ``points`` (n, d).
 
         Raises
         ------
@@ -199,7 +199,15 @@ class Nonlinear(_Law):
         return _call(self.flux, values, points)
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the flux's derivative (n,) with respect to u, by finite differences if no ``slope`` is given."""
+        """Return the derivative (n,) of the flux with respect to u for ``values`` (n,) of u at ``points`` (n, d).
+
+        It is computed by finite differences if no ``slope`` is given.
+
+        Raises
+        ------
+        InputError
+            If a function does not return (n,) finite numbers.
+        """
         if self.slope is not None:
             return _call(self.slope, values, points)
         size = np.abs(values)
@@ -210,9 +218,10 @@ class Nonlinear(_Law):
 
 @dataclass(frozen=True, eq=False)
 class Interface(_Law):
-    """Coupling of both sides: ``u_left - u_right = jump + resistance * flow``, ``k_left u_b + k_right u_b = flux``.
+    """The coupling ``u_left - u_right = jump + resistance * flow``, ``k_left du/db_left + k_right du/db_right = flux``.
 
-    ``left`` and ``right`` are the conductivities k, None for the equation's; the flow is from left to right.
+    ``left`` and ``right`` are the conductivities k, None for the diffusivity of the equation; ``flow`` is the flow
+    from left to right.
     """
 
     jump: Data
@@ -224,7 +233,7 @@ class Interface(_Law):
 
     @property
     def data(self) -> list[tuple[str, Data]]:
-        """The jump and the flux."""
+        """The jump and the flux, after their names."""
         return [("jump", self.jump), ("flux", self.flux)]
 
     @property
@@ -245,39 +254,48 @@ Law = OneSided | Interface
 
 
 def data_of(law: Law) -> list[tuple[str, Data]]:
-    """Return the names and values of the data of a law; none where they depend on the solution."""
+    """Return the names and values of the data of a law; empty for a law without data."""
     return law.data
 
 
 def law_of_laplacian(law: Law) -> Law:
-    """Return the law of Lap u in a biharmonic problem with the law of u: a value, or zero flux."""
+    """Return the law of Lap u in a biharmonic problem in which u has ``law``: a value, or zero flux."""
     return law.of_laplacian
 
 
 def is_zero_neumann(law: Law) -> bool:
-    """Return True if the law is a zero flux."""
+    """Return True if the law prescribes zero flux."""
     return law.is_zero_flux
 
 
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
-    """Return beta (n,) at ``points`` (n, d) of the boundary, in the scene's coordinates."""
+    """Return beta (n,) of a law at ``points`` (n, d) of a boundary, in the scene's coordinates.
+
+    ``label`` is the name of the condition in error messages.
+    """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]
 
 
 def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
-    """Return True (n,) at the ``points`` (n, d) of the boundary where the law determines the constant part of u."""
+    """Return for each of ``points`` (n, d) on a boundary whether the law there determines the constant part of u."""
     if isinstance(law, (Interface, Nonlinear)):
         return np.full(len(points), isinstance(law, Nonlinear))
     return np.asarray(beta_at(law, points, label) != 0)
 
 
 def is_dissipative(law: Law) -> bool:
-    """Return True if a law is known to be dissipative: it makes no eigenvalue of the operator negative."""
+    """Return True if the law is known to be dissipative, so that it makes no eigenvalue of the operator negative."""
     return law.is_dissipative
 
 
 def _call(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
-    """Return a flux or its derivative (n,), a function of values, or of values and points."""
+    """Return the values (n,) of a flux or of its derivative, a function of ``values`` (n,) or of values and ``points``.
+
+    Raises
+    ------
+    InputError
+        If the function does not return (n,) finite numbers.
+    """
     parameters = inspect.signature(function).parameters.values()
     several = sum(parameter.default is parameter.empty for parameter in parameters) > 1
     fluxes = np.asarray(function(values, points) if several else function(values), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""The left side of a boundary: found once for a scene, from samples of the boundary, without a lattice."""
+"""The left side of a boundary, determined once per scene from samples of the boundary, without a lattice."""
 
 from __future__ import annotations
 
@@ -25,46 +25,49 @@ from cpmkit.manifold.tangent_space import axis_and_left, tangents_and_corners, u
 from cpmkit.scene.boundary import BoundarySet
 from cpmkit.types import Bools, Floats, Ints
 
-#: Samples along the largest side of a boundary, by its dimension: more are taken until neighbours agree.
+#: Numbers of samples along the largest side of a boundary, by its dimension, tried in turn until neighbours agree.
 BOUNDARY_SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
 #: Least step of finite differences on the manifold, as a share of its size: above rounding.
 MIN_STEP_SHARE = 1e-4
-#: A point determines the left of a piece if the cosine between its chord and the left direction exceeds this.
+#: Least cosine between the left direction and the chord to a point for that point to determine the left of a piece.
 MIN_CHORD_COSINE = 1e-3
 
-#: How the left side is determined: by the sources, by a point, by a rule; or it does not exist, as on a Moebius strip.
+#: How left is determined: by the sources, by a point, by a rule; or there is no left side, as on a Moebius strip.
 NamedBy = Literal["source", "left_of", "rule", "nothing"]
 
 
 @dataclass(frozen=True, eq=False)
 class OrientedPart:
-    """A boundary, or a member of a union, sampled with directions whose signs agree between neighbours.
+    """A boundary, or a member of a union, sampled with directions whose signs agree between neighbouring samples.
 
     Attributes
     ----------
     source, surface : LocalSource
-        The boundary, and the manifold.
+        The closest-point sources of the boundary and of the manifold.
     dimension : int
         Dimension of the manifold along the boundary.
-    samples, on_surface : ClosestPoints
-        Samples of the boundary, and the manifold's records of them.
-    across, along : Orientation
-        Signs of the manifold's normals (tangents, if it is a curve), and of the boundary's tangents (normals, if it is
-        a surface).
+    samples : ClosestPoints
+        The s samples of the boundary.
+    on_surface : ClosestPoints
+        Closest points of the samples on the manifold.
+    across : Orientation
+        Signs of the manifold's normals; of its tangents if it is a curve.
+    along : Orientation
+        Signs of the boundary's tangents; of its normals if it is a surface.
     given_across : (s,) bool
-        Where the manifold has normals (tangents) of its own.
+        Where the manifold's source provides normals (tangents).
     given_along : bool
-        True if the boundary has tangents (normals) of its own.
+        True if the boundary's source provides tangents (normals).
     piece : (s,) int64
         Number of the connected piece of each sample.
     consistent : bool
-        False if a direction comes back reversed along the boundary.
+        False if a direction is reversed after a closed path along the boundary.
     has_direction : bool
         True if the signs along the boundary are consistent.
     sure : bool
         False if denser samples may give other signs.
     spacing : float
-        Distance of the samples.
+        Distance between the samples.
     """
 
     source: LocalSource
@@ -84,7 +87,7 @@ class OrientedPart:
 
     @classmethod
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> OrientedPart:
-        """Return a source with samples that are dense enough for signs to be sure, or the densest."""
+        """Return the part with the first samples dense enough for its signs to be sure, or with the densest."""
         for samples, spacing in samplings(source, surface):
             smooth = _without_corners(source, samples, 0.5 * spacing)
             part = cls._with_samples(source, surface, dimension, smooth, spacing)
@@ -96,6 +99,10 @@ class OrientedPart:
     def _with_samples(
         cls, source: LocalSource, surface: LocalSource, dimension: int, samples: ClosestPoints, spacing: float
     ) -> OrientedPart:
+        """Return the part with these ``samples`` of the boundary, with signs propagated between neighbours.
+
+        Directions that the sources do not provide are computed by differences, with steps of the order of ``spacing``.
+        """
         step, on_surface = 0.5 * spacing, surface.closest_point(samples.points)
         surface_step = max(step, MIN_STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max()))
         tangents = unit_tangents(source, samples, step) if source.manifold_dim == 1 else None
@@ -130,7 +137,10 @@ class OrientedPart:
         )
 
     def with_left_chosen(self, left_of: Floats | None) -> tuple[OrientedPart, set[NamedBy]]:
-        """Return the part with the left of each piece chosen by a point (d,) on it, or else by a rule, and by which."""
+        """Return the part with the left of each connected piece chosen, and how it was: by "left_of" or by "rule".
+
+        Where a direction is free, left is the side of the point ``left_of`` (d,), or else determined by a rule.
+        """
         signs = np.ones(len(self.samples))
         named: set[NamedBy] = set()
         cosines = None if left_of is None else self._chord_cosines(left_of)
@@ -149,7 +159,7 @@ class OrientedPart:
         return replace(self, **{free: orientation}), named
 
     def _sign_by_rule(self, mask: Bools) -> float:
-        """Return the sign by which a piece's directions that are not given follow the rule."""
+        """Return the sign, 1 or -1, by which the free directions of the piece with samples ``mask`` obey the rule."""
         sign = 1.0
         if not self.given_across[mask].any():
             sign *= _sign_of_mean(self.across, mask, self.surface.bounds.mean(axis=0))
@@ -158,7 +168,10 @@ class OrientedPart:
         return sign
 
     def _chord_cosines(self, point: Floats) -> Floats:
-        """Return the cosine between left, at the point of each piece nearest to ``point`` (d,), and the chord to it."""
+        """Return the cosine between left and the chord to ``point`` (d,) for each piece, at its sample nearest to it.
+
+        For the nearest piece it is computed at the closest point of ``point`` on the boundary.
+        """
         goal = self.surface.closest_point(point[None]).points[0]
         distance = np.linalg.norm(self.on_surface.points - goal, axis=1)
         pieces = piece_masks(self.piece)
@@ -170,11 +183,15 @@ class OrientedPart:
         return cosines_to_left(goal - on_surface.points, self._left(feet, on_surface))
 
     def _left(self, feet: ClosestPoints, on_surface: ClosestPoints) -> Floats:
+        """Return the unit conormals (k, d) to the left at k points ``feet`` of the boundary.
+
+        ``on_surface`` are their closest points on the manifold.
+        """
         signs = self.across, self.along
         return axis_and_left(self.source, self.surface, signs, on_surface, feet, 0.5 * self.spacing)[1]
 
     def side_points(self) -> Floats:
-        """Return a point on the left and one on the right (2, d), a tenth of the boundary's size from it."""
+        """Return a point on the left and one on the right (2, d), each at a tenth of the boundary's size from it."""
         middle = np.array([len(self.samples) // 2])
         feet, on_surface = self.samples.take(middle), self.on_surface.take(middle)
         size = float(np.ptp(self.source.bounds, axis=0).max()) or self.spacing
@@ -183,19 +200,20 @@ class OrientedPart:
 
 
 def cosines_to_left(chords: Floats, left: Floats) -> Floats:
-    """Return the cosines (n,) between ``chords`` (n, d) and unit vectors ``left`` (n, d), zero for zero chords."""
+    """Return the cosine (n,) between each chord (n, d) and the unit vector ``left`` (n, d); zero for zero chords."""
     length = np.linalg.norm(chords, axis=1)
     return np.asarray(np.sum(chords * left, axis=1) / np.where(length > 0, length, 1.0))
 
 
 def _sign_of_mean(signs: Orientation, mask: Bools, centre: Floats) -> float:
+    """Return the sign by which the directions of samples ``mask`` (s,) obey the rule relative to ``centre`` (d,)."""
     assert signs.points is not None
     assert signs.directions is not None
     return sign_by_rule(signs.points[mask], signs.directions[mask], centre, signs.travel)
 
 
 def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[ClosestPoints, float]]:
-    """Yield samples of a source with their spacing, from coarse to dense."""
+    """Yield samples of a source and the distance between them, from coarse to dense; a single point is sampled once."""
     size = float(np.ptp(source.bounds, axis=0).max())
     if not size > 0:  # a single point
         yield source.closest_point(source.bounds.mean(axis=0)[None]), float(np.ptp(surface.bounds, axis=0).max()) / 64
@@ -204,13 +222,13 @@ def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[Close
         spacing = size / count
         cells = next(blocks for side, blocks in cell_levels(source, spacing, 0.5) if side == 1)
         points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points
-        cells_of_points = np.round(points / (0.25 * spacing))  # one sample in a quarter of the spacing
+        cells_of_points = np.round(points / (0.25 * spacing))  # one sample in each cell of a quarter of the spacing
         _, rows = np.unique(cells_of_points, axis=0, return_index=True)
         yield source.closest_point(points[np.sort(rows)]), spacing
 
 
 def _without_corners(source: LocalSource, samples: ClosestPoints, step: float) -> ClosestPoints:
-    """Return the samples at which a curve has a tangent; all samples if it has none anywhere."""
+    """Return the samples where a curve has a tangent; all samples if it has none anywhere, or provides tangents."""
     if source.manifold_dim != 1 or source.has_tangents:
         return samples
     corner = tangents_and_corners(source, samples, step)[1]
@@ -218,7 +236,7 @@ def _without_corners(source: LocalSource, samples: ClosestPoints, step: float) -
 
 
 def _has_own_directions(surface: LocalSource, on_surface: ClosestPoints, dimension: int) -> Bools:
-    """Return at which closest points (n,) the manifold has normals of its own, or tangents if it is a curve."""
+    """Return for each closest point (n,) whether the manifold's source provides normals there (curves: tangents)."""
     has_own = np.zeros(len(on_surface), dtype=bool)
     for member, rows, _ in surface.by_member(on_surface):
         has_own[rows] = member.has_tangents if dimension == 1 else member.has_normals
@@ -228,7 +246,10 @@ def _has_own_directions(surface: LocalSource, on_surface: ClosestPoints, dimensi
 def _with_agreeing_signs(
     points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool, is_given: Bools
 ) -> PropagatedSigns:
-    """Propagate signs over neighbours; the signs of a piece agree with directions that the source itself has there."""
+    """Return ``directions`` (n, d) at ``points`` (n, d) with signs propagated over the ``pairs`` of neighbours.
+
+    The sign of each connected piece agrees with the directions that the source provides there (``is_given``, (n,)).
+    """
     propagated = propagate_signs(points, directions, pairs, spacing, travel)
     for mask in piece_masks(propagated.piece):
         given = mask & is_given
@@ -244,21 +265,21 @@ class Left:
     Attributes
     ----------
     across : Orientation
-        Signs of the surface's normals (of its tangents, where the surface is a curve) along the boundary.
+        Signs of the manifold's normals along the boundary; of its tangents where the manifold is a curve.
     along : Orientation
-        Signs of the boundary's tangents; of its normals, where it is a surface.
+        Signs of the boundary's tangents; of its normals where it is a surface.
     named_by : str
-        "source", "left_of", "rule" or "nothing".
+        How left is determined: "source", "left_of", "rule" or "nothing".
     has_direction : bool
-        True if the signs along the boundary are consistent, whatever the signs across it.
+        True if the signs along the boundary are consistent, whether or not the signs across it are.
     origin : (d,) float64
         Origin of the points of the orientations, in the scene's coordinates.
     side_points : (2, d) float64 or None
         Where a rule determines the left, a point on the left and one on the right, in the scene's coordinates.
     queries : tuple of int
-        Numbers of closest point queries of the surface and of the boundary.
+        Numbers of closest-point queries of the manifold and of the boundary.
     contradicts_left_of : bool
-        True if the boundary's ``left_of`` is on the right by the sources' own directions.
+        True if the point ``left_of`` is on the right according to the directions that the sources provide.
     """
 
     across: Orientation
@@ -272,16 +293,16 @@ class Left:
 
     @property
     def known(self) -> bool:
-        """True if the signs are consistent all along the boundary, so that it has a left side."""
+        """True if the signs are consistent along the whole boundary, so that it has a left side."""
         return self.named_by != "nothing"
 
     @property
     def signs(self) -> tuple[Orientation, Orientation]:
-        """The signs across and those along the boundary."""
+        """The signs across the boundary and those along it."""
         return self.across, self.along
 
     def relative_to(self, origin: Floats) -> Left:
-        """Return the same relative to another origin (d,)."""
+        """Return the orientation with coordinates relative to another ``origin`` (d,)."""
         offset = self.origin - origin
         return replace(self, across=self.across.translate(offset), along=self.along.translate(offset), origin=origin)
 
@@ -289,12 +310,12 @@ class Left:
 def find_left(
     boundary: BoundarySet, source: LocalSource, manifold: LocalSource, dimension: int, origin: Floats
 ) -> Left:
-    """Return the orientation of ``boundary`` in a ``manifold`` that has ``dimension`` there.
+    """Return the orientation of ``boundary`` in a ``manifold`` of this ``dimension`` along the boundary.
 
-    Where the sources have directions of their own, nothing is computed. Otherwise the boundary is sampled more and more
+    Nothing is computed where the sources provide all directions. Otherwise the boundary is sampled more and more
     densely until the directions of neighbours agree; signs are propagated from sample to sample, and the sign of each
-    connected piece that remains free is chosen by ``left_of`` or by a rule. ``source``, the boundary's, and the
-    manifold are relative to ``origin`` (d,).
+    connected piece that remains free is chosen by ``left_of`` or by a rule. ``source``, that of the boundary, and the
+    ``manifold`` are relative to ``origin`` (d,).
     """
     if source.manifold_dim != dimension - 1:
         return Left(AS_GIVEN, AS_GIVEN, "nothing", False, origin)
@@ -326,7 +347,7 @@ def find_left(
 
 
 def _is_on_right(source: LocalSource, surface: LocalSource, left_of: Floats) -> bool:
-    """Return True if a point is on the right by the sources' own directions."""
+    """Return True if the point ``left_of`` (d,) is on the right by the directions that the sources provide."""
     on_surface = surface.closest_point(left_of[None])
     feet = source.closest_point(on_surface.points)
     step = MIN_STEP_SHARE * float(np.ptp(surface.bounds, axis=0).max())
@@ -336,7 +357,7 @@ def _is_on_right(source: LocalSource, surface: LocalSource, left_of: Floats) -> 
 
 
 def _left_points(boundary: BoundarySet) -> list[Floats | None]:
-    """Return, for each member of the boundary's source, the point that names its left, None if there is none."""
+    """Return for each member of the boundary's source the point (d,) that names its left, None if it has none."""
     source: Any = boundary.source
     members = source.members if isinstance(source, HasMembers) else [source]
     if boundary.left_of is not None:

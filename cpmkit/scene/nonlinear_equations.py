@@ -17,43 +17,47 @@ from cpmkit.scene.diffusivities import StateDiffusivity, slope_diffusivity
 from cpmkit.scene.equations import Equation, Terms, check_factor
 from cpmkit.types import Floats
 
-#: Methods of solution: Newton's, or with the diffusivity of the previous iterate.
+#: Methods of solution: Newton's method, or linear steps with the diffusivity of the previous iterate.
 METHODS = ("newton", "lagged")
 
 
 @dataclass(frozen=True, eq=False)
 class QuasilinearEquation(Equation):
-    """Base class of equations whose diffusivity depends on u."""
+    """Base class of equations whose diffusivity depends on u or on its gradient."""
 
     #: "newton" or "lagged".
     method: str = field(default="newton", kw_only=True)
 
     def _check_method(self) -> None:
+        """Raise InputError if ``method`` is not one of ``METHODS``."""
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
 
-    #: Whether penalties of a form are in units of a constant instead of a: then each step of the lagged diffusivity
-    #: decreases one energy, which includes the penalties.
+    #: Whether penalties of a form are proportional to a constant instead of a: then each lagged step
+    #: decreases the same energy, which includes the penalties.
     uniform_penalty: ClassVar[bool] = False
 
     @property
     def diffusivity_of_u(self) -> StateDiffusivity:
-        """The diffusivity a, with its derivatives."""
+        """The diffusivity a(u, s), with its derivatives."""
         diffusivity: StateDiffusivity = self.terms().diffusivity
         return diffusivity
 
     @property
     def initial_guess(self) -> Data | None:
-        """Data at which the iteration starts; None for the solution with diffusivity 1."""
+        """Data from which the iteration starts; None for the solution with diffusivity 1."""
         return None
 
     @property
     def continuation(self) -> Sequence[QuasilinearEquation]:
-        """Equations closer to a linear one, each of whose solutions is the initial guess for the next."""
+        """Equations that lead from a linear one to this one; each solution is the initial guess for the next."""
         return ()
 
     def energy(self, slopes: Floats) -> Floats | None:
-        """Return the density (k,) whose derivative by the gradient (k, d) is a grad u; None if none is known."""
+        """Return the energy density (k,) for tangential gradients ``slopes`` (k, d) of u; None if none is known.
+
+        Its derivative with respect to the gradient is a grad u.
+        """
         del slopes
         return None
 
@@ -102,6 +106,7 @@ class NonlinearDiffusion(QuasilinearEquation):
     kind: ClassVar[str] = "nonlinear-diffusion"
 
     def __post_init__(self) -> None:
+        """Replace formulas by functions, and check the arguments."""
         super().__post_init__()
         for name in ("diffusivity", "by_value", "by_slope"):
             if isinstance(getattr(self, name), str):
@@ -116,11 +121,12 @@ class NonlinearDiffusion(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity can be evaluated with u only."""
+        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
     def _law(self) -> StateDiffusivity:
+        """The diffusivity with its derivatives."""
         functions: Any = (self.diffusivity, self.by_value, self.by_slope)  # formulas were replaced by functions
         return StateDiffusivity(*functions)
 
@@ -164,21 +170,22 @@ class PLaplacian(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity can be evaluated with u only."""
+        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
     def _law(self) -> StateDiffusivity:
+        """The diffusivity (s^2 + r^2)^((p - 2) / 2) with its derivative."""
         return power_of_slope(self.p, self.regularization)
 
     @property
     def continuation(self) -> tuple[PLaplacian, ...]:
-        """The same equation with p = 4, 5, 6.25, ...: from the Laplacian, Newton's method converges up to p = 4."""
+        """The same equation with p = 4, 5, 6.25, ... below its own; from the Laplacian Newton converges to p = 4."""
         powers = 4.0 * 1.25 ** np.arange(1 + np.log(max(self.p / 4.0, 1)) / np.log(1.25))
         return tuple(replace(self, p=float(p)) for p in powers if p < self.p)
 
     def energy(self, slopes: Floats) -> Floats:
-        """Return ``(s^2 + r^2)^(p / 2) / p``."""
+        """Return the energy density ``(s^2 + r^2)^(p / 2) / p`` (k,), s the norm of ``slopes`` (k, d)."""
         return np.asarray((np.sum(slopes**2, axis=1) + self.regularization**2) ** (self.p / 2) / self.p)
 
     def __str__(self) -> str:
@@ -223,20 +230,21 @@ class TotalVariation(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; the diffusivity can be evaluated with u only."""
+        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
         return Terms(_Scaled(self.f, self.c), float(self.c), self._law)
 
     @cached_property
     def _law(self) -> StateDiffusivity:
+        """The diffusivity (s^2 + r^2)^(-1/2) with its derivative."""
         return power_of_slope(1.0, self.regularization)
 
     @property
     def initial_guess(self) -> Data:
-        """The function to denoise."""
+        """The function f to denoise."""
         return self.f
 
     def energy(self, slopes: Floats) -> Floats:
-        """Return ``(s^2 + r^2)^(1/2)``."""
+        """Return the energy density ``(s^2 + r^2)^(1/2)`` (k,), s the norm of ``slopes`` (k, d)."""
         return np.asarray(np.sqrt(np.sum(slopes**2, axis=1) + self.regularization**2))
 
     def __str__(self) -> str:
@@ -245,7 +253,7 @@ class TotalVariation(QuasilinearEquation):
 
 @dataclass(frozen=True, eq=False)
 class _Scaled:
-    """Data times a number."""
+    """The product of data and a number, as a function of points."""
 
     data: Data
     factor: float
@@ -256,25 +264,27 @@ class _Scaled:
 
 
 def power_of_slope(p: float, r: float) -> StateDiffusivity:
-    """Return ``(s^2 + r^2)^((p - 2) / 2)``."""
+    """Return the diffusivity ``(s^2 + r^2)^((p - 2) / 2)`` as a function of the slope s, with its derivative."""
     return slope_diffusivity(partial(_power, p, r), partial(_slope_of_power, p, r))
 
 
 def _power(p: float, r: float, s: Floats) -> Floats:
+    """Return ``(s^2 + r^2)^(p / 2 - 1)`` (k,) for s (k,)."""
     return np.asarray((s**2 + r**2) ** (p / 2 - 1))
 
 
 def _slope_of_power(p: float, r: float, s: Floats) -> Floats:
+    """Return the derivative (k,) of :func:`_power` with respect to s (k,)."""
     return np.asarray((p - 2) * s * (s**2 + r**2) ** (p / 2 - 2))
 
 
 def check_one_channel(channels: int) -> None:
-    """Check that a scene with a quasilinear equation has one channel.
+    """Raise if the scene of a quasilinear equation has several ``channels``.
 
     Raises
     ------
     SceneError
-        If it has several.
+        In this case.
     """
     if channels > 1:
         raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {channels}.")

@@ -1,4 +1,4 @@
-"""Boundaries as geometry: their place in the manifold and their sides, without a lattice."""
+"""Boundaries as geometry: their positions in the manifold and their sides, without a lattice."""
 
 from __future__ import annotations
 
@@ -18,21 +18,22 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class OrientedBoundary:
-    """A boundary in its manifold, with its orientation; :meth:`cpmkit.Scene.oriented` caches one for each.
+    """A boundary in its manifold, with its orientation; :meth:`cpmkit.Scene.oriented` computes it once per boundary.
 
-    Points and vectors are relative to ``left.origin``. For a point z of the manifold, y = cp_S(cp_C(z)) is its closest
-    point on the boundary, projected to the manifold, and z is on the left if (z - y) . v > 0.
+    Points and vectors are relative to ``left.origin``. For a point z of the manifold, y = cp_S(cp_C(z)) is its
+    closest point on the boundary, projected to the manifold, and z is on the left if (z - y) . v > 0, v the conormal
+    to the left.
 
     Attributes
     ----------
     boundary : BoundarySet
         The boundary of the scene.
     source, surface : LocalSource
-        The boundary's source, and the manifold.
+        The closest-point sources of the boundary and of the manifold.
     dimension : int
         Dimension of the manifold along the boundary.
     left : Left
-        Its orientation.
+        Orientation of the boundary.
     """
 
     boundary: BoundarySet
@@ -43,32 +44,33 @@ class OrientedBoundary:
 
     @property
     def has_sides(self) -> bool:
-        """True if the boundary divides the manifold locally: it has one dimension less."""
+        """True if the boundary has one dimension less than the manifold, so that it divides it locally."""
         return self.source.manifold_dim == self.dimension - 1
 
     @property
     def has_left(self) -> bool:
-        """True if the boundary has sides, and a consistent left side all along it."""
+        """True if the boundary has sides, and the left side is consistent along all of it."""
         return self.has_sides and self.left.known
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
-        """Return the same relative to another ``origin`` (d,), that of ``source`` and ``surface``."""
+        """Return the boundary relative to another ``origin`` (d,), to which ``source`` and ``surface`` already are."""
         return replace(self, source=source, surface=surface, left=self.left.relative_to(origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
-        """Return the closest points of ``points`` (n, d) on the boundary, and the manifold's of these."""
+        """Return the closest points of ``points`` (n, d) on the boundary, and these projected to the manifold."""
         feet = self.source.closest_point(points)
         return feet, self.surface.closest_point(feet.points)
 
     def axis_and_left(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> tuple[Floats, Floats]:
-        """Return the manifold's normal n (n, d) and the conormal v (n, d) to the left, as :meth:`feet` returns these.
+        """Return the unit normals n (n, d) of the manifold and the unit conormals v (n, d) to the left.
 
-        Of unit length, by differences with ``step`` where the sources have none. Where n is not needed, it is v again.
+        ``feet`` and ``on_surface`` are returned by :meth:`feet`. Directions that the sources do not provide are
+        computed by differences with ``step``. Where n is not needed, v is returned in its place.
         """
         return axis_and_left(self.source, self.surface, self.left.signs, on_surface, feet, step)
 
     def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
-        """Return True (n,) for closest points on an open end of the boundary, around which the solution is continuous.
+        """Return whether each closest point (n,) is an open end, around which the solution is continuous.
 
         Differs from King et al. (2024), eq. 16: an end on the rim of the manifold divides it, and is not open. An end
         is on the rim if the manifold ends less than a ``step`` beyond it.
@@ -80,10 +82,10 @@ class OrientedBoundary:
         return end
 
     def signed_distance(self, points: Floats, step: float) -> Floats:
-        """Return (z - y) . v (n,) for ``points`` z of the manifold, positive on the left.
+        """Return (z - y) . v (n,) for ``points`` z (n, d) of the manifold, positive on the left.
 
-        King et al. (2024), eq. 11, with y = cp_C(x). NaN for points without a side: beyond an open end, and where the
-        boundary has no left.
+        King et al. (2024), eq. 11, with y = cp_C(x). The value is NaN for points without a side: beyond an open end,
+        and where the boundary has no left.
         """
         if not self.has_left:
             return np.full(len(points), np.nan)
@@ -93,7 +95,7 @@ class OrientedBoundary:
 
     @property
     def missing_directions(self) -> str:
-        """The directions that the boundary and the manifold do not have themselves, in words; "" if they have all."""
+        """The directions that the sources of boundary and manifold do not provide, in words; "" if none is missing."""
         source, surface, missing, names = self.source, self.surface, [], ("normals", "tangents")
         if self.dimension < surface.dim and not surface.knows_directions(self.dimension):
             missing.append(f"the manifold has no {names[self.dimension == 1]} of its own")
@@ -103,7 +105,7 @@ class OrientedBoundary:
 
     @property
     def left_description(self) -> str:
-        """How the left is determined, and what is computed by differences; "" if the sources have all directions."""
+        """How left is determined and which directions are computed, in words; "" if the sources provide all."""
         if not self.has_sides or self.left.named_by == "source":
             return ""
         reason = {
@@ -115,7 +117,7 @@ class OrientedBoundary:
 
 
 def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBoundary:
-    """Return ``boundary`` with its orientation in a ``surface``, relative to the centre of its own bounds.
+    """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its bounds.
 
     Raises
     ------
@@ -136,12 +138,12 @@ def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBounda
 
 
 def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:
-    """Return the dimension of a manifold along a boundary, from its ``dimensions`` (n,) at points of that.
+    """Return the dimension of the manifold along a boundary, given its ``dimensions`` (n,) at points of the boundary.
 
     Raises
     ------
     SceneError
-        If it has several dimensions, or one that is not above the boundary's.
+        If the dimensions differ or are unknown, or the dimension is not above that of the boundary.
     """
     if source.manifold_dim is None:
         raise SceneError(f"boundary {name!r} is of mixed dimension; make a boundary of each of its dimensions.")
@@ -162,7 +164,13 @@ def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimens
 
 
 def _check_sides(oriented: OrientedBoundary) -> None:
-    """Refuse different conditions on sides that the boundary does not have, or that nothing but a rule names."""
+    """Raise if a boundary has different conditions on its sides and has no left side, or only a rule determines it.
+
+    Raises
+    ------
+    SceneError
+        In these cases, and if ``left_of`` is on the right by the sources' own directions.
+    """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")
     if not oriented.has_sides and not (same_condition(on_left, on_right) and not on_left.couples):
@@ -201,5 +209,5 @@ def _check_sides(oriented: OrientedBoundary) -> None:
 
 
 def _shown_point(point: Floats, accuracy: float) -> str:
-    """Return a point rounded to an accuracy, as text."""
+    """Return the text of a point (d,), rounded to two digits more than ``accuracy`` requires at most."""
     return str(np.round(point, max(0, 1 - int(np.floor(np.log10(accuracy))))).tolist())

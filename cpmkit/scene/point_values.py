@@ -1,4 +1,4 @@
-"""Warnings of values on boundaries that are too small for the equation or the spacing: points and short curves."""
+"""Warnings about values prescribed at points and on short curves, whose effect depends on the spacing."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats
 
-#: A source has mean zero if its integral is a smaller share of the integral of its absolute value.
+#: Largest integral of a source with mean zero, as a share of the integral of its absolute value.
 ZERO_MEAN_SHARE = 0.01
 
 
 def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Floats] | None = None) -> bool:
-    """Return True if the solution with values at points of a surface has a limit as the spacing goes to zero.
+    """Return True if the solution with values prescribed at points has a limit as the spacing tends to zero.
 
     In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
-    distance to it. A single value is well posed where it fixes a free constant and nothing flows into it. Equations of
-    fourth order, and the p-Laplacian for p > 2, have limits.
+    distance to it. A single value is well posed where it fixes a free constant and the total source is zero.
+    Equations of fourth order, and the p-Laplacian for p > 2, have limits.
 
     Parameters
     ----------
     scene : Scene
     points : int
-        Number of points with a value.
+        Number of points with a prescribed value.
     others : bool
-        Whether another boundary has a value.
+        Whether another boundary has a prescribed value.
     samples : (n, d) and (n,) float64, optional
         Quadrature points of the manifold and their weights, for the integral of a source.
     """
@@ -48,7 +48,7 @@ def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Fl
 
 
 def valued_boundaries(scene: Scene) -> list[str]:
-    """Return the names of the boundaries with a Dirichlet or Robin condition on a side."""
+    """Return the names of the boundaries with a condition on u, such as Dirichlet or Robin, on a side."""
     return [
         boundary.name
         for boundary in scene.boundaries
@@ -59,10 +59,10 @@ def valued_boundaries(scene: Scene) -> list[str]:
 def point_value_warnings(
     scene: Scene, points: Mapping[str, int], samples: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Return a warning of values at points that have no limit as the spacing goes to zero.
+    """Return a warning if values are prescribed at points and the solution has no limit for small spacings; else ().
 
-    ``points`` are the numbers of points of the boundaries without sides, 2 for two or more; ``samples`` as for
-    :func:`has_limit`.
+    ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` is
+    as for :func:`has_limit`.
     """
     valued = valued_boundaries(scene)
     pins = [name for name in valued if name in points]
@@ -78,14 +78,15 @@ def point_value_warnings(
 
 
 def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: float, least: float) -> tuple[str, ...]:
-    """Return a warning of curves with values on a surface that are smaller than ``least``: they act as larger ones.
+    """Return a warning if values are prescribed on curves of a surface smaller than ``least``; else ().
 
-    ``sizes`` are the diagonals of the bounds of the boundaries that are curves.
+    Such a curve acts as one of that size. ``sizes`` maps the name of each boundary that is a curve to the diagonal
+    of its bounds.
     """
     if scene.surface.manifold_dim != 2:
         return ()
     short = {name: sizes[name] for name in valued_boundaries(scene) if sizes.get(name, least) < least}
-    if not short or scene.problem.family == "biharmonic":  # of fourth order: points have an effect
+    if not short or scene.problem.family == "biharmonic":  # equations of fourth order: values at points have an effect
         return ()
     return (
         f"Boundary {', '.join(map(repr, short))}: at spacing={spacing:g} a curve smaller than {least:.2g} acts as a "
@@ -94,9 +95,10 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
 
 
 def small_boundary_warnings(scene: Scene, cutting: Collection[str], spacing: float, least: float) -> tuple[str, ...]:
-    """Return the warnings of points, and of curves on a surface smaller than ``least``, with values.
+    """Return the warnings about values prescribed at points, and on curves of a surface smaller than ``least``.
 
-    ``cutting`` are the boundaries with two sides; others are points, or curves in a solid. Sizes are those of bounds.
+    ``cutting`` are the names of the boundaries with two sides; other boundaries are points, or curves in a solid. The
+    size of a boundary is the diagonal of its bounds.
     """
     extents = {each.name: np.ptp(np.asarray(each.source.bounds), axis=0) for each in scene.boundaries}
     sizes = {name: float(np.linalg.norm(extent)) for name, extent in extents.items()}

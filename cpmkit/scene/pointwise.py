@@ -17,7 +17,7 @@ from cpmkit.types import Floats
 def call_pointwise(
     function: Callable[..., Any], arrays: tuple[Floats, ...], time: float, channels: int, label: str
 ) -> Floats:
-    """Return the values of a function of ``arrays`` and, if it has a parameter ``t``, of the time.
+    """Return the values of a function of ``arrays`` (p, ...) and, if it has a parameter ``t``, of ``time``.
 
     With one channel, values (p,) are returned as (p, 1). The caller checks the shape.
 
@@ -43,12 +43,12 @@ AfterStep = Callable[..., Any]
 
 
 def check_after_step(after_step: Any, rest: Any, kind: str) -> None:
-    """Check that ``after_step`` is a function or None, and ``rest`` a number above zero or None.
+    """Raise if ``after_step`` is neither a function nor None, or ``rest`` neither a number above zero nor None.
 
     Raises
     ------
     InputError
-        If not; ``kind`` is that of the equation.
+        In these cases; ``kind`` is the name of the equation in the message.
     """
     if after_step is not None and not callable(after_step):
         raise InputError(
@@ -60,12 +60,12 @@ def check_after_step(after_step: Any, rest: Any, kind: str) -> None:
 
 
 def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
-    """Return the values (p, channels) after ``after_step``, from ``values`` (p, channels) at ``points`` (p, d).
+    """Return the result (p, channels) of ``after_step`` for ``values`` (p, channels) at ``points`` (p, d) and ``time``.
 
     Raises
     ------
     InputError
-        If they have another shape, or are not finite.
+        If the result has another shape, or is not finite.
     """
     changed = call_pointwise(after_step, (points, values.copy()), time, values.shape[1], "after_step")
     if changed.shape != values.shape or not np.isfinite(changed).all():
@@ -82,7 +82,7 @@ Reaction = Callable[..., Any]
 
 
 def takes_points(reaction: Reaction) -> bool:
-    """Return True if a reaction has points as its second parameter."""
+    """Return True if a reaction has a second parameter, which is for points."""
     try:
         parameters = inspect.signature(reaction).parameters.values()
     except (TypeError, ValueError):  # some built-in functions have no signature
@@ -92,14 +92,14 @@ def takes_points(reaction: Reaction) -> bool:
 
 
 def reaction_rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
-    """Return the rates (p, channels) of a reaction at values u (p, channels), points (p, d) and a time.
+    """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
 
     Raises
     ------
     InputError
-        If they have another shape, or are not finite at the start.
+        If the rates have another shape, or are not finite at the time ``start``.
     ResolutionError
-        If they are not finite at a later time.
+        If the rates are not finite at a later time.
     """
     arrays = (u.copy(), points) if takes_points(reaction) else (u.copy(),)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):

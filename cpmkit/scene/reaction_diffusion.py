@@ -78,6 +78,7 @@ class ReactionDiffusion(Evolution):
     kind: ClassVar[str] = "reaction-diffusion"
 
     def __post_init__(self) -> None:
+        """Replace formulas by functions, convert kappa to a tuple, and check the arguments."""
         super().__post_init__()
         texts: Any = self.reaction
         if isinstance(texts, str) or is_sequence(texts):
@@ -104,7 +105,7 @@ class ReactionDiffusion(Evolution):
         return Terms(self.f, diffusivity=self.kappa[0])
 
     def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
-        """Return the terms of the spatial parts, each with the numbers of the channels that have them."""
+        """Return the terms of the spatial part for each different kappa, after the numbers of the channels with it."""
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
         for kappa in each:
@@ -116,7 +117,7 @@ class ReactionDiffusion(Evolution):
         ]
 
     def data(self) -> list[tuple[str, Data]]:
-        """Return the data that have channels, with their names in errors."""
+        """Return the right-hand side, initial data, kappa and the reaction, each after its name in error messages."""
         data = [
             ("the right-hand side f", self.f),
             ("the initial data", self.initial),
@@ -126,7 +127,13 @@ class ReactionDiffusion(Evolution):
         return [*data, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
-        """Check the conditions as for any equation; transmission takes one kappa for all channels."""
+        """Raise if a condition is not accepted, or couples sides while kappa differs between channels.
+
+        Raises
+        ------
+        SceneError
+            For the first condition that is not accepted.
+        """
         super().check_conditions(conditions)
         alike = len(self.terms_of_channels(len(self.kappa))) == 1
         for label, condition in conditions:
@@ -142,4 +149,5 @@ class ReactionDiffusion(Evolution):
 
 
 def _equal(first: Any, second: Any) -> bool:
+    """Return True if two diffusivities are the same function or equal numbers."""
     return first is second or (not callable(first) and not callable(second) and float(first) == float(second))

@@ -1,4 +1,4 @@
-"""Scenes: a manifold, boundaries inside it, the conditions of its edge, and the equation; replacement of data."""
+"""Scenes: a manifold, boundaries inside it, conditions on its edge, and an equation; replacement of a scene's data."""
 
 from __future__ import annotations
 
@@ -33,8 +33,8 @@ from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.scene.vertex_data import VertexArrays
 from cpmkit.types import SIDES, Floats
 
-#: Numbers of the places at which data are evaluated to count channels: of the equation, and of the first part of the
-#: edge, whose further parts have lower numbers; boundaries have numbers from 0.
+#: Numbers of the places where data are evaluated to count their channels: that of the equation, and that of the first
+#: part of the edge, whose further parts have lower numbers; boundaries have numbers from 0.
 SURFACE_DATA, EDGE_DATA = -1, -2
 
 
@@ -92,6 +92,7 @@ class Scene(Generic[Family]):
         ) -> None: ...
 
     def __post_init__(self) -> None:
+        """Convert the arguments, replace arrays by vertex data, and check that all parts of the scene fit together."""
         object.__setattr__(self, "surface", as_source(self.surface))
         check_source(self.surface, "the surface", "of a mesh its arrays, the pair (vertices, faces)")
         if not isinstance(self.problem, Equation):
@@ -131,7 +132,7 @@ class Scene(Generic[Family]):
 
     @cached_property
     def channels(self) -> int:
-        """Number of right-hand sides that are solved together: that of the data with more than one channel."""
+        """Number of right-hand sides that are solved together: the largest number of channels of any data."""
         counts = [(label, self._channels_of(label, data, place)) for label, data, place in self._data()]
         most = max((count for _, count in counts), default=1)
         for label, count in counts:
@@ -140,6 +141,7 @@ class Scene(Generic[Family]):
         return most
 
     def _channels_of(self, label: str, data: Data, place: int) -> int:
+        """Return the number of channels of ``data``, if need be by evaluating them at the place number ``place``."""
         channels = getattr(data, "channels", None)
         if isinstance(channels, int) and (isinstance(data, Functional) or callable(data)):
             return channels  # evaluating a field at other points than its own takes a linear solve
@@ -147,13 +149,13 @@ class Scene(Generic[Family]):
 
     @cached_property
     def has_tensor(self) -> bool:
-        """True if the equation's diffusivity is a tensor; a function is evaluated at one point."""
+        """True if the diffusivity of the equation is a tensor; a function is evaluated at one point to find out."""
         diffusivity = self.problem.terms().diffusivity
         return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property
     def edge_conditions(self) -> list[Condition]:
-        """The condition of the edge, or the conditions of all its loops and parts."""
+        """The conditions of the edge, of all its loops and parts."""
         return conditions_of_edge(self.edge)
 
     def __repr__(self) -> str:
@@ -183,9 +185,11 @@ class Scene(Generic[Family]):
 
     @cached_property
     def _oriented(self) -> dict[int, OrientedBoundary]:
+        """The boundaries that are already oriented, by the id of the boundary."""
         return {}
 
     def _conditions(self) -> list[tuple[str, Condition]]:
+        """Return all conditions, of both sides of each boundary and of the edge, each after the name of its place."""
         conditions = [
             (f"boundary {boundary.name!r}", boundary.condition(side)) for boundary in self.boundaries for side in SIDES
         ]
@@ -197,7 +201,7 @@ class Scene(Generic[Family]):
         return [condition for _, condition in self._conditions()]
 
     def _data(self) -> list[tuple[str, Data, int]]:
-        """Return the names of all data, the data, and the numbers of the places at which to evaluate them."""
+        """Return for all data of the scene the name, the data, and the number of the place where they are evaluated."""
         places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
         places += [EDGE_DATA - number for number, _ in enumerate(self.edge_conditions)]
         triples: list[tuple[str, Data, int]] = []
@@ -207,9 +211,9 @@ class Scene(Generic[Family]):
         return triples + [(label, data, SURFACE_DATA) for label, data in self.problem.data()]
 
     def _place(self, number: int) -> Floats:
-        """Return the point (1, d) of the place ``number``: on a boundary, on the manifold's edge, or on the manifold.
+        """Return the point (1, d) at which data of the place ``number`` are evaluated to count their channels.
 
-        Data may be undefined elsewhere.
+        It lies on the boundary or the part of the edge, or on the manifold: data may be undefined elsewhere.
         """
         if number not in self._places:
             source = self.boundaries[number].source if number >= 0 else self.surface
@@ -223,6 +227,7 @@ class Scene(Generic[Family]):
 
     @cached_property
     def _places(self) -> dict[int, Floats]:
+        """The points (1, d) that :meth:`_place` has computed, by the number of the place."""
         return {}
 
 
@@ -232,7 +237,7 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     Raises
     ------
     SceneError
-        If no boundary has a name among the data, or a condition differs in more than its data.
+        If the scene has no boundary with the name of data, or a new condition differs in more than its data.
     """
     if problem is None and not data:
         return scene
@@ -249,6 +254,13 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
 
 
 def _with_data(boundary: Any, data: Any) -> Boundary:
+    """Return the boundary with its conditions replaced by ``data``: a single value, or a mapping by side.
+
+    Raises
+    ------
+    SceneError
+        If the new conditions differ from the old ones in more than their data.
+    """
     if not isinstance(boundary, Boundary):
         raise SceneError(
             f"boundary {boundary.name!r} is no cpmkit.Boundary, and takes no other data; use cpmkit.solve."
@@ -269,6 +281,13 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
 
 
 def _edge_with_data(edge: Any, data: Any) -> Any:
+    """Return the new conditions of an ``edge`` given as ``data``, in the order of the old ones.
+
+    Raises
+    ------
+    SceneError
+        If the new conditions differ from the old ones in more than their data.
+    """
     new_edge = as_edge(data)
     if shape_of_edge(edge) != shape_of_edge(new_edge):
         raise SceneError(
@@ -283,7 +302,7 @@ def _edge_with_data(edge: Any, data: Any) -> Any:
 
 
 def _check_same(old: Condition, new: Any, label: str) -> None:
-    """Check that a new condition differs from that of the tables in its data alone.
+    """Raise if a new condition differs from the old one, of the prepared tables, in more than its data.
 
     Raises
     ------
@@ -298,4 +317,5 @@ def _check_same(old: Condition, new: Any, label: str) -> None:
 
 
 def _same_but_data(old: Law, new: Law) -> bool:
+    """Return True if two laws differ at most in their data."""
     return type(old) is type(new) and old.factors == new.factors

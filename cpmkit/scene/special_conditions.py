@@ -1,4 +1,4 @@
-"""Conditions other than one linear relation on one side: coupled sides, nonlinear fluxes, eigenvalues, plates."""
+"""Conditions that are not a linear relation on one side: coupled sides, nonlinear fluxes, eigenvalues, plates."""
 
 from __future__ import annotations
 
@@ -51,6 +51,7 @@ class Transmission(Condition):
     kind: ClassVar[str] = "transmission"
 
     def __post_init__(self) -> None:
+        """Check that the conductivities are above zero and the resistance is not below."""
         super().__post_init__()
         for side in ("left", "right"):
             conductivity = getattr(self, side)
@@ -61,7 +62,7 @@ class Transmission(Condition):
 
     @property
     def law(self) -> Interface:
-        """The coupling of both sides."""
+        """The law that couples both sides."""
         return Interface(self.jump, self.flux, self.resistance, self.left, self.right)
 
 
@@ -89,7 +90,7 @@ class Steklov(Condition):
 
     @property
     def law(self) -> Spectral:
-        """A flux proportional to the value."""
+        """The law du/db = lambda u."""
         return Spectral()
 
 
@@ -117,7 +118,7 @@ class SimplySupported(Condition):
 
     @property
     def law(self) -> Support:
-        """The value and its Laplacian."""
+        """The laws of u and of Lap u."""
         return Support(self.value, self.laplacian)
 
 
@@ -162,6 +163,7 @@ class NonlinearFlux(Condition):
     kind: ClassVar[str] = "nonlinear flux"
 
     def __post_init__(self) -> None:
+        """Check that the flux and its slope are functions, and convert the guess to a float."""
         for name, optional in (("flux", False), ("slope", True)):
             function = getattr(self, name)
             if not callable(function) and not (optional and function is None):
@@ -173,5 +175,5 @@ class NonlinearFlux(Condition):
 
     @property
     def law(self) -> Nonlinear:
-        """The flux as a function of the value."""
+        """The law du/db = j(u)."""
         return Nonlinear(self.flux, self.slope, self.guess)

@@ -1,4 +1,4 @@
-"""Meshes and point clouds of other libraries as surfaces: recognised by their attributes, without importing these."""
+"""Meshes and point clouds of other libraries as surfaces, recognised by attributes without importing the library."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from cpmkit.types import Ints
 
 @runtime_checkable
 class HasFaces(Protocol):
-    """A mesh by its vertices and faces, such as ``trimesh.Trimesh``."""
+    """A mesh with vertices and faces, such as ``trimesh.Trimesh``."""
 
     @property
     def vertices(self) -> Any:
-        """(n, 3) coordinates."""
+        """Coordinates (n, 3) of the vertices."""
 
     @property
     def faces(self) -> Any:
-        """(m, 3) numbers of vertices."""
+        """Numbers (m, 3) of the vertices of each face."""
 
 
 #: Names of the attributes for vertices (n, 3) and faces (m, 3) in trimesh, open3d, LaPy, psbody, code for libigl,
@@ -42,10 +42,10 @@ Surface = ClosestPointSource | HasFaces | tuple[Any, Any]
 
 
 def as_source(mesh: Any) -> Any:
-    """Return the source of a mesh or cloud of another library, or of (vertices, faces).
+    """Return the closest-point source of a mesh or point cloud of another library, or of a pair (vertices, faces).
 
     Accepted are meshes of trimesh, pyvista, open3d, meshio and scikit-fem, and objects with a pair of attributes in
-    ``NAMES_OF_ARRAYS``. Anything else is returned as it is.
+    ``NAMES_OF_ARRAYS``. Any other value is returned unchanged.
 
     Raises
     ------
@@ -56,11 +56,11 @@ def as_source(mesh: Any) -> Any:
         return mesh
     if isinstance(mesh, (tuple, list)) and len(mesh) == 2:
         return _mesh(*mesh)
-    if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # open3d's tensors
+    if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # tensor meshes of open3d
         return _mesh(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy())
-    if hasattr(mesh, "n_points") and hasattr(mesh, "n_lines"):  # pyvista's surfaces
+    if hasattr(mesh, "n_points") and hasattr(mesh, "n_lines"):  # surfaces of pyvista
         return _poly_data(mesh)
-    if hasattr(mesh, "n_points") and (hasattr(mesh, "celltypes") or hasattr(mesh, "dimensions")):  # its grids
+    if hasattr(mesh, "n_points") and (hasattr(mesh, "celltypes") or hasattr(mesh, "dimensions")):  # grids of pyvista
         return _mesh(np.asarray(mesh.points), faces_of_grid(mesh))
     if hasattr(mesh, "points") and hasattr(mesh, "cells_dict"):  # meshio
         return _mesh(mesh.points, faces_of_cells([(block.type, block.data) for block in mesh.cells]))
@@ -77,12 +77,12 @@ def as_source(mesh: Any) -> Any:
 
 
 def _triangles_of(mesh: Any, cells: Any) -> Any:
-    """Return ``cells`` if they are triangles (m, 3).
+    """Return ``cells`` if they are triangles (m, 3); ``mesh`` is the object that contains them.
 
     Raises
     ------
     SceneError
-        If they do not have three corners: they may be solids.
+        If the cells do not have three corners, so that they may be solids.
     """
     if cells.ndim != 2 or cells.shape[1] != 3:
         raise SceneError(
@@ -93,7 +93,13 @@ def _triangles_of(mesh: Any, cells: Any) -> Any:
 
 
 def _poly_data(mesh: Any) -> ClosestPointSource:
-    """Return the source of a PolyData: a mesh if it has polygons, a point cloud if it has points only."""
+    """Return the source of a pyvista PolyData: of its polygons, or of its points as a cloud if it has no polygons.
+
+    Raises
+    ------
+    SceneError
+        If it has lines.
+    """
     if int(mesh.n_lines):
         raise SceneError(
             "the surface is a PolyData with lines; give its points to ck.source('mesh.polyline', points=...)."
@@ -105,30 +111,32 @@ def _poly_data(mesh: Any) -> ClosestPointSource:
 
 
 def _mesh(vertices: Any, faces: Any) -> ClosestPointSource:
+    """Return the source of a triangle mesh with ``vertices`` (n, 3) and ``faces``."""
     return source("mesh.triangles", vertices=np.asarray(vertices, dtype=np.float64), faces=faces)
 
 
 def _cloud(points: Any, normals: Any) -> ClosestPointSource:
+    """Return the source of a point cloud (n, 3), with ``normals`` if they are an array of the same shape."""
     vectors = None if normals is None else np.asarray(normals, dtype=np.float64)
     keywords = {} if vectors is None or vectors.shape != np.shape(points) else {"normals": vectors}
     return source("pointcloud.points", points=np.asarray(points, dtype=np.float64), **keywords)
 
 
-#: Kinds of cells that are faces; and kinds of lower dimension, which mark parts of meshes and are ignored.
+#: Kinds of meshio's cells that are faces, and kinds of lower dimension, which mark parts of meshes and are ignored.
 FACE_KINDS, IGNORED_KINDS = {"triangle", "quad", "polygon"}, {"vertex", "line", "line3", "polyline"}
-#: VTK's numbers of these kinds: triangle, polygon, quad; vertices and lines.
+#: Numbers of these kinds in VTK: triangle, polygon, quad; vertices and lines.
 FACE_NUMBERS, IGNORED_NUMBERS = (5, 7, 9), (1, 2, 3, 4)
-#: VTK's number of a pixel, a quad with its last two corners exchanged.
+#: Number in VTK of a pixel, a quad with its last two corners exchanged.
 PIXEL_NUMBER = 8
 
 
 def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
-    """Return the faces of blocks of cells (kind, cells) of meshio.
+    """Return the faces in blocks (kind, cells) of meshio: an array (m, k) if all have k corners, else a list of lists.
 
     Raises
     ------
     SceneError
-        If a block contains solids or curved cells, or none contains faces.
+        If a block contains solids or curved cells, or no block contains faces.
     """
     others = sorted({kind for kind, _ in blocks} - FACE_KINDS - IGNORED_KINDS)
     _check_faces(others, any(kind in FACE_KINDS and len(cells) for kind, cells in blocks))
@@ -139,7 +147,9 @@ def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
 
 
 def faces_of_grid(grid: Any) -> Any:
-    """Return the faces of a two-dimensional pyvista grid: its cells, by the numbers of its points.
+    """Return the cells of a two-dimensional pyvista grid as faces, by point numbers.
+
+    The result is an array (m, k) if all faces have k corners, else a list of lists.
 
     Raises
     ------
@@ -164,7 +174,13 @@ def faces_of_grid(grid: Any) -> Any:
 
 
 def _structured_faces(grid: Any) -> Ints:
-    """Return the quads (m, 4) of a structured grid, whose points are numbered along the first dimension first."""
+    """Return the quads (m, 4) of a structured grid, whose points are numbered along the first dimension first.
+
+    Raises
+    ------
+    SceneError
+        If the grid has more or fewer than two dimensions.
+    """
     sizes = [int(size) for size in grid.dimensions if size > 1]
     if len(sizes) != 2:
         raise SceneError(
@@ -177,6 +193,7 @@ def _structured_faces(grid: Any) -> Ints:
 
 
 def _check_faces(others: Sequence[str], any_faces: bool) -> None:
+    """Raise SceneError if a mesh has cells of the kinds ``others``, which are not faces, or no faces at all."""
     if others or not any_faces:
         raise SceneError(
             f"the surface is a mesh with {'cells of the kinds ' + ', '.join(others) if others else 'no faces'}; "

@@ -1,4 +1,4 @@
-"""Data with one row for each vertex of a source, and recognition of arrays of such data in a scene."""
+"""Data with one row per vertex of a source, and their recognition among the arrays given to a scene."""
 
 from __future__ import annotations
 
@@ -66,6 +66,13 @@ class VertexData:
 
 
 def _checked(values: Any, count: int) -> Floats:
+    """Return values as an array (count,) or (count, channels).
+
+    Raises
+    ------
+    InputError
+        If the values are not finite numbers in such a shape.
+    """
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
@@ -81,9 +88,9 @@ def _checked(values: Any, count: int) -> Floats:
     return array
 
 
-#: Longer arrays are refused if they are not vertex data: nobody means so many channels of constants.
+#: Longest array of constants, one for each channel; longer arrays must be vertex data.
 MAX_CHANNELS = 16
-#: With at most so many vertices an array may be either the channels of a colour or one value for each vertex.
+#: Number of vertices up to which an array may be either the channels of a colour or one value per vertex.
 FEW_VERTICES = 4
 
 
@@ -100,12 +107,12 @@ class VertexArrays:
         self._replaced: dict[int, tuple[Any, Any]] = {}
 
     def in_fields(self, instance: Any, label: str) -> Any:
-        """Return an equation or a condition with vertex data; the same object for the same argument.
+        """Return an equation or a condition with arrays replaced by vertex data; the same result for the same object.
 
         Raises
         ------
         SceneError
-            If an array has neither a row for each vertex nor few channels, or may be both; ``label`` is the name of the
+            If an array has neither one row per vertex nor few channels, or may be both; ``label`` is the name of the
             equation or condition.
         """
         if not is_dataclass(instance) or isinstance(instance, type):
@@ -121,7 +128,7 @@ class VertexArrays:
         return self._replaced[id(instance)][1]
 
     def in_boundary(self, boundary: Any) -> Any:
-        """Return a boundary with vertex data in its conditions."""
+        """Return a boundary with arrays in its conditions replaced by vertex data."""
         if not isinstance(boundary, Boundary):
             return boundary
         old = boundary.given_conditions
@@ -129,10 +136,17 @@ class VertexArrays:
         return boundary if all(new[side] is old[side] for side in old) else replace(boundary, **new)
 
     def in_edge(self, edge: Any) -> Any:
-        """Return the conditions of an edge with vertex data."""
+        """Return the conditions of an edge with arrays replaced by vertex data."""
         return map_conditions(edge, lambda condition: self.in_fields(condition, "the edge"))
 
     def _datum(self, array: np.ndarray, label: str) -> Any:
+        """Return an ``array`` with one row per vertex as :class:`VertexData`; a tensor or channels unchanged.
+
+        Raises
+        ------
+        SceneError
+            If the array has neither one row per vertex nor few channels, or may be both; ``label`` is its name.
+        """
         if array.shape in TENSOR_SHAPES:
             return array
         if len(array) == self.count:

@@ -1,4 +1,4 @@
-"""Scene files of applications: surface and barriers, with directions, landmarks or colours in place of an equation."""
+"""Scene files of applications: a surface with barriers, and directions, landmarks or colours instead of an equation."""
 
 from __future__ import annotations
 
@@ -29,25 +29,31 @@ from cpmkit.scenefile.scene_files import (
 )
 from cpmkit.types import Floats
 
-#: Keys of the sides of a curve, for colours and for directions.
+#: Keys of a curve's table for the values on its sides: colours, and directions.
 COLOUR_KEYS = ("both", "left", "right")
 ALONG_KEYS = ("along", "left", "right")
 
 
 @dataclass(frozen=True, eq=False)
 class FormulaField:
-    """A function of points (n, d) with one number or formula for each channel."""
+    """A function of points (n, d) whose channels are numbers or formulas."""
 
     entries: tuple[Any, ...]
     label: str
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the values (n, channels)."""
+        """Return the values (n, channels) at ``points`` (n, d)."""
         return evaluate_data(list(self.entries), points, len(self.entries), self.label)
 
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``vector_field`` from [[direction]] and [vectors]."""
+    """Return the keyword arguments of ``vector_field`` from the tables [[direction]] and [vectors].
+
+    Raises
+    ------
+    SceneError
+        If there is no direction, or a key or value is not accepted.
+    """
     options = as_table(tables.get("vectors", {}), "[vectors]")
     check_accepted("[vectors]", options, ("transport",))
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
@@ -57,6 +63,13 @@ def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> di
 
 
 def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
+    """Return the places and the vectors of [[direction]] ``number``: points and vectors, or a curve and its directions.
+
+    Raises
+    ------
+    SceneError
+        If a key or value is not accepted.
+    """
     where, dim = f"[[direction]] {number}", scene.surface.dim
     if "at" in table:
         check_accepted(where, table, ("at", "vector"))
@@ -78,7 +91,7 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
 
 
 def _read_direction(value: Any, dim: int, label: str) -> Any:
-    """Return a direction along a curve: a name, a vector, or a function of points from formulas."""
+    """Return a direction along a curve: a name, a vector (dim,), or a function of points if formulas are given."""
     if isinstance(value, str):
         return value
     if isinstance(value, list) and any(isinstance(entry, str) for entry in value):
@@ -87,7 +100,13 @@ def _read_direction(value: Any, dim: int, label: str) -> Any:
 
 
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``harmonic_map`` from [target], [[landmark]] and [map], and ``texture``."""
+    """Return the keyword arguments of ``harmonic_map``, and ``texture``, from [target], [[landmark]] and [map].
+
+    Raises
+    ------
+    SceneError
+        If a table is missing, or a key or value is not accepted.
+    """
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
@@ -117,7 +136,13 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
 
 
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
-    """Return the keyword arguments of ``diffusion_curves`` from [[curve]]."""
+    """Return the keyword arguments of ``diffusion_curves`` from the tables [[curve]].
+
+    Raises
+    ------
+    SceneError
+        If two curves have the same name, or a key or value is not accepted.
+    """
     curves: dict[str, Any] = {}
     for number, table in list_of_tables(tables, "curve"):
         name = table.pop("name", f"curve {number}")
@@ -136,7 +161,7 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
 
 
 def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
-    """Return the colours of a side as the application accepts them, None for a wall."""
+    """Return the colours of one side of a curve, as ``diffusion_curves`` takes them; None for zero flux."""
     if isinstance(value, dict):
         if value == {"neumann": 0}:
             return None
@@ -152,6 +177,13 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
 
 
 def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
+    """Return the function of points with ``count`` channels given as a list of numbers or formulas.
+
+    Raises
+    ------
+    SceneError
+        If the list has another length, or an entry depends on t.
+    """
     if not isinstance(value, list) or len(value) != count:
         raise SceneError(f"{label} must be a list of {count} numbers or formulas, got {shown(value)}.")
     entries = tuple(read_data(entry, dim, f"entry {number} of {label}") for number, entry in enumerate(value, 1))
@@ -161,16 +193,17 @@ def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
 
 
 def _points(value: Any, dim: int, label: str) -> Floats:
-    """Return a point, or a list of points, as (n, dim)."""
+    """Return a point, or a list of points, as an array (n, dim)."""
     is_point = isinstance(value, list) and bool(value) and not isinstance(value[0], list)
     return as_points([value] if is_point else value, dim, label)
 
 
 def _only(table: Mapping[str, Any], key: str) -> dict[str, Any]:
+    """Return the part of a table with this key alone; empty if the table does not have it."""
     return {key: table[key]} if key in table else {}
 
 
-#: Functions that read the tables of an application, from these tables, the scene and the file's folder.
+#: Functions that read the tables of an application's scene file, called with the tables, the scene and the folder.
 READERS: dict[str, Callable[[Mapping[str, Any], Scene, Path], dict[str, Any]]] = {
     "vectors": read_directions,
     "map": read_map,
@@ -180,7 +213,7 @@ READERS: dict[str, Callable[[Mapping[str, Any], Scene, Path], dict[str, Any]]] =
 
 @dataclass(frozen=True, eq=False)
 class ApplicationFile(SceneFile):
-    """A manifold with barriers, the arguments of an application, and its options and output.
+    """The scene of an application's file, with the arguments of the application, its options and its output.
 
     Attributes
     ----------
@@ -192,12 +225,12 @@ class ApplicationFile(SceneFile):
 
 
 def load_application(path: str | Path, command: str) -> ApplicationFile:
-    """Read a scene file of the application that ``cpmkit COMMAND`` runs.
+    """Return the contents of a scene file for the application of ``cpmkit COMMAND``.
 
     Raises
     ------
     SceneError
-        If the file is missing, does not parse, or holds a key or value that is not accepted.
+        If the file is missing, does not parse, or has a key or value that is not accepted.
     PluginError
         If no installed plugin has a kind that the file names.
     """
@@ -206,6 +239,13 @@ def load_application(path: str | Path, command: str) -> ApplicationFile:
 
 
 def _application_file(command: str, tables: dict[str, Any], path: Path) -> ApplicationFile:
+    """Return the contents of the ``tables`` of a scene file for the application of ``cpmkit COMMAND``.
+
+    Raises
+    ------
+    SceneError
+        If a table, key or value is missing or not accepted.
+    """
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")
     shared = (name for name in SCENE_TABLES if name != "problem")

@@ -1,4 +1,4 @@
-"""Conditions and data of scene files: their tables of TOML converted to conditions, functions and arrays."""
+"""Conversion of the tables of scene files that describe conditions and data."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmissi
 from cpmkit.scene.vertex_data import VertexData
 
 CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
-#: Names of the entries of conditions that are lists.
+#: Names of the list entries of conditions that are written as a list of values.
 LIST_ENTRIES = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
-    """Return the value of a boundary's key for its sides: a point, a transmission, or a condition."""
+    """Return the value of a boundary's ``key``: the point ``left_of``, a transmission, or the condition on a side."""
     if key == "left_of":
         return value
     if key != "across":
@@ -46,8 +46,9 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
 def read_condition(table: Any, dim: int, where: str) -> Condition:
     """Return the condition that a table describes.
 
-    A number, a formula or a list of them gives a Dirichlet condition. A table has the kind as a key, with the datum as
-    its value; for a plugin's condition it has ``kind = NAME`` and the keys of the kind. It may also have an ``order``.
+    A number, a formula or a list of them is a Dirichlet condition. A table has the kind as a key, with the datum as
+    its value; for the condition of a plugin it has ``kind = NAME`` and the keys of that kind. It may also have an
+    ``order``.
 
     Raises
     ------
@@ -83,7 +84,13 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 
 
 def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
-    """Return the arguments of a kind of condition: one datum, or the entries of its list."""
+    """Return the positional arguments of a built-in kind of condition: a single datum, or the entries of its list.
+
+    Raises
+    ------
+    SceneError
+        If the value is not of the form that the kind needs.
+    """
     if kind == "steklov":
         if value is not True:
             raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
@@ -99,11 +106,12 @@ def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
 
 
 def _is_datum(value: Any) -> bool:
+    """Return True for data: a number, a formula, a list or vertex data, but no table."""
     return isinstance(value, (int, float, str, list, VertexData)) and not isinstance(value, bool)
 
 
 def read_edge(table: Any, where: str) -> Any:
-    """Return a function of the dimension that returns the conditions of the edge."""
+    """Return a function of the dimension d that returns the conditions of the edge described by ``table``."""
     if _is_datum(table) and not is_by_position(table):
         return lambda dim: read_condition(table, dim, where)
     if is_by_position(table):
@@ -115,18 +123,25 @@ def read_edge(table: Any, where: str) -> Any:
 
 
 def _on_loop(table: Any, dim: int, where: str) -> Any:
+    """Return the condition of an edge loop, or the list of its conditions by position."""
     if is_by_position(table):
         return [_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
     return read_condition(table, dim, where)
 
 
 def is_by_position(table: Any) -> bool:
-    """Return True for a list of tables, conditions by position, and False for data of several channels."""
+    """Return True for a list with tables, conditions by position; False for data of several channels."""
     return isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table)
 
 
 def _part(table: Any, dim: int, where: str) -> Any:
-    """Return a pair (condition, where), or a condition that holds on the rest of the edge."""
+    """Return the pair (condition, where) of a part of the edge, or the condition alone for the rest of the edge.
+
+    Raises
+    ------
+    SceneError
+        If the condition or the formula ``where`` is not accepted.
+    """
     if _is_datum(table):
         return read_condition(table, dim, where)
     table = dict(as_table(table, where))
@@ -140,7 +155,13 @@ def _part(table: Any, dim: int, where: str) -> Any:
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:
-    """Return numbers and data at vertices as they are, formulas as functions, and lists of them entry by entry."""
+    """Return data of a scene file: formulas as functions, numbers and vertex data unchanged, lists entry by entry.
+
+    Raises
+    ------
+    SceneError
+        If the value is none of these, or a formula does not parse; ``where`` is its name in the message.
+    """
     match value:
         case str():
             function: Data = read_formula(Expression, value, where, dim)
@@ -158,14 +179,20 @@ def read_data(value: Any, dim: int, where: str) -> Data:
 
 
 def as_table(value: Any, where: str) -> dict[str, Any]:
-    """Return a copy of ``value`` if it is a table, else raise an error; ``where`` is its name."""
+    """Return a copy of the table ``value``.
+
+    Raises
+    ------
+    SceneError
+        If it is not a table; ``where`` is its name in the message.
+    """
     if not isinstance(value, dict):
         raise SceneError(f"{where} must be a table, got {shown(value)}.")
     return dict(value)
 
 
 def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
-    """Return a value of a scene file with :class:`VertexData` in place of tables ``{ values = "FILE.npy" }``.
+    """Return a value of a scene file with each table ``{ values = "FILE.npy" }`` replaced by :class:`VertexData`.
 
     Parameters
     ----------
@@ -174,7 +201,8 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
     folder : Path
         Folder in which files are searched first.
     carriers : sequence of (name, source)
-        Sources that the rows may belong to. A table may name one with ``of = NAME``; else exactly one must fit.
+        Sources to whose vertices the rows may belong. A table may name one of them with ``of = NAME``; otherwise
+        exactly one must have as many vertices as the array has rows.
     where : str
         Name of the value in errors.
 
@@ -196,6 +224,13 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
 
 
 def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
+    """Return the vertex data of a table ``{ values = "FILE.npy" }``; arguments as for :func:`with_vertex_data`.
+
+    Raises
+    ------
+    SceneError
+        If the table has other keys, or the array fits no source, or several.
+    """
     unknown = sorted(set(table) - {"values", "of"})
     names = [name for name, _ in carriers]
     if unknown or not isinstance(table["values"], str) or table.get("of", names[0]) not in names:
@@ -216,12 +251,18 @@ def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier
     return VertexData(dict(sources)[fitting[0]], array)
 
 
-#: Name of a part of a scene in messages, and its source, whose vertices may have data.
+#: The name of a part of a scene in messages, and the source of the part, whose vertices may have data.
 Carrier = tuple[str, ClosestPointSource]
 
 
 def list_of_tables(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, Any]]]:
-    """Return copies of the tables of a list [[name]], with their numbers from 1."""
+    """Return copies of the tables of a list [[name]], each after its number, from 1; empty without the list.
+
+    Raises
+    ------
+    SceneError
+        If ``name`` is not a list of tables.
+    """
     entries = tables.get(name, [])
     if not isinstance(entries, list):
         raise SceneError(f"{name} must be a list of tables, written [[{name}]].")

@@ -1,4 +1,4 @@
-"""Parameters of a factory, from its signature and its docstring: names, types, defaults, and a sentence on each."""
+"""Parameters of a factory, read from its signature and docstring: names, types, defaults and one-sentence summaries."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 from cpmkit.runtime.deprecation import DeprecatedMember
 
-#: Summaries of keys that many factories share, whose docstrings do not repeat them.
+#: Summaries of keys that many factories share and that their docstrings leave out.
 SHARED_KEYS = {
     "order": "Overrides the discretisation's order for this condition.",
     "resolution": "How many cells the lattice of samples has along the longest side of the bounds.",
@@ -24,7 +24,7 @@ SHARED_KEYS = {
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a kind.
+    """A key of a kind in scene files.
 
     Attributes
     ----------
@@ -34,9 +34,9 @@ class Key:
     declared : str
         Type in the signature.
     needed : bool
-        True if it has no default.
+        True if the key has no default.
     default : object
-        Its default, if it has one.
+        The default; None if there is none or it is a function.
     summary : str
         One sentence, "" if the docstring has none.
     """
@@ -55,7 +55,7 @@ class Key:
 
 
 def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
-    """Return the keys of a factory or a class, which are its parameters."""
+    """Return the keys of a factory or a class: its parameters other than ``*args`` and ``**keywords``."""
     documented = {**_documented_parameters(make, "Parameters"), **_documented_parameters(make, "Attributes")}
     keys = []
     for name, parameter in inspect.signature(make).parameters.items():
@@ -71,7 +71,7 @@ def keys_of(make: Callable[..., Any]) -> tuple[Key, ...]:
 
 
 def first_sentence(text: str | None) -> str:
-    """Return the first sentence of a docstring, on one line, with plain names in place of its links."""
+    """Return the first sentence of a docstring on one line, with the last part of the name in place of each link."""
     paragraph = " ".join(inspect.cleandoc(text or "").split("\n\n")[0].split())
     paragraph = re.sub(r":[\w:]+:`~?([^`]+)`", lambda link: link[1].rpartition(".")[2], paragraph)
     sentence = re.match(r"(.*?[.!?])(?= [A-Z`]|$)", paragraph)
@@ -79,7 +79,7 @@ def first_sentence(text: str | None) -> str:
 
 
 def _documented_parameters(make: Callable[..., Any], section: str) -> dict[str, tuple[str, str]]:
-    """Return the type and the first sentence of each parameter in a section of a docstring."""
+    """Return the type and the first sentence of each parameter in the ``section`` of a docstring, by its name."""
     doc = inspect.cleandoc(make.__doc__ or "")
     heading = re.search(rf"^{section}\n-+\n", doc, re.MULTILINE)
     if not heading:

@@ -1,4 +1,4 @@
-"""The examples of cpmkit, scenes, studies and their curves; and the first scene that ``cpmkit new`` writes."""
+"""Examples of cpmkit: scenes, studies and their curves; and the first scene that ``cpmkit new`` writes."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ SCENE_FOLDERS = ("", "applications/", "studies/")
 
 
 def examples_folder() -> Path:
-    """Return the folder of the examples: in the installed package, or beside it in a clone.
+    """Return the folder of the examples, in the installed package or next to it in a clone.
 
     Raises
     ------
     InputError
-        If it is in neither place.
+        If neither place has examples.
     """
     package = Path(__file__).parents[1]
     for folder in (package / "examples", package.parent / "examples"):
@@ -30,14 +30,14 @@ def examples_folder() -> Path:
 
 
 def example_files() -> dict[str, Path]:
-    """Return the scenes, those of applications, then the studies, by their names in the folder."""
+    """Return the files of the examples by their paths in the folder: scenes, scenes of applications, studies."""
     folder = examples_folder()
     files = [file for part in SCENE_FOLDERS for file in sorted(folder.glob(f"{part}*.toml"))]
     return {file.relative_to(folder).as_posix(): file for file in files}
 
 
 def example_title(file: Path) -> str:
-    """Return the first sentence of an example's comment, or the title of a study."""
+    """Return the first sentence of the comment at the beginning of an example, or else the title of a study."""
     text = file.read_text(encoding="utf-8")
     comment = []
     for line in text.splitlines():
@@ -48,12 +48,12 @@ def example_title(file: Path) -> str:
 
 
 def copy_examples(to: Path) -> Path:
-    """Copy all examples into a new folder, and return it.
+    """Copy all examples into the new folder ``to``, and return it.
 
     Raises
     ------
     InputError
-        If there is such a folder or file already, or it cannot be created.
+        If ``to`` exists already, or cannot be written.
     """
     if to.exists():
         raise InputError(f"{shown(str(to))} is there already; give a folder that is not.")
@@ -105,7 +105,7 @@ files = ["solution.vtp", "summary.json"]
 
 
 def write_first_scene(name: str) -> Path:
-    """Write the first scene into ``name``, to which ``.toml`` is added if it has no suffix, and return the file.
+    """Write the first scene into the file ``name``, with ``.toml`` added if it has no suffix, and return its path.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from cpmkit.scenefile.condition_tables import CONDITIONS
 from cpmkit.scenefile.documented_keys import Key, first_sentence, keys_of
 from cpmkit.scenefile.scene_files import PROBLEMS
 
-#: Sorts of kinds by the plugins' hook that they come from.
+#: The sort of the kinds that each hook of plugins provides.
 SORTS = dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))
 
 
@@ -25,14 +25,15 @@ class Kind:
     Attributes
     ----------
     name : str
-        Its name in scene files and :func:`cpmkit.source`.
+        Name of the kind in scene files and in :func:`cpmkit.source`.
     sort : str
         ``source``, ``condition``, ``equation``, ``solver`` or ``back end``.
     distribution : str
-        The package that it comes from.
+        The installed package that provides the kind.
     summary : str
-        One sentence on it.
+        One sentence that describes the kind.
     keys : tuple of Key
+        The keys of the kind.
     """
 
     name: str
@@ -91,8 +92,10 @@ def kinds(name: str | None = None) -> tuple[Kind, ...]:
 
 
 def _matches(kind: str, name: str | None) -> bool:
+    """Return True if ``name`` is the kind or its family, the part before the dot; always for None."""
     return name is None or name in (kind, kind.partition(".")[0])
 
 
 def _kind(name: str, sort: str, distribution: str, make: Callable[..., Any]) -> Kind:
+    """Return the record of the kind that ``make`` constructs, with the summary and keys of its docstring."""
     return Kind(name, sort, distribution, first_sentence(make.__doc__), keys_of(make))

@@ -13,7 +13,7 @@ from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import as_vector, whole
 from cpmkit.runtime.messages import did_you_mean
 
-#: Functions that a picture can show.
+#: Fields that a picture can show.
 PICTURE_FIELDS = ("solution", "error")
 #: Shading of surfaces.
 LIGHTS = ("flat", "shaded")
@@ -84,6 +84,7 @@ class Look:
     vectors: bool = False
 
     def __post_init__(self) -> None:
+        """Check the options, and convert sequences to tuples."""
         whole(self.width, "width in pixels", 16, 16_384)
         _one_of(self.field, PICTURE_FIELDS, "field of a picture")
         if self.light is not None:
@@ -117,7 +118,9 @@ class Look:
 
     @classmethod
     def of(cls, options: Mapping[str, Any], label: str = "a picture", also: Sequence[str] = ()) -> Self:
-        """Return the look with these options; ``also`` are further arguments of ``label``, for suggestions in errors.
+        """Return the look with these ``options``.
+
+        ``also`` are further options that ``label`` accepts, for suggestions in error messages.
 
         Raises
         ------
@@ -132,16 +135,18 @@ class Look:
         return cls(**options)
 
     def levels(self, ends: Sequence[float]) -> list[float]:
-        """Return the values of the isolines between the ``ends`` of the colour bar."""
+        """Return the values of the isolines, for a colour bar between the two ``ends``."""
         if isinstance(self.isolines, int):
             return [float(level) for level in np.linspace(ends[0], ends[1], self.isolines + 2)[1:-1]]
         return list(self.isolines)
 
     def _set(self, name: str, value: Any) -> None:
+        """Set a field of the frozen instance."""
         object.__setattr__(self, name, value)
 
 
 def _one_of(value: object, accepted: Sequence[str], label: str) -> None:
+    """Raise InputError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
     if value not in accepted:
         hint = did_you_mean(value, accepted)
         raise InputError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")

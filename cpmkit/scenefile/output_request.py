@@ -1,4 +1,4 @@
-"""Output of a scene file: files and pictures inside one folder, which is inside the working directory."""
+"""Output of a scene file: files and pictures inside a folder, which is inside the working directory."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.whole_files import MOST_FILE_NAME_BYTES, check_name
 from cpmkit.scenefile.look import PICTURE_FIELDS, Look
 
-#: The mesh in files: that of pictures, or the mesh from which the surface was made.
+#: The mesh in output files: the display mesh of pictures, or the mesh from which the surface was made.
 VERTICES = ("display", "own")
 
 
@@ -31,6 +31,7 @@ class PictureRequest(Look):
     frames: bool = False
 
     def __post_init__(self) -> None:
+        """Check the file name and the options."""
         relative_name(self.file, "file of the picture")
         try:
             super().__post_init__()
@@ -43,11 +44,11 @@ class PictureRequest(Look):
 
     @property
     def look(self) -> dict[str, Any]:
-        """Its options, without the file and the frames."""
+        """The options of the look, without the file and the frames."""
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
     def with_look(self, options: dict[str, Any]) -> PictureRequest:
-        """Return the same picture with other options of its look.
+        """Return the picture with some ``options`` of its look replaced.
 
         Raises
         ------
@@ -59,7 +60,7 @@ class PictureRequest(Look):
 
 @dataclass(frozen=True)
 class OutputRequest:
-    """A folder relative to the working directory, files in it with the mesh ``vertices``, and a picture.
+    """The output folder, relative to the working directory, the files in it, their mesh ``vertices``, and a picture.
 
     Raises
     ------
@@ -79,33 +80,33 @@ class OutputRequest:
 
     @property
     def wants_error(self) -> bool:
-        """True if a picture shows the error."""
+        """True if the picture shows the estimated error."""
         return self.picture is not None and self.picture.field == "error"
 
     @property
     def wants_frames(self) -> bool:
-        """True if the frames of an equation in time are written or drawn."""
+        """True if the frames of an equation in time are to be written or drawn."""
         drawn = self.picture is not None and self.picture.frames
         return drawn or any(file.lower().endswith((".pvd", ".gif", ".mp4")) for file in self.files)
 
 
 def check_vertices(vertices: object) -> None:
-    """Raise an error if ``vertices`` is neither ``"display"`` nor ``"own"``."""
+    """Raise InputError if ``vertices`` is neither ``"display"`` nor ``"own"``."""
     if vertices not in VERTICES:
         raise InputError(f"vertices must be {' or '.join(map(repr, VERTICES))}, got {shown(vertices)}.")
 
 
 def relative_name(name: object, label: str) -> str:
-    """Return the name of a file, possibly in folders, that stays inside the folder that it is written to.
+    """Return the relative path ``name`` of a file if it stays inside the folder into which the file is written.
 
     Raises
     ------
     SceneError
-        If it is not text, is absolute, contains ``..``, or is too long for file systems.
+        If it is not text, is absolute, contains ``..``, or is too long for file systems; ``label`` is its name.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
         raise SceneError(f"{label} must be a name, got {shown(name)}.")
-    parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # refused on both systems if it leads out on one
+    parts = {*PurePosixPath(name).parts, *PureWindowsPath(name).parts}  # refused everywhere if refused on one system
     if name.startswith("/") or PureWindowsPath(name).anchor or ".." in parts:
         inside = "the working directory" if label.startswith("folder") else "the output folder"
         remedy = "; leave it out and give --output, which takes any folder" if label.startswith("folder") else ""
@@ -123,23 +124,23 @@ def relative_name(name: object, label: str) -> str:
 
 
 def output_folder(name: object) -> Path:
-    """Return the folder that a scene file names: a relative path inside the working directory.
+    """Return the output folder that a scene file names, a relative path inside the working directory.
 
     Raises
     ------
     SceneError
-        If it is not.
+        If the path is absolute or leads out of the working directory.
     """
     return Path(name if name == "." else relative_name(name, "folder of [output]"))
 
 
 def check_links(path: Path, folder: Path, label: str) -> None:
-    """Check that links do not lead a path out of a ``folder``.
+    """Raise if symbolic links lead ``path`` out of a ``folder``.
 
     Raises
     ------
     InputError
-        If they do, or if the file system does not accept the name; ``label`` is the path's name in the message.
+        In this case, or if the file system does not accept the name; ``label`` is the name of the path.
     """
     check_name(path)
     try:

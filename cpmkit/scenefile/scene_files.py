@@ -39,11 +39,11 @@ from cpmkit.scenefile.condition_tables import (
 )
 from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
 
-#: Keys in [solver] of the options of solvers.
+#: Keys in the table [solver] for solver options, by the name of the option.
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
 #: Tables of a scene file.
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-#: Tables of the scene files of applications, by their command, in place of [problem].
+#: Tables of the scene files of applications instead of [problem], by the command of the application.
 APPLICATION_TABLES = {"vectors": ("direction", "vectors"), "map": ("target", "landmark", "map"), "paint": ("curve",)}
 #: The equations that [problem] can name.
 EQUATIONS = (
@@ -53,8 +53,8 @@ EQUATIONS = (
 PROBLEMS: dict[str, type[Equation]] = {equation.kind: equation for equation in EQUATIONS}
 #: Keys of a boundary in addition to those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
-#: Keys of [problem] whose values are numbers or formulas; those with one value for all channels; and of these the keys
-#: whose value may be a tensor, a list of its rows.
+#: Keys of [problem] whose values are numbers or formulas; those of them with one value for all channels; and those of
+#: these whose value may be a tensor, as a list of rows.
 FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
 COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
 TENSOR_KEYS = ("diffusivity", "kappa")
@@ -83,7 +83,7 @@ class SceneFile:
 
 
 def load_scene(path: str | Path) -> SceneFile:
-    """Read a scene file.
+    """Return the scene of a scene file, with the options and the output of the file.
 
     Raises
     ------
@@ -96,6 +96,13 @@ def load_scene(path: str | Path) -> SceneFile:
 
 
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
+    """Return the contents of a scene file ``path`` with these ``tables``.
+
+    Raises
+    ------
+    SceneError
+        If a table, key or value is missing or not accepted.
+    """
     _check_is_solved(tables)
     check_accepted("the scene", tables, SCENE_TABLES)
     scene = read_scene(tables, path.parent)
@@ -107,7 +114,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
 
 
 def _check_is_solved(tables: Mapping[str, Any]) -> None:
-    """Raise an error for the scene file of an application, which has a command of its own."""
+    """Raise SceneError for the scene file of an application, which another command reads."""
     for command, own in APPLICATION_TABLES.items():
         name = next((name for name in own if name in tables), None)
         if name is not None and "problem" not in tables:
@@ -145,7 +152,9 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
 
 
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
-    """Return the spacing, and further options of ``solve``, from the tables [discretization] and [solver].
+    """Return the spacing and the further options of ``solve``, from the tables [discretization] and [solver].
+
+    The spacing is None if the table has none.
 
     Raises
     ------
@@ -160,7 +169,7 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
         )
         target, further = split_options(AccuracyTarget, grid)
         target.check_spacing(grid.get("spacing"))
-        split_options(Options, {"spacing": 1.0, **further}, own=own)  # a study may set the spacing
+        split_options(Options, {"spacing": 1.0, **further}, own=own)  # without a spacing too: a study may set it
     solver = as_table(tables.get("solver", {}), "[solver]")
     name = solver.get("kind", SolverOptions.solver)
     if not isinstance(name, str):
@@ -178,11 +187,11 @@ def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any
 
 @contextmanager
 def naming_table(where: str) -> Iterator[None]:
-    """Add the table's name ``where`` to errors of the block that do not name a table."""
+    """Put the table's name ``where`` before the message of an InputError of the block that does not name a table."""
     try:
         yield
     except InputError as error:
-        if isinstance(error, SceneError):  # it names its table
+        if isinstance(error, SceneError):  # its message names a table
             raise
         raise SceneError(f"{where}: {error}") from error
 
@@ -190,7 +199,15 @@ def naming_table(where: str) -> Iterator[None]:
 def read_source(
     table: dict[str, Any], folder: Path, where: str, surface: ClosestPointSource | None = None
 ) -> ClosestPointSource:
-    """Return the source that a table describes; that of a boundary may take the ``surface`` as an argument."""
+    """Return the closest-point source that a table describes.
+
+    A boundary's source receives the ``surface`` as an argument if it takes one and the table does not give it.
+
+    Raises
+    ------
+    SceneError
+        If the kind, a key or its value is not accepted; ``where`` is the name of the table in the message.
+    """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
         raise SceneError(
@@ -204,7 +221,7 @@ def read_source(
 
 
 def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """Return the table with the path of its file, and with sources in place of tables in it."""
+    """Return the table with the path of its ``file`` found, and nested tables replaced by their sources."""
     if "file" in table and not isinstance(table["file"], str):
         raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
     keys = {key: _as_source(value, folder, f"{key} of {where}") for key, value in table.items()}
@@ -212,7 +229,7 @@ def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
 
 
 def _as_source(value: Any, folder: Path, where: str) -> Any:
-    """Return a table as the source that it describes, a list entry by entry, and anything else as it is."""
+    """Return a table as the source that it describes, a list entry by entry, and any other value unchanged."""
     match value:
         case dict():
             return read_source(dict(value), folder, where)
@@ -222,6 +239,13 @@ def _as_source(value: Any, folder: Path, where: str) -> Any:
 
 
 def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> Boundary:
+    """Return the boundary of table [[boundary]] ``number``.
+
+    Raises
+    ------
+    SceneError
+        If a key or its value is not accepted.
+    """
     name = _name(table.pop("name", f"boundary {number}"), number)
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
@@ -235,6 +259,13 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 
 
 def _name(name: Any, number: int) -> str:
+    """Return the name of [[boundary]] ``number``.
+
+    Raises
+    ------
+    SceneError
+        If the name is not one printable line of at most 100 characters.
+    """
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
         raise SceneError(
             f"name of [[boundary]] {number} must be one line of at most 100 characters, got {shown(name)}."
@@ -243,6 +274,13 @@ def _name(name: Any, number: int) -> str:
 
 
 def _problem(table: dict[str, Any], dim: int) -> Equation:
+    """Return the equation of the table [problem], for a manifold in ``dim`` dimensions.
+
+    Raises
+    ------
+    SceneError
+        If the kind, a key or its value is not accepted.
+    """
     kind = table.pop("kind", None)
     if not isinstance(kind, str) or kind not in PROBLEMS:
         hint = did_you_mean(kind, PROBLEMS)
@@ -282,19 +320,26 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
 
 
 def _single(value: Any, dim: int, where: str) -> Any:
-    """Return the number or function of an entry of a list."""
+    """Return a number unchanged and a formula as a function; raise SceneError for a list."""
     if isinstance(value, list):
         raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
     return read_data(value, dim, where)
 
 
 def _is_square(value: Any, dim: int) -> bool:
+    """Return True for a list of ``dim`` lists of ``dim`` entries."""
     rows = isinstance(value, list) and len(value) == dim
     return rows and all(isinstance(row, list) and len(row) == dim for row in value)
 
 
 def _field(value: Any, dim: int) -> VectorField:
-    """Return a vector field from one number or formula for each coordinate."""
+    """Return the vector field ``velocity`` of [problem] from a list with a number or formula for each coordinate.
+
+    Raises
+    ------
+    SceneError
+        If the list does not have ``dim`` entries, or an entry is not accepted.
+    """
     if not isinstance(value, list) or len(value) != dim:
         raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
     entries = read_data(value, dim, "velocity of [problem]")
@@ -302,7 +347,7 @@ def _field(value: Any, dim: int) -> VectorField:
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
-    """Return the output of the table [output] of the file ``path``.
+    """Return the output that the table [output] of the scene file ``path`` asks for.
 
     Raises
     ------

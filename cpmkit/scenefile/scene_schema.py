@@ -1,4 +1,4 @@
-"""JSON schemas of scene files, generated from the code that reads them; editors complete and check TOML with them."""
+"""JSON schemas of scene files, generated from the code that reads the files; editors use them to check TOML."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cpmkit.scenefile.output_request import PictureRequest
 from cpmkit.scenefile.scene_files import SIDE_KEYS, SOLVER_KEYS
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
-#: Names in JSON of plain types of Python.
+#: Names of Python's plain types in JSON schemas.
 JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
 DATUM = {"$ref": "#/definitions/datum"}
 
@@ -27,7 +27,7 @@ Schema = dict[str, Any]
 
 
 def scene_schema() -> Schema:
-    """Return the schema of scene files with the installed kinds."""
+    """Return the JSON schema of scene files, including the kinds that installed plugins add."""
     return {
         "$schema": DRAFT,
         "title": "A scene of cpmkit",
@@ -40,7 +40,7 @@ def scene_schema() -> Schema:
 
 
 def definitions() -> Schema:
-    """Return the definitions that the tables refer to."""
+    """Return the definitions to which the schemas of tables refer: datum, condition and source."""
     sources = [kind for kind in kinds() if kind.sort == "source"]
     return {
         "datum": {
@@ -53,7 +53,10 @@ def definitions() -> Schema:
 
 
 def scene_tables(problem_needs: bool = True) -> Schema:
-    """Return the schemas of a scene's tables; ``problem_needs`` is False if a study sets required keys of [problem]."""
+    """Return the JSON schema of each table of a scene, by its name.
+
+    ``problem_needs`` is False if [problem] may lack required keys, which a study sets.
+    """
     every = kinds()
     sources = [kind for kind in every if kind.sort == "source"]
     edge = {
@@ -83,11 +86,15 @@ def scene_tables(problem_needs: bool = True) -> Schema:
 
 
 def table_of(keys: Iterable[Key]) -> Schema:
-    """Return the schema of a table with these keys."""
+    """Return the JSON schema of a table with these ``keys``, none of them required."""
     return _table({key.name: _of_key(key) for key in keys})
 
 
 def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
+    """Return the JSON schema of a table with these ``properties``.
+
+    ``needed`` are the required keys; ``further`` is True if other keys are allowed.
+    """
     required = sorted(needed)
     schema = {"type": "object", "properties": properties, "additionalProperties": further}
     return {**schema, "required": required} if required else schema
@@ -96,7 +103,11 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
 def one_of_kinds(
     choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
 ) -> Schema:
-    """Return the schema of a table whose ``kind`` determines its keys; a boundary need not name its surface."""
+    """Return the JSON schema of a table whose ``kind``, one of ``choices``, determines its other keys.
+
+    All kinds have the properties ``more`` too. ``needs`` is False if no key is required; with ``of_data`` all keys
+    are data. A key ``surface`` is never required: a boundary receives the surface of its scene.
+    """
     variants = []
     for choice in choices:
         own = {key.name: {**DATUM, "description": key.summary} if of_data else _of_key(key) for key in choice.keys}
@@ -107,7 +118,7 @@ def one_of_kinds(
 
 
 def _condition() -> Schema:
-    """Return the schema of a condition: a kind as a key, and an order; or a plugin's kind with its keys."""
+    """Return the JSON schema of a condition: a table with its kind as key, a plugin's ``kind = NAME``, or a datum."""
     order = {"type": "integer", "minimum": 1, "maximum": 4}
     variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
     of_plugin = {"kind": {"type": "string"}, "order": order}
@@ -116,13 +127,18 @@ def _condition() -> Schema:
 
 
 def _value_of(kind: str) -> Schema:
+    """Return the JSON schema of the value of a built-in kind of condition."""
     return {"const": True} if kind == "steklov" else DATUM
 
 
 def _options(
     declaring: Iterable[type[DeclaredOptions]], renamed: Mapping[str, str] = {}, further: bool = False
 ) -> Schema:
-    """Return the schema of a table of declared options; options of several classes have the descriptions of all."""
+    """Return the JSON schema of a table with the options that the classes ``declaring`` declare.
+
+    An option of several classes has all their descriptions. ``renamed`` maps options to keys; ``further`` is True
+    if other keys are allowed.
+    """
     properties: Schema = {}
     for kind in declaring:
         types = {member.name: str(member.type) for member in fields(kind)}
@@ -135,6 +151,7 @@ def _options(
 
 
 def _of_key(key: Key) -> Schema:
+    """Return the JSON schema of the value of a key."""
     if key.name == "of":
         return {"$ref": "#/definitions/source"}
     if key.name == "members":
@@ -145,7 +162,7 @@ def _of_key(key: Key) -> Schema:
 
 
 def _json_type(declared_type: str) -> Schema:
-    """Return the schema of a declared type; {} if it contains other than plain types."""
+    """Return the JSON schema of a declared Python type; empty if the type is not a union of plain types."""
     names = [JSON_TYPES.get(name.strip(), "") for name in declared_type.split("|")]
     if not all(names):
         return {}
@@ -153,7 +170,7 @@ def _json_type(declared_type: str) -> Schema:
     return {"type": plain[0] if len(plain) == 1 else plain}
 
 
-#: Schemas of values of the tables of applications.
+#: JSON schemas of values in the tables of applications.
 PLACE: Schema = {"description": "A point, or a list of points.", "type": "array"}
 IMAGE: Schema = {"description": "A point of the target, or of a curve one formula a coordinate.", "type": "array"}
 DIRECTION: Schema = {
@@ -168,7 +185,7 @@ TEXT, NUMBER, WHOLE = ({"type": kind} for kind in ("string", "number", "integer"
 
 
 def application_schema(command: str) -> Schema:
-    """Return the schema of the scene files of the application that ``cpmkit COMMAND`` runs."""
+    """Return the JSON schema of the scene files for the application of ``cpmkit COMMAND``."""
     tables = {name: table for name, table in scene_tables().items() if name != "problem"}
     own, needed = _TABLES[command]()
     return {
@@ -183,6 +200,7 @@ def application_schema(command: str) -> Schema:
 
 
 def _vectors() -> tuple[Schema, list[str]]:
+    """Return the JSON schemas of the tables of ``cpmkit vectors``, and the names of the required tables."""
     along = _on_curves(dict.fromkeys(ALONG_KEYS, DIRECTION))
     vector = {"description": "At all of these points, or one for each.", "type": "array"}
     transport = {"description": "How vectors go on.", "enum": ["parallel", "paper"]}
@@ -193,6 +211,7 @@ def _vectors() -> tuple[Schema, list[str]]:
 
 
 def _map() -> tuple[Schema, list[str]]:
+    """Return the JSON schemas of the tables of ``cpmkit map``, and the names of the required tables."""
     curves = _on_curves({"to": IMAGE})
     own: Schema = {
         "initial": {"description": "nearest; one formula a coordinate; or { values = FILE }, a row a vertex."},
@@ -210,6 +229,7 @@ def _map() -> tuple[Schema, list[str]]:
 
 
 def _paint() -> tuple[Schema, list[str]]:
+    """Return the JSON schemas of the tables of ``cpmkit paint``, and the names of the required tables."""
     name = {"name": {"description": "For reports.", **TEXT}}
     curves = _on_curves({**name, **dict.fromkeys(COLOUR_KEYS, COLOURS)})
     return {"curve": {"type": "array", "items": {"oneOf": curves}}}, ["curve"]
@@ -219,12 +239,13 @@ _TABLES = {"vectors": _vectors, "map": _map, "paint": _paint}
 
 
 def _on_curves(more: Schema) -> list[Schema]:
-    """Return the schemas of tables with the keys of a source and ``more``."""
+    """Return the JSON schemas of a table for each kind of source, with the keys of the kind and ``more``."""
     sources = [kind for kind in kinds() if kind.sort == "source"]
     variants: list[Schema] = one_of_kinds(sources, more)["oneOf"]
     return variants
 
 
 def _closed(properties: Schema, needed: bool = True) -> Schema:
+    """Return the JSON schema of a table with exactly these ``properties``, all required if ``needed``."""
     required = {"required": sorted(properties)} if needed else {}
     return {"type": "object", "properties": properties, "additionalProperties": False, **required}
