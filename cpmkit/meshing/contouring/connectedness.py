@@ -1,4 +1,4 @@
-"""Whether two points of a surface or a curve are connected along it near their chord: bisection by closest points."""
+"""The test whether two points of a surface or a curve are connected along it near their chord: bisection."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ CREASE_SHARE = 0.15
 
 
 def chord_is_flat(a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, position_error: float) -> Bools:
-    """Return whether the chord from ``a`` to ``b`` (n, 3) lies in the tangent planes at both ends.
+    """Return which chords (n,) from ``a`` to ``b`` (n, 3) lie in the tangent planes at both ends.
 
     A normal of zero is unknown. The ends are known up to ``position_error``.
     """
@@ -44,19 +44,19 @@ def connected_on_surface(
     position_error: float,
     box: tuple[Floats, Floats],
 ) -> Bools:
-    """Return whether points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes.
+    """Return which points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes, (n,).
 
-    They are where the chord is flat, and where a crease between them lies on the surface and passes the box; a crease
-    elsewhere connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint replaces
-    one end, so that the half that is not flat, or the longer one, is left. At a crease the gap shrinks to zero, between
-    two sheets it does not.
+    They are connected if the chord is flat, and if a crease between them lies on the surface and passes the box; a
+    crease elsewhere connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint
+    replaces one end, so that the half that is not flat, or the longer half, is left. At a crease the gap shrinks to
+    zero, between two sheets it does not.
 
     Parameters
     ----------
     source : LocalSource
     a, b : (n, 3) float64
     normal_a, normal_b : (n, 3) float64
-        Unit normals there, of either sign.
+        Unit normals at ``a`` and ``b``, of either sign.
     position_error : float
         The length up to which the points are known.
     box : ((n, 3), (n, 3)) float64
@@ -98,10 +98,10 @@ def connected_on_surface(
 def _connected_over_crease(
     source: LocalSource, a: Floats, b: Floats, normal_a: Floats, normal_b: Floats, position_error: float
 ) -> tuple[Bools, Floats]:
-    """Return whether the tangent planes at ``a`` and ``b`` (n, 3) meet in a crease of the surface, and where (n, 3).
+    """Return whether the tangent planes at ``a`` and ``b`` (n, 3) meet in a crease, (n,), and the crease point (n, 3).
 
     The point of the planes' common line nearest to the chord's middle must lie on the surface, and so must the middles
-    of the two chords to it.
+    of the two chords from it to ``a`` and ``b``.
     """
     connected = np.zeros(len(a), dtype=bool)
     middle, length, cosine = 0.5 * (a + b), norms(b - a), dots(normal_a, normal_b)
@@ -130,7 +130,7 @@ def _connected_over_crease(
 
 
 def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> Bools:
-    """Return whether lines through ``point`` (n, 3) in direction ``along`` meet the boxes from ``low`` to ``high``."""
+    """Return which lines (n,), through ``point`` in direction ``along`` (n, 3), meet boxes from ``low`` to ``high``."""
     with np.errstate(divide="ignore", invalid="ignore"):
         first, second = (low - point) / along, (high - point) / along
     enters = np.where(along == 0, np.where(low <= point, -np.inf, np.inf), np.minimum(first, second)).max(axis=1)
@@ -141,10 +141,10 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
 def connected_on_curve(
     source: LocalSource, a: Floats, b: Floats, tangent_a: Floats, tangent_b: Floats, low: Floats, high: Floats
 ) -> Bools:
-    """Return whether points ``a`` and ``b`` (n, d) of a curve are connected along it near their chord.
+    """Return which points ``a`` and ``b`` (n, d) of a curve are connected along it near their chord, (n,).
 
-    The chord is bisected as for surfaces. All points must lie in the boxes from ``low`` to ``high`` (n, d). A tangent
-    of zero is unknown.
+    The chord is bisected as in :func:`connected_on_surface`. All points must lie in the boxes from ``low`` to ``high``
+    (n, d). A tangent of zero is unknown.
     """
     connected, rows = np.zeros(len(a), dtype=bool), np.arange(len(a))
     a, b, tangent_a, tangent_b = (np.array(values) for values in (a, b, tangent_a, tangent_b))
@@ -179,6 +179,6 @@ def connected_on_curve(
 
 
 def _off_tangent(a: Floats, b: Floats, tangent: Floats) -> Floats:
-    """Return how far (n,) the chord from ``a`` to ``b`` leaves the line along ``tangent``; 0 for an unknown tangent."""
+    """Return the component (n,) of the chord from ``a`` to ``b`` across ``tangent`` (n, d); 0 if that is unknown."""
     chord = b - a
     return np.asarray(norms(chord - dots(chord, tangent)[:, None] * tangent) * (tangent != 0).any(axis=1))

@@ -1,4 +1,4 @@
-"""Checks of a triangulation against the closest points that it was made of, and creases that it cut off restored."""
+"""Checks of a triangulation against the closest points it was made from, and repair of creases that it cuts off."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
 from cpmkit.meshing.contouring.nonmanifold_edges import crowded_edges
 from cpmkit.types import Bools, Floats, Ints
 
-#: The weight in ``severity`` of a component gained or lost, of a wrong area and of a part of the surface not met; that
+#: The weight in ``severity`` of a component gained or lost, of a wrong area and of a missed part of the surface; that
 #: of an open edge is 4, of a fold or an uncovered point 1.
 COMPONENT_WEIGHT = 40
 
 
 @dataclass(frozen=True, eq=False)
 class MeshDefects:
-    """Places at which a triangulation is not what it has to be.
+    """Places at which a triangulation does not represent the surface.
 
     Attributes
     ----------
@@ -35,11 +35,11 @@ class MeshDefects:
     uncovered : (k, 3) float64
         Points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
     component_change : int
-        How many components were gained or lost when vertices were moved onto rims.
+        Number of components gained, negative if lost, when vertices were moved onto rims.
     small_components : int
-        Components with an area below two squares of the form's spacing: another lattice may have none.
+        Number of components with an area below two squares of the form's spacing: another lattice may have none.
     area_error : float
-        The relative excess of the area over the sum over nodes.
+        The relative excess of the area over that computed from the nodes.
     """
 
     cracks: Floats
@@ -53,7 +53,7 @@ class MeshDefects:
 
     @property
     def wrong_area(self) -> bool:
-        """Whether the area differs from the sum over nodes by more than that is uncertain."""
+        """Whether the area differs from that computed from the nodes by more than the uncertainty of both."""
         return abs(self.area_error) > 0.15
 
     @property
@@ -74,13 +74,13 @@ def find_defects(
     components_before: int,
     spacing: float,
 ) -> MeshDefects:
-    """Return the defects of a triangulation.
+    """Return the defects of a triangulation made from lattice nodes.
 
     Parameters
     ----------
     rims : RimTest
     nodes : LatticeNodes
-        Of the lattice that it was made on.
+        The nodes that the triangulation was made from.
     vertices, cells : (v, 3) float64, (m, 3) int64
     on_rim : (v,) bool
         Which vertices lie on rims.
@@ -89,7 +89,7 @@ def find_defects(
     components_before : int
         The number of components before vertices were moved onto rims.
     spacing : float
-        Of the form's lattice.
+        Spacing of the form's lattice.
     """
     edges = edge_table(cells)
     border = open_edges(vertices, cells, edges)
@@ -115,10 +115,11 @@ def find_defects(
 
 
 def _area_by_nodes(nodes: LatticeNodes) -> float:
-    """Return the area by the coarea formula: a raised cosine of the distance, summed over the nodes.
+    """Return the area of the surface as a sum over the nodes of a smoothed delta function of their distance.
 
-    Its width is one spacing, within which all nodes are known. Closest points on rims are left out. Kublik and Tsai,
-    Integration over curves and surfaces defined by the closest point mapping (2016).
+    The delta function is a raised cosine that is zero from one spacing on, up to which all nodes are known. Nodes whose
+    closest points lie on rims are left out. Kublik and Tsai, Integration over curves and surfaces defined by the
+    closest point mapping (2016).
     """
     s = nodes.spacing
     distances = nodes.distance[(nodes.distance < s) & ~nodes.on_rim]
@@ -127,14 +128,14 @@ def _area_by_nodes(nodes: LatticeNodes) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CreasePoints:
-    """Points (n, 3) of a surface where it does not look like one plane, and whether (n,) they lie on rims."""
+    """Points (n, 3) of a surface where it does not look like one plane, and a mask (n,) of those on rims."""
 
     points: Floats
     on_rim: Bools
 
     @classmethod
     def of(cls, nodes: LatticeNodes) -> CreasePoints:
-        """Return the closest points of the nodes within a spacing of such parts; no query is needed."""
+        """Return the closest points of all nodes in nonplanar cells and within a spacing; no query is needed."""
         rows = nodes.nonplanar.any(axis=1) & (nodes.distance < nodes.spacing)
         return cls(nodes.closest[rows], nodes.on_rim[rows])
 
@@ -142,7 +143,7 @@ class CreasePoints:
 def restore_creases(
     creases: CreasePoints, vertices: Floats, cells: Ints, on_rim: Bools, spacing: float
 ) -> tuple[Floats, Ints, Bools]:
-    """Return vertices, triangles and which vertices (v,) lie on rims, with edges halved at creases that they cut off.
+    """Return vertices, triangles and the mask of vertices on rims, with edges that cut off creases halved at these.
 
     An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
     in the inner part of the edge. Open edges are halved at points on rims alone.
@@ -167,7 +168,10 @@ def restore_creases(
 
 
 def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[Ints, Ints]:
-    """Return those ``rows`` (k,) and their edges, the first ones first, of which no triangle has two."""
+    """Return the ``rows`` and ``edge`` (k,) left when a triangle may have one edge only; earlier rows take precedence.
+
+    ``of_cells`` (m, 3) are the edges of each triangle.
+    """
     rank = np.full(int(of_cells.max(initial=-1)) + 1, len(edge))
     np.minimum.at(rank, edge, np.arange(len(edge)))
     first = rank[of_cells].min(axis=1)
@@ -178,10 +182,11 @@ def _at_most_one_per_triangle(rows: Ints, edge: Ints, of_cells: Ints) -> tuple[I
 
 
 def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Floats, Ints, Floats]:
-    """Return the distance (n,) of each point from the triangles, the nearest edge of the nearest one, and where on it.
+    """Return for each point (n,) its distance from the triangles, the slot of the nearest edge, and the place on it.
 
-    The edge is given by its slot, three times the number of a triangle plus that of the corner opposite to it, and the
-    place by the share of the edge. Of each point the twelve triangles with the nearest centres are looked at.
+    The edge is an edge of the nearest triangle; its slot is three times the number of the triangle plus that of the
+    corner opposite to it, and the place is the share of the edge. Only the twelve triangles with the nearest centres
+    are tested.
     """
     from scipy.spatial import KDTree
 
@@ -201,7 +206,10 @@ def _nearest_edges(points: Floats, vertices: Floats, cells: Ints) -> tuple[Float
 
 
 def _distances_to_triangles(points: Floats, corners: Floats) -> tuple[Floats, Ints, Floats]:
-    """Return the distance (n,) of each point (n, 3) from its triangle (n, 3, 3), the nearest edge, and where on it."""
+    """Return the distance (n,) of each point (n, 3) from its triangle (n, 3, 3), and the triangle's nearest edge.
+
+    The edge is given by the opposite corner (n,) and the share (n,) of its length at which the point is nearest.
+    """
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     size = norms(normal)
     inside = size > 0

@@ -16,7 +16,7 @@ LEAST_COMPONENT_AREA = 0.1
 
 
 def connected_groups(i: Ints, j: Ints, count: int) -> tuple[int, Ints]:
-    """Return the number of connected groups of ``count`` items, and the group (count,) of each.
+    """Return the number of connected groups of ``count`` items, and the group (count,) of each item.
 
     Items ``i`` (k,) are connected with items ``j`` (k,).
     """
@@ -47,7 +47,7 @@ class EdgeTable:
     count: Ints
 
     def slots_of(self, edges: Ints, count: int) -> Ints:
-        """Return the slots (k, count) of ``edges`` (k,) that have ``count`` triangles each.
+        """Return the slots (k, count) of ``edges`` (k,), all of which have ``count`` triangles.
 
         A slot is three times the number of a triangle plus that of the corner opposite to the edge.
         """
@@ -57,7 +57,7 @@ class EdgeTable:
 
 
 def edge_table(cells: Ints) -> EdgeTable:
-    """Return the edges of triangles or quadrilaterals ``cells`` (m, k); the first leads from corner 1 to corner 2."""
+    """Return the edges of triangles or quadrilaterals ``cells`` (m, k); edge j joins the corners j + 1 and j + 2."""
     k = cells.shape[1]
     places = (np.arange(k)[:, None] + [1, 2]) % k
     ends = np.sort(cells[:, places].reshape(-1, 2), axis=1)
@@ -85,16 +85,16 @@ def halve_edges(cells: Ints, slots: Ints, midpoints: Ints) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class OpenEdges:
-    """The edges that one triangle has alone.
+    """The edges that belong to one triangle only.
 
     Attributes
     ----------
     edge : (b,) int64
-        Their numbers among all edges.
+        Numbers of these edges among all edges.
     ends : (b, 2) int64
-        Their vertices.
+        Vertices of each edge.
     middles, conormals : (b, 3) float64
-        Their midpoints, and the unit vectors there that point out of the triangles, in their planes.
+        The midpoints of the edges, and the unit conormals there: perpendicular to the edge, out of its triangle.
     """
 
     edge: Ints
@@ -112,7 +112,7 @@ class OpenEdges:
 
 
 def open_edges(vertices: Floats, cells: Ints, edges: EdgeTable) -> OpenEdges:
-    """Return the edges of triangles ``cells`` (m, 3) that one triangle has alone."""
+    """Return the edges that belong to one triangle only; ``edges`` is the table of the triangles ``cells`` (m, 3)."""
     cell, corner = np.nonzero(edges.count[edges.of_cells] == 1)
     ends = edge_ends(cells, 3 * cell + corner)
     a, b, apex = vertices[ends[:, 0]], vertices[ends[:, 1]], vertices[cells[cell, corner]]
@@ -131,7 +131,7 @@ def double_areas(vertices: Floats, cells: Ints) -> Floats:
 
 
 def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
-    """Return the rows of those edges ``ends`` (k, 2) among ``count`` vertices that are the shortest at both ends."""
+    """Return the rows (r,) of edges ``ends`` (k, 2), among ``count`` vertices, that are the shortest at both ends."""
     order = np.argsort(length, kind="stable")
     rank = np.empty(len(order), dtype=np.int64)
     rank[order] = np.arange(len(order))
@@ -141,9 +141,9 @@ def shortest_at_both_ends(ends: Ints, length: Floats, count: int) -> Ints:
 
 
 def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
-    """Return the triangles with the second of each of ``ends`` (k, 2) replaced by the first.
+    """Return the triangles (n, 3) with the second vertex of each of ``ends`` (k, 2) replaced by the first.
 
-    Triangles without area are left out; of equal ones an odd number leaves one, an even number none.
+    Triangles with a repeated vertex are left out; of equal triangles an odd number leaves one, an even number none.
     """
     number = np.arange(count)
     number[ends[:, 1]] = ends[:, 0]
@@ -154,20 +154,23 @@ def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
 
 
 def remove_isolated_components(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints, int]:
-    """Return the triangles (m, 3) without components of hardly any area, and how many of those there were.
+    """Return the triangles (n, 3) without components of hardly any area, and the number of components removed.
 
-    Components are connected by vertices (v, 3). All triangles stay where no component has an area.
+    Components are connected by vertices. All triangles stay where every component is that small.
     """
     return _remove_small(vertices, cells, cells, spacing)
 
 
 def remove_components_at_vertices(vertices: Floats, cells: Ints, spacing: float) -> Ints:
-    """Return the triangles (m, 3) without components of hardly any area that touch others in vertices alone."""
+    """Return the triangles (n, 3) without components of hardly any area that touch others only in vertices."""
     return _remove_small(vertices, cells, edge_table(cells).of_cells, spacing)[0]
 
 
 def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
-    """Return the triangles without components of hardly any area, and the number of those; see :func:`_components`."""
+    """Return the triangles (n, 3) without components of hardly any area, and the number of these.
+
+    Triangles with a common link are connected, see :func:`_components`.
+    """
     component, areas = _components(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2
     if is_small.all():
@@ -176,14 +179,14 @@ def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) ->
 
 
 def component_areas(vertices: Floats, cells: Ints) -> Floats:
-    """Return the area of each component that is connected by vertices (v, 3)."""
+    """Return the area (c,) of each component of triangles connected by vertices."""
     return _components(vertices, cells, cells)[1]
 
 
 def _components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
-    """Return the component (m,) of each triangle and the area of each; triangles with a common link are connected.
+    """Return the component (m,) of each triangle, and the area (c,) of each component.
 
-    ``links`` (m, 3) are vertices or edges.
+    ``links`` (m, 3) are the vertices or the edges of each triangle; triangles with a common link are connected.
     """
     ends = np.concatenate([links[:, :2], links[:, 1:]])
     label = connected_groups(ends[:, 0], ends[:, 1], int(links.max(initial=-1)) + 1)[1][links[:, 0]]

@@ -1,4 +1,4 @@
-"""The nodes of a fine lattice around a surface, with their closest points and a test where the surface looks planar."""
+"""The nodes of a fine lattice around a surface, their closest points, and the cells where the surface is not planar."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: The normals of one plane have at least this cosine with each other; smaller, smooth surfaces look creased.
 PLANE_COSINE = 0.8
-#: A normal is read off a closest point that is at least this share of the spacing away: nearer ones are all rounding.
+#: A normal is computed from a closest point at least this share of the spacing away: from nearer ones it is rounding.
 NORMAL_DISTANCE = 0.02
 #: The same in units of the noise of closest points: the direction is then known to 1/20.
 NORMAL_NOISES = 20.0
-#: Where closest points are noisy, normals are read off points moved this far off the surface, in units of the noise.
+#: Where closest points are noisy, normals are computed from points moved off the surface by so many noises.
 OFFSET_NOISES = 30.0
 #: (8, 3) the corners of a cell relative to its lowest one.
 CORNERS = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int64)
@@ -34,7 +34,7 @@ class LatticeNodes:
     Attributes
     ----------
     spacing : float
-        Of this lattice.
+        Spacing of this lattice.
     offsets : (3,) float64
         The shift of the lattice against the origin, in spacings.
     codes : Codes
@@ -44,13 +44,13 @@ class LatticeNodes:
     index, positions : (n, 3)
         The nodes as integers, and their positions.
     closest, normals : (n, 3) float64
-        Their closest points, and the unit vectors from those to the nodes.
+        The closest points of the nodes, and the unit vectors from these to the nodes.
     distance : (n,) float64
-        From the closest point.
+        Distance of each node from its closest point.
     on_rim : (n,) bool
         Whether the closest point lies on a rim of the surface.
     nonplanar : (n, 3) bool
-        Edges of cells around which the surface does not look like one plane.
+        Whether the edge from a node along each axis belongs to a cell in which the surface does not look planar.
     """
 
     spacing: float
@@ -66,12 +66,12 @@ class LatticeNodes:
     nonplanar: Bools
 
     def position_of(self, index: Ints) -> Floats:
-        """Return the positions (..., 3) of nodes (..., 3)."""
+        """Return the positions (..., 3) of the nodes with integer coordinates ``index`` (..., 3)."""
         return np.asarray((index - self.offsets) * self.spacing)
 
 
 def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> LatticeNodes:
-    """Return the corners of all cells that the surface may meet, with their closest points.
+    """Return the corners of all lattice cells that the surface may meet, with their closest points.
 
     Raises
     ------
@@ -114,7 +114,11 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
 def _nonplanar_cells(
     positions: Floats, closest: Floats, normals: Floats, distance: Floats, on_rim: Bools, corners: Ints, spacing: float
 ) -> Bools:
-    """Return the cells (c,) whose ``corners`` (c, 8) do not all agree with the tangent plane of the nearest one."""
+    """Return which cells (c,), with nodes ``corners`` (c, 8), the surface does not cross like one plane.
+
+    In a planar cell the distances and normals of all corners agree with the tangent plane at the foot of the nearest
+    one. Other arguments are those of the nodes.
+    """
     trusted = distance > NORMAL_DISTANCE * spacing
     nearest = np.argmin(np.where(trusted[corners], distance[corners], np.inf), axis=1)
     base = corners[np.arange(len(corners)), nearest][:, None]
@@ -135,8 +139,8 @@ def closest_points_and_normals(
     points : (n, 3) float64
         Points near the surface.
     directions : (n, 3) float64
-        The normals as known so far, along which points are moved. Where such a step leads along the surface, the
-        coordinate axis that leads farthest away from the surface is taken.
+        Approximate normals, along which points are moved. Where such a step leads along the surface, the points are
+        moved along the coordinate axis that leads farthest away from the surface.
     length : float
         The spacing; points are moved by at least a tenth of it.
     """

@@ -23,10 +23,10 @@ MAX_ROUNDS = 20
 
 
 def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with those edges collapsed at which sheets meet wrongly.
+    """Return vertices (v, 3) and triangles (m, 3), with those edges collapsed at which sheets are connected wrongly.
 
     These are edges of three triangles or more that are shorter than .35 spacings, and the shortest edges of triangles
-    without area beside edges of three or more. The vertex that is left goes to the closest point of the middle.
+    without area beside edges of three or more. The remaining vertex is the closest point of the edge's middle.
     """
     for _ in range(MAX_ROUNDS):
         edges = edge_table(cells)
@@ -44,7 +44,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
 
 
 def _shortest_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, length: Floats) -> Ints:
-    """Return the shortest edges of triangles that have hardly any area and an edge of three triangles or more."""
+    """Return the shortest edges (k,) of triangles that have hardly any area and an edge of three triangles or more."""
     rows = np.flatnonzero((edges.count > 2)[edges.of_cells].any(axis=1))
     of_cells = edges.of_cells[rows]
     degenerate = double_areas(vertices, cells[rows]) < 0.02 * length[of_cells].max(axis=1) ** 2
@@ -52,7 +52,11 @@ def _shortest_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, len
 
 
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
-    """Return the triangles without flaps: those with an open edge off rims that hang on a crease or on one edge."""
+    """Return the triangles (k, 3) without flaps: triangles with an open edge off rims and hardly any neighbours.
+
+    A flap is attached to the others along one edge or along an edge of three triangles, see
+    :func:`~cpmkit.meshing.contouring.contouring_kernels.remove_flap_triangles`.
+    """
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 
     edges = edge_table(cells)
@@ -71,9 +75,9 @@ def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
 
 
 def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]:
-    """Return the triangles with holes that are no rims filled by triangles of least area, and the number of holes.
+    """Return the triangles (k, 3) with holes off rims filled by triangles of least area, and the number of holes.
 
-    A hole is filled where all centres of its triangles are within a spacing of the surface.
+    A hole is filled if all centres of its triangles are within a spacing of the surface.
     """
     from cpmkit.meshing.contouring.contouring_kernels import least_area_triangles
 
@@ -91,16 +95,16 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]
 
 
 def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
-    """Return the vertices of each hole in their order around it.
+    """Return for each hole its vertices (b,) in cyclic order.
 
     A hole is a closed border of at most 80 open edges, a third of them on rims at most.
 
     Parameters
     ----------
     ends : (b, 2) int64
-        Of the open edges.
+        The vertices of each open edge.
     on_rim : (b,) bool
-        Whether each lies beside a rim.
+        Whether each open edge lies beside a rim.
     count : int
         The number of vertices.
     """
@@ -114,7 +118,7 @@ def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
 
 
 def _order_loop(ends: Ints) -> Ints:
-    """Return the vertices of one closed loop of edges (b, 2) in their order around it."""
+    """Return the vertices (b,) of one closed loop of edges ``ends`` (b, 2) in cyclic order."""
     neighbours: dict[int, list[int]] = {}
     for a, b in ends.tolist():
         neighbours.setdefault(a, []).append(b)

@@ -1,4 +1,4 @@
-"""Rims of a surface: which open edges of its triangulation lie beside one, and vertices moved onto it."""
+"""Rims of a surface: the open edges of its triangulation beside a rim, and vertices moved onto it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cpmkit.meshing.contouring.contour_edges import (
 )
 from cpmkit.types import Bools, Floats, Ints
 
-#: Past a rim the closest point stays the same, to this share of the query's way, however the query is moved.
+#: Beyond a rim the closest point stays the same, up to this share of the distance by which the query is moved.
 RIM_STAYS = 0.2
 #: Triangles of two neighbours beside a rim fold over if their directions from the common edge have a larger cosine.
 FOLD_COSINE = 0.8
@@ -34,9 +34,9 @@ class RimTest:
     source : LocalSource
         The surface.
     spacing : float
-        Of the contouring lattice.
+        Spacing of the contouring lattice.
     by_edge_numbers : bool
-        Whether the source says which closest points lie on rims. If not, queries on both sides of the surface decide.
+        Whether the source marks closest points on rims. If not, queries on both sides of the surface decide.
     """
 
     source: LocalSource
@@ -44,16 +44,16 @@ class RimTest:
     by_edge_numbers: bool
 
     def project(self, points: Floats, outward: Floats, normals: Floats, reach: Floats) -> tuple[Floats, Bools]:
-        """Return the closest points (n, 3) of points pushed outwards, and whether these lie on a rim near by.
+        """Return the closest points (n, 3) of points moved outwards, and whether (n,) these lie on a rim near by.
 
         Parameters
         ----------
         points : (n, 3) float64
-            On the surface or near it.
+            Points on the surface or near it.
         outward, normals : (n, 3) float64
-            Unit vectors in the surface, towards the rim, and across it.
+            Unit vectors tangent to the surface, towards the rim, and normal to the surface.
         reach : (n,) float64
-            How far the points are pushed.
+            Distances by which the points are moved.
         """
         answer = self.source.closest_point(points + reach[:, None] * outward)
         closest = answer.points
@@ -73,12 +73,15 @@ class RimTest:
         return closest, stays
 
     def _misses(self, points: Floats, direction: Floats, reach: Floats, expected: Floats) -> Floats:
-        """Return how far (n,) the closest points of pushed points are from those expected, as shares of the way."""
+        """Return the distance (n,) between the closest points of moved points and ``expected`` (n, 3), over ``reach``.
+
+        ``points`` (n, 3) are moved by ``reach`` (n,) along ``direction`` (n, 3).
+        """
         closest = self.source.closest_point(points + reach[:, None] * direction).points
         return norms(closest - expected) / reach
 
     def of_edges(self, vertices: Floats, edges: OpenEdges) -> Bools:
-        """Return which open edges (b,) lie beside a rim."""
+        """Return which of the open ``edges`` (b,) lie beside a rim."""
         at_rim = np.zeros(len(edges.edge), dtype=bool)
         normals = edges.normals(vertices)
         for reach in (0.05, 1.2, 2.0):  # spacings: a rim may be nearer than the next one beyond a gap
@@ -90,7 +93,7 @@ class RimTest:
 
 
 def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
-    """Return the vertices (v, 3) with those beside rims moved onto them, and which (v,) lie on a rim now."""
+    """Return the vertices (v, 3), with border vertices near rims moved onto these, and a mask (v,) of those on rims."""
     edges, moved, on_rim = edge_table(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
     for reach in (1.2, 1.2, 2.0):  # spacings
         border = open_edges(moved, cells, edges)  # anew: vertices on the rim improve the conormals of their neighbours
@@ -107,14 +110,14 @@ def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, 
 
 
 def edges_on_rim(border: OpenEdges, on_rim: Bools) -> Ints:
-    """Return the rows of the open edges with both ends on a rim."""
+    """Return the rows (r,) of the open edges with both ends on a rim."""
     return np.flatnonzero(on_rim[border.ends].all(axis=1))
 
 
 def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Ints:
-    """Return the triangles without those between three rim vertices that leave the surface or have no area.
+    """Return the triangles (n, 3) without those between three rim vertices that leave the surface or have no area.
 
-    Those without area are removed where they are open: they lie along one rim.
+    Triangles without area are removed only if they have an open edge: they lie along one rim.
     """
     while True:
         rows = np.flatnonzero(on_rim[cells].all(axis=1))
@@ -131,10 +134,10 @@ def remove_bridges(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) 
 
 
 def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -> tuple[Ints, Floats]:
-    """Return the triangles without those that fold over beside a rim, and the centres (k, 3) of folds that are left.
+    """Return the triangles (n, 3) without folds beside a rim, and the centres (k, 3) of the folds that are left.
 
-    Of two neighbours that fold over, the smaller one loses its shortest edge, if that is shorter than a spacing. A
-    vertex on the rim stays.
+    Of two neighbours that lie on each other, the smaller one loses its shortest edge, if that is shorter than a
+    spacing. A vertex on the rim stays.
     """
     for _ in range(20):  # a limit; each round looks at what the one before has left
         first, second = _folded_pairs(vertices, cells, on_rim)
@@ -152,7 +155,7 @@ def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -
 
 
 def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, Ints]:
-    """Return the pairs of triangles that share an edge and lie on each other, with a corner on a rim."""
+    """Return the triangles (k,), (k,) of pairs that share an edge, lie on each other and have a corner on a rim."""
     edges = edge_table(cells)
     edge = np.flatnonzero(edges.count == 2)
     pair = edges.slots_of(edge, 2)
@@ -167,7 +170,10 @@ def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, I
 
 
 def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, Floats]:
-    """Return the shortest edge (k, 2) of each chosen triangle that connects no two borders, and its length (k,)."""
+    """Return the shortest edge (k, 2) of each triangle in ``chosen`` (k,), and its length (k,).
+
+    Edges that connect two borders are excluded; the length is infinite if no edge remains.
+    """
     corners = cells[chosen]
     ends = corners[:, [[1, 2], [2, 0], [0, 1]]]
     length = norms(vertices[ends[..., 1]] - vertices[ends[..., 0]])
@@ -181,9 +187,9 @@ def _shortest_edges(vertices: Floats, cells: Ints, chosen: Ints) -> tuple[Ints, 
 
 
 def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
-    """Return the triangles with border vertices at one place welded where two open edges run between such places.
+    """Return the triangles (n, 3) with coincident border vertices welded where two open edges run between such places.
 
-    A corner of a rim attracts several vertices.
+    Several vertices are moved to a corner of a rim.
     """
     from scipy.spatial import cKDTree
 
@@ -199,7 +205,7 @@ def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
 
 
 def edge_midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Floats:
-    """Return points (m, 3, 3) of the surface halfway along the edges of each triangle, of rim edges on the rim.
+    """Return points (m, 3, 3) of the surface halfway along the edges of each triangle, for rim edges on the rim.
 
     Edges across a crease stay straight.
     """

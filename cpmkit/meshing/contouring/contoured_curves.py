@@ -1,4 +1,4 @@
-"""Segments on a curve that is known by closest points alone: a trace on the first lattice on which none is wrong."""
+"""Segments on a curve that is known by closest points alone: the trace from the first lattice that leaves no defect."""
 
 from __future__ import annotations
 
@@ -35,18 +35,18 @@ DOUBLE_DISTANCE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class TraceDefects:
-    """Where a trace is not what it has to be; points (k, d), relative to the lattice's origin.
+    """Points, relative to the lattice's origin, at which a trace does not represent the curve.
 
     Attributes
     ----------
     missed : (k, d) float64
-        Points of the curve with no segment near by.
+        Points of the curve far from all segments.
     missed_distances : (k,) float64
-        Their distances from the nearest vertex.
+        Distances of these points from the nearest vertex.
     covered_twice : (k, d) float64
         Points that two segments cover.
     gaps : (k, d) float64
-        Points at which the trace ends and the curve does not.
+        Points at which the trace ends but not the curve.
     """
 
     missed: Floats
@@ -66,14 +66,14 @@ class TraceDefects:
 
 @dataclass(frozen=True)
 class CurveReport:
-    """What warnings about the trace of a curve are made of.
+    """Properties of the trace of a curve that may cause warnings.
 
     Attributes
     ----------
     junctions : int
-        Vertices at which three segments or more meet: also where the curve crosses itself.
+        Number of vertices of three segments or more: also where the curve crosses itself.
     ends : int
-        Vertices at which the curve ends.
+        Number of vertices at which the curve ends.
     defects : TraceDefects
     """
 
@@ -83,14 +83,14 @@ class CurveReport:
 
 
 def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, CurveReport]:
-    """Return segments on a curve, with vertices at its ends, corners and junctions and where it crosses lattice planes.
+    """Return segments on a curve, and a report; vertices lie at its ends, corners, junctions and lattice planes.
 
     Parameters
     ----------
     source : LocalSource
         A curve (m = 1) in the plane or in space. Its tangents are not used.
     spacing : float
-        h, of the form's lattice. The trace is made on lattices of its own (``LATTICES``).
+        Spacing h of the form's lattice. The trace is made on lattices of its own (``LATTICES``).
     curved : bool
         Whether midpoints of segments, on the curve, are returned too.
 
@@ -119,7 +119,10 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
 
 
 def _trace_on(source: LocalSource, spacing: float, side: float, shift: Floats) -> tuple[Trace, TraceDefects] | None:
-    """Return the trace on the lattice with a cell centred at ``shift`` (d,); None where that has no segment."""
+    """Return the trace from the lattice with a cell centred at ``shift`` (d,), and its defects; None without a segment.
+
+    ``side`` is the spacing of this lattice, ``spacing`` that of the form's lattice.
+    """
     shifted = replace(source, shift=source.shift + shift)
     for _, level in cell_levels(shifted, side, 0.5):
         cells = level
@@ -136,7 +139,7 @@ def _trace_on(source: LocalSource, spacing: float, side: float, shift: Floats) -
 
 
 def add_self_crossings(source: LocalSource, trace: Trace, spacing: float) -> Trace:
-    """Return the trace with a common vertex of any two strands that cross without having been connected by a cell."""
+    """Return the trace with a common vertex where two strands cross that are not connected in a cell."""
     i, j, points = _self_crossings(source, trace, spacing)
     if not len(i):
         return trace
@@ -153,7 +156,7 @@ def add_self_crossings(source: LocalSource, trace: Trace, spacing: float) -> Tra
 
 
 def _self_crossings(source: LocalSource, trace: Trace, spacing: float) -> tuple[Ints, Ints, Floats]:
-    """Return the pairs (k,), (k,) of segments that cross without being connected, and the crossings (k, d)."""
+    """Return the pairs (k,), (k,) of segments that cross without a common vertex, and the crossings (k, d)."""
     from scipy.spatial import KDTree
 
     a, b = trace.vertices[trace.segments].transpose(1, 0, 2)
@@ -183,7 +186,7 @@ def _self_crossings(source: LocalSource, trace: Trace, spacing: float) -> tuple[
 
 
 def _are_linked(trace: Trace, pairs: Ints) -> Bools:
-    """Return the pairs (k,) of segments that have a common vertex, or that one or two others connect."""
+    """Return which ``pairs`` (k, 2) of segments have a common vertex, or are connected by one or two other segments."""
     from scipy.sparse import coo_array, eye_array
 
     size = len(trace.vertices)
@@ -196,7 +199,7 @@ def _are_linked(trace: Trace, pairs: Ints) -> Bools:
 
 
 def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
-    """Return the nearest points (n, d) of the chords from a to b and from c to d."""
+    """Return the nearest two points (n, d), on the chords from a to b and on those from c to d."""
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
     with np.errstate(all="ignore"):
@@ -210,7 +213,10 @@ def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floa
 def _meeting_points(
     source: LocalSource, p: Floats, q: Floats, direction_p: Floats, direction_q: Floats
 ) -> tuple[Floats, Floats]:
-    """Return points (n, d) of the curve where strands through p and q (n, d) meet, and how far (n,) these miss."""
+    """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
+
+    The error is the distance between the strands' tangents, or of the point from these if that is larger.
+    """
     closest = source.closest_point(np.concatenate([p, q])).points
     p, q = closest[: len(p)], closest[len(p) :]
     cosine, off = dots(direction_p, direction_q), q - p
@@ -223,9 +229,9 @@ def _meeting_points(
 
 
 def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
-    """Return the vertex (v,) that represents each one: of those connected within ``reach`` the first new one.
+    """Return the representative (v,) of each vertex: the first new vertex of those connected by steps up to ``reach``.
 
-    New vertices have the numbers from ``old`` on.
+    New vertices have the numbers from ``old`` on. Groups without a new vertex are represented by an old one.
     """
     from scipy.spatial import KDTree
 
@@ -239,7 +245,7 @@ def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
 
 
 def _split_segments(trace: Trace, segment: Ints, new: Ints, points: Floats) -> Ints:
-    """Return the segments (s, 2) with those of ``segment`` (k,) split at the vertices ``new`` (k,) at ``points``."""
+    """Return all segments (s, 2), with ``segment`` (k,) split at the vertices ``new`` (k,) at ``points`` (k, d)."""
     a, b = trace.vertices[trace.segments[segment]].transpose(1, 0, 2)
     order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
     segment, new = segment[order], new[order]
@@ -251,9 +257,9 @@ def _split_segments(trace: Trace, segment: Ints, new: Ints, points: Floats) -> I
 
 
 def trace_defects(trace: Trace, points: Floats, spacing: float) -> TraceDefects:
-    """Return the defects of a trace.
+    """Return the defects of a trace: points that it misses or covers twice, and ends where the curve goes on.
 
-    It must meet all of the curve, given by ``points`` (n, d) from all over it, once, and end where the curve does.
+    ``points`` (n, d) are points of the curve from all over it.
     """
     from scipy.spatial import KDTree
 
@@ -278,7 +284,7 @@ def trace_defects(trace: Trace, points: Floats, spacing: float) -> TraceDefects:
 def _distances_from_chords(
     points: Floats, starts: Floats, stops: Floats, reach: float, owners: tuple[Ints, Ints] | None = None
 ) -> Floats:
-    """Return the distances (n,) of points from the nearest chord, infinity where there is none within ``reach``.
+    """Return the distance (n,) of each point from the nearest chord, infinity if there is none within ``reach``.
 
     Parameters
     ----------

@@ -53,20 +53,21 @@ MAX_NONMANIFOLD_SHARE = 0.02
 
 @dataclass(frozen=True)
 class SurfaceReport:
-    """What warnings about a triangulation are made of.
+    """Properties of a triangulation that may cause warnings.
 
     Attributes
     ----------
     lattice_spacing : float
-        Of contouring's lattice, in spacings of the form's.
+        Spacing of the lattice of contouring, in spacings of the form's lattice.
     nonmanifold_share : float
         The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 spacings
         of contouring's lattice.
     holes_filled : int
+        Number of holes off rims that were filled.
     defects : MeshDefects
-        What is left after repair.
+        Defects that are left after repair.
     missed : (k, 3) float64
-        Points of the surface with no triangle near by: components too small for the lattice.
+        Points of the surface far from all triangles: components too small for the lattice.
     isolated_components : int
         Components of hardly any area that were left out.
     """
@@ -80,7 +81,7 @@ class SurfaceReport:
 
     @property
     def severity(self) -> int:
-        """A weighted count of the defects: zero where there is none and all of the surface is met."""
+        """A weighted count of the defects: zero if there is none and no part of the surface is missed."""
         return self.defects.severity + (COMPONENT_WEIGHT if len(self.missed) else 0)
 
     @property
@@ -90,24 +91,24 @@ class SurfaceReport:
 
 
 def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, SurfaceReport]:
-    """Return triangles with vertices on a surface in space, those of its border on the rims.
+    """Return a triangulation of a surface in space with vertices on it, border vertices on its rims, and a report.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
-    cell grouped by whether they are connected on the surface in it, and one vertex made of each group.
+    cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex.
 
     Parameters
     ----------
     source : LocalSource
         A surface (m = 2) in space. Neither its normals nor its orientation are used.
     spacing : float
-        h, of the form's lattice.
+        Spacing h of the form's lattice.
     curved : bool
         Whether midpoints of edges, on the surface, are returned too.
 
     Raises
     ------
     ResolutionError
-        If closest points make no surface.
+        If no triangle results.
     """
     best = _contour_on(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
@@ -126,7 +127,7 @@ def contour_surface(source: LocalSource, spacing: float, curved: bool = True) ->
 
 @dataclass(frozen=True, eq=False)
 class _Triangulation:
-    """A triangulation on one lattice, and its report."""
+    """A triangulation from one lattice, its vertices on rims (v,), and its report."""
 
     rims: RimTest
     mesh: Mesh
@@ -137,7 +138,10 @@ class _Triangulation:
 def _contour_on(
     source: LocalSource, spacing: float, relative_spacing: float, offsets: tuple[float, ...]
 ) -> _Triangulation:
-    """Return the repaired triangulation on the lattice of that spacing, in spacings of the form's, and shift."""
+    """Return the repaired triangulation from one lattice.
+
+    Its spacing is ``relative_spacing`` times the form's ``spacing``, its shift ``offsets`` (3,) in its own spacings.
+    """
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))
     dual = dual_vertices(source, nodes, edge_crossings(source, nodes))
@@ -171,10 +175,11 @@ def _contour_on(
 
 
 def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:
-    """Return the closest points of nodes with none of the ``vertices`` (v, 3) in the 27 cells around their cell."""
+    """Return the closest points (k, 3) of nodes without one of ``vertices`` (v, 3) in the 27 cells around them."""
     low = nodes.position_of(nodes.codes.lower)
 
     def cells_of(points: Floats) -> Ints:
+        """Return the codes (n,) of the cells that contain ``points`` (n, 3)."""
         return nodes.codes.encode(np.floor((points - low) / nodes.spacing).astype(np.int64) + nodes.codes.lower)
 
     met = np.unique(cells_of(vertices))

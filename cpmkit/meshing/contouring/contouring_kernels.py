@@ -1,4 +1,4 @@
-"""Compiled: crossings of a cell grouped by pairs, flaps removed, loops filled by triangles of least area."""
+"""Compiled: grouping of the crossings of a cell, removal of flaps, and filling of loops by triangles of least area."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from cpmkit.types import Bools, Floats, Ints
 def unite_flat(
     start: Ints, member: Ints, points: Floats, normals: Floats, sine: float, cosine: float, error: float, group: Ints
 ) -> None:
-    """Unite entries of ``group`` (k,) in each cell whose chord is flat (``connectedness.chord_is_flat``).
+    """Unite the sets in ``group`` (k,) of entries of a cell whose chord is flat (``connectedness.chord_is_flat``).
 
-    Entry i is the crossing ``member[i]``; cell c has the entries from ``start[c]`` to ``start[c + 1]``.
+    Entry i is the crossing ``member[i]``; cell c has the entries from ``start[c]`` to ``start[c + 1]``. Afterwards
+    ``group[i]`` is the root of the set of entry i.
     """
     for cell in range(len(start) - 1):
         for i in range(start[cell], start[cell + 1]):
@@ -36,7 +37,7 @@ def unite_flat(
 
 @compiled
 def unite(first: Ints, second: Ints, group: Ints) -> None:
-    """Unite the given pairs of entries of ``group``."""
+    """Unite the sets in ``group`` (k,) of the entries ``first`` and ``second`` (p,), pair by pair."""
     for i in range(len(first)):
         group[find_root(group, first[i])] = find_root(group, second[i])
     for i in range(len(group)):
@@ -45,7 +46,7 @@ def unite(first: Ints, second: Ints, group: Ints) -> None:
 
 @compiled
 def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs: Ints) -> int:
-    """Write the nearest pair of entries of every two groups of a cell to ``pairs``, and return their number.
+    """Fill ``pairs`` (p, 2) with the nearest two entries of any two groups in one cell, and return the number of pairs.
 
     With ``pairs`` (0, 2) they are only counted.
     """
@@ -75,10 +76,10 @@ def nearest_pairs(start: Ints, member: Ints, points: Floats, group: Ints, pairs:
 
 @compiled
 def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools, alive: Bools) -> int:
-    """Remove flaps among the triangles ``candidates`` (c,) until there is none, and return how many were removed.
+    """Set ``alive`` to False for flaps among the triangles ``candidates`` (c,) until none is left; return their number.
 
     A flap has two open edges off rims; or an open edge off rims, or two open edges, and an edge of three triangles or
-    more. Those with most open edges go first. ``count`` (e,), the number of triangles of each edge, and ``alive`` (m,)
+    more. Flaps with most open edges go first. ``count`` (e,), the number of triangles of each edge, and ``alive`` (m,)
     are updated; ``of`` (m, 3) are the edges of each triangle. Edges that become open count as lying on a rim.
     """
     removed = 0
@@ -109,6 +110,7 @@ def remove_flap_triangles(candidates: Ints, of: Ints, count: Ints, on_rim: Bools
 
 @compiled
 def _area(points: Floats, i: int, j: int, k: int) -> float:
+    """Return the area of the triangle of the points i, j and k."""
     ax, ay, az = points[j, 0] - points[i, 0], points[j, 1] - points[i, 1], points[j, 2] - points[i, 2]
     bx, by, bz = points[k, 0] - points[i, 0], points[k, 1] - points[i, 1], points[k, 2] - points[i, 2]
     area: float = 0.5 * np.sqrt((ay * bz - az * by) ** 2 + (az * bx - ax * bz) ** 2 + (ax * by - ay * bx) ** 2)
@@ -117,7 +119,7 @@ def _area(points: Floats, i: int, j: int, k: int) -> float:
 
 @compiled
 def least_area_triangles(points: Floats) -> Ints:
-    """Return the triangles (n - 2, 3) on a closed polygon (n, 3) whose total area is least.
+    """Return the triangulation (n - 2, 3) of a closed polygon ``points`` (n, 3) with the least total area.
 
     Barequet and Sharir, Filling gaps in the boundary of a polyhedron (1995).
     """

@@ -37,13 +37,13 @@ class Trace:
     vertices : (v, d) float64
         Points of the curve.
     segments : (s, 2) int64
-        Their ends.
+        The vertices at the ends of each segment.
     midpoints_on_curve : (s, d) float64
-        The closest points of their middles.
+        The closest points on the curve of the middles of the segments.
     ends : (k,) int64
         The vertices at which the curve is known to end.
     gaps : (g, d) float64
-        Crossings from which no segment goes on to one side.
+        Crossings with no segment on one side.
     """
 
     vertices: Floats
@@ -63,7 +63,7 @@ class Trace:
 
     @property
     def midpoints(self) -> Floats:
-        """(s, d) points of the curve halfway along the segments; of those across a corner the middles."""
+        """(s, d) midpoints of the segments on the curve, or on the chord for a segment across a corner."""
         a, b = self.vertices[self.segments].transpose(1, 0, 2)
         middle = 0.5 * (a + b)
         has_corner = norms(self.midpoints_on_curve - middle) > CREASE_SHARE * norms(b - a)
@@ -73,8 +73,8 @@ class Trace:
 def trace_curve(source: LocalSource, crossings: PlaneCrossings, spacing: float) -> Trace:
     """Return the trace of a curve through its crossings with the planes of a lattice of this spacing.
 
-    Crossings of one cell that are connected in it become segments. Where several are connected with each other they
-    meet in a junction. From a crossing connected with none, the curve is followed to an end in the cell.
+    Crossings of one cell that are connected in it become segments. Where a crossing is connected with several others,
+    these meet in a junction. From a crossing connected with no other, the curve is followed to an end in the cell.
     """
     pairs = _connected_pairs(source, crossings, spacing)
     degree = np.bincount(pairs.ravel(), minlength=len(crossings.member))
@@ -99,7 +99,7 @@ def trace_curve(source: LocalSource, crossings: PlaneCrossings, spacing: float) 
 
 
 def _connected_pairs(source: LocalSource, crossings: PlaneCrossings, spacing: float) -> Ints:
-    """Return the pairs (k, 2) of entries of one cell between which the curve stays in it and crosses no plane."""
+    """Return the pairs (k, 2) of entries of one cell that the curve connects in it without a crossing in between."""
     from cpmkit.meshing.contouring.contouring_kernels import nearest_pairs
 
     alone = np.arange(len(crossings.member))
@@ -115,7 +115,7 @@ def _connected_pairs(source: LocalSource, crossings: PlaneCrossings, spacing: fl
 
 
 def _others_between(crossings: PlaneCrossings, pairs: Ints) -> Bools:
-    """Return the pairs (k,) between which another crossing of the cell lies, on a strand of the same direction."""
+    """Return for each pair (k,) whether another crossing of its cell, of similar tangent, lies between the two."""
     cell = np.searchsorted(crossings.start, pairs[:, 0], side="right") - 1
     low, high = crossings.start[cell], crossings.start[cell + 1]
     a, b = crossings.points[crossings.member[pairs]].transpose(1, 0, 2)
@@ -133,9 +133,9 @@ def _others_between(crossings: PlaneCrossings, pairs: Ints) -> Bools:
 
 
 def _passed_through(crossings: PlaneCrossings, pairs: Ints) -> Bools:
-    """Return the entries (k,) with two partners on opposite sides: the curve passes, and has no junction there.
+    """Return which entries (k,) have two partners, on opposite sides: the curve passes there without a junction.
 
-    Noise puts such crossings into the cell beside theirs.
+    Noise puts such crossings into the neighbouring cell.
     """
     both = np.concatenate([pairs, pairs[:, ::-1]])
     both = both[np.argsort(both[:, 0], kind="stable")]
@@ -149,7 +149,10 @@ def _passed_through(crossings: PlaneCrossings, pairs: Ints) -> Bools:
 
 
 def _junctions(source: LocalSource, crossings: PlaneCrossings, pairs: Ints) -> tuple[Floats, Ints]:
-    """Return the centres (j, d) of junctions of entries connected by ``pairs`` (k, 2), and segments (s, 2) to them."""
+    """Return the centres (j, d) of junctions, and the segments (s, 2) from crossings to them.
+
+    Entries connected by ``pairs`` (k, 2) meet in one junction, nearest to their tangents.
+    """
     if not len(pairs):
         return np.zeros((0, crossings.points.shape[1])), np.zeros((0, 2), dtype=np.int64)
     entries, pairs = np.unique(pairs, return_inverse=True)
@@ -162,20 +165,21 @@ def _junctions(source: LocalSource, crossings: PlaneCrossings, pairs: Ints) -> t
 
 
 def _nearest_to_lines(points: Floats, tangents: Floats, group: Ints) -> Floats:
-    """Return the point (g, d) nearest to the lines of each group, relative to the mean of the lines' points.
+    """Return the point (g, d) nearest to the lines of each group, by least squares about the mean of the lines' points.
 
-    Least squares; directions of small eigenvalues, in which the lines say little, stay at the mean.
+    In directions of small eigenvalues, which the lines hardly determine, the point stays at the mean.
 
     Parameters
     ----------
     points, tangents : (n, d) float64
         A point and the direction of each line.
     group : (n,) int64
-        Numbers from 0 on.
+        The group of each line, numbered from 0.
     """
     dim, share = points.shape[1], 1.0 / np.bincount(group)
 
     def mean(values: Floats) -> Floats:
+        """Return the mean (g,) of ``values`` (n,) over each group."""
         return np.asarray(np.bincount(group, values) * share)
 
     centre = np.stack([mean(points[:, k]) for k in range(dim)], axis=1)
@@ -192,14 +196,16 @@ def _nearest_to_lines(points: Floats, tangents: Floats, group: Ints) -> Floats:
 def _ends_in_cells(
     source: LocalSource, points: Floats, tangents: Floats, cells: Ints, spacing: float
 ) -> tuple[Floats, Bools, Bools]:
-    """Follow a curve from ``points`` (n, d) on faces of ``cells`` (n, d) into these, until it ends or leaves them.
+    """Return the ends of a curve that is followed from points on faces of cells into these cells.
+
+    ``points`` (n, d) lie on faces of ``cells`` (n, d). The curve is followed until it ends or leaves the cell.
 
     Returns
     -------
     end : (n, d) float64
-        The end of the curve.
+        The end of the curve, if there is one.
     ended : (n,) bool
-        Whether there is one.
+        Whether the curve ends in the cell.
     enters : (n,) bool
         Whether the curve enters the cell at all.
     """
@@ -208,6 +214,7 @@ def _ends_in_cells(
     end, ended = points.copy(), np.zeros(len(points), dtype=bool)
 
     def inside(places: Floats, rows: Ints | slice) -> Bools:
+        """Return which ``places`` (n, d) lie in the cells of ``rows``."""
         return np.asarray((np.abs(places / spacing - cells[rows]) <= 0.5 + 1e-9).all(axis=1))
 
     for sign in (1.0, -1.0):
@@ -234,7 +241,7 @@ def _ends_in_cells(
 
 
 def _join_across_cells(source: LocalSource, crossings: PlaneCrossings, candidates: Ints, spacing: float) -> Ints:
-    """Return pairs (k, 2) of crossings without a neighbour on one side that are connected on the curve.
+    """Return pairs (k, 2) of crossings that have no neighbour on one side and are connected on the curve.
 
     Each is the nearest of the ``candidates`` (n,) to the other, and at most 1.5 spacings away.
     """
@@ -255,7 +262,10 @@ def _join_across_cells(source: LocalSource, crossings: PlaneCrossings, candidate
 
 
 def _collapse_short(vertices: Floats, segments: Ints, length: float) -> Ints:
-    """Return the segments (s, 2), each once, with those shorter than ``length`` collapsed: noise alone makes such."""
+    """Return the distinct segments (s, 2) that are left when those not longer than ``length`` collapse to a vertex.
+
+    Segments as short as that are made by noise alone.
+    """
     short = segments[norms(vertices[segments[:, 1]] - vertices[segments[:, 0]]) <= length]
     number, first = number_groups(short[:, 0], short[:, 1], len(vertices))
     segments = np.unique(np.sort(first[number[segments]], axis=1), axis=0)
@@ -265,9 +275,9 @@ def _collapse_short(vertices: Floats, segments: Ints, length: float) -> Ints:
 def _add_corners(
     source: LocalSource, vertices: Floats, tangents: Floats, segments: Ints, ends: Ints, gaps: Floats
 ) -> Trace:
-    """Return the trace with segments that turn too much halved where the tangents at their ends meet.
+    """Return the trace in which segments across a corner are halved, where the tangents at their ends meet.
 
-    A corner near one end of a segment leaves its middle near the curve; the tangents at the ends reveal it.
+    A corner near one end of a segment leaves its middle near the curve; the angle between these tangents reveals it.
     """
     a, b = vertices[segments].transpose(1, 0, 2)
     middle, length = 0.5 * (a + b), norms(b - a)

@@ -20,14 +20,14 @@ LEAST_EIGENVALUE = 0.12
 
 @dataclass(frozen=True, eq=False)
 class DualVertices:
-    """Vertices on the surface, and the four around each crossing.
+    """Vertices on the surface, and the four vertices in the cells around each crossing.
 
     Attributes
     ----------
     points, normals : (v, 3) float64
         The vertices, and unit normals there of either sign.
     around : (c, 4) int64
-        The vertices in the cells around the edge of each crossing, in their order around it.
+        The vertices in the cells around the lattice edge of each crossing, in cyclic order.
     """
 
     points: Floats
@@ -36,7 +36,7 @@ class DualVertices:
 
 
 def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> DualVertices:
-    """Return a vertex for each set of crossings of one cell's edges that are connected on the surface in the cell."""
+    """Return a vertex for each group of crossings of one cell's edges that are connected on the surface in the cell."""
     cells = _cells_around(nodes, crossings)
     order = np.argsort(cells.ravel(), kind="stable")
     member, sorted_cells = order // 4, cells.ravel()[order]
@@ -50,7 +50,7 @@ def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings
 
 
 def _cells_around(nodes: LatticeNodes, crossings: Crossings) -> Ints:
-    """Return the codes (c, 4) of the cells around the edge of each crossing, in their order around it."""
+    """Return the codes (c, 4) of the cells around the lattice edge of each crossing, in cyclic order."""
     strides = nodes.codes.strides
     u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
     return np.asarray(nodes.codes.encode(crossings.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
@@ -59,7 +59,9 @@ def _cells_around(nodes: LatticeNodes, crossings: Crossings) -> Ints:
 def _connected_groups(
     source: LocalSource, nodes: LatticeNodes, crossings: Crossings, start: Ints, member: Ints, cells: Ints
 ) -> Ints:
-    """Return a number (k,) for each entry that the entries of one cell share whose crossings are connected in it.
+    """Return the group (k,) of each entry: entries of one cell whose crossings are connected in it have one group.
+
+    An entry is a pair of a cell and a crossing of one of its edges; a group is named by one of its entries.
 
     Parameters
     ----------
@@ -91,7 +93,7 @@ def _connected_groups(
 def _least_squares_vertices(
     nodes: LatticeNodes, cells: Ints, crossings: Crossings, member: Ints, piece: Ints
 ) -> tuple[Floats, Floats]:
-    """Return the point (v, 3) nearest to the tangent planes of the crossings of each piece, and a normal (v, 3).
+    """Return the point (v, 3) nearest to the tangent planes of each group's crossings, and a unit normal (v, 3) there.
 
     Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
     their cell by more than a tenth of its side are clipped.
@@ -100,15 +102,16 @@ def _least_squares_vertices(
     ----------
     nodes, crossings
     cells : (v,) int64
-        The code of the cell of each piece.
+        The code of the cell of each group.
     member, piece : (k,) int64
-        The crossing and the piece of each entry.
+        The crossing and the group of each entry.
     """
     count = len(cells)
     share = 1.0 / np.bincount(piece, minlength=count)
     points, n = crossings.points[member], crossings.normals[member]
 
     def mean(values: Floats) -> Floats:
+        """Return the mean (v,) of ``values`` (k,) over the entries of each group."""
         return np.asarray(np.bincount(piece, values, minlength=count) * share)
 
     centre = np.stack([mean(points[:, k]) for k in range(3)], axis=1)
@@ -123,7 +126,10 @@ def _least_squares_vertices(
 
 
 def solve_truncated(matrix: Floats, side: Floats) -> tuple[Floats, Floats]:
-    """Return solutions (n, d) of symmetric systems (n, d, d) without their small eigenvalues, and the eigenvectors."""
+    """Return solutions (n, d) of symmetric systems without their small eigenvalues, and the eigenvectors (n, d, d).
+
+    ``matrix`` is (n, d, d), the right-hand ``side`` (n, d).
+    """
     values, axes = np.linalg.eigh(matrix)
     used = values >= LEAST_EIGENVALUE * values[:, -1:]
     part = np.einsum("vki,vk->vi", axes, side) * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
@@ -131,9 +137,9 @@ def solve_truncated(matrix: Floats, side: Floats) -> tuple[Floats, Floats]:
 
 
 def dual_triangles(source: LocalSource, dual: DualVertices) -> Ints:
-    """Return the triangles (m, 3) of the quadrilaterals around all crossings.
+    """Return the triangles (m, 3) into which the quadrilaterals around all crossings are split.
 
-    Of the two diagonals the one is taken whose midpoint is nearer to the surface, in planar quadrilaterals the shorter.
+    Quadrilaterals are split along the diagonal whose midpoint is nearer to the surface, planar ones along the shorter.
     """
     quads = _without_doubles(dual.around)
     corners, normals = dual.points[quads], dual.normals[quads]
@@ -150,7 +156,7 @@ def dual_triangles(source: LocalSource, dual: DualVertices) -> Ints:
 
 
 def _without_doubles(quads: Ints) -> Ints:
-    """Return the quadrilaterals (q, 4), of several on the same vertices one or none.
+    """Return the quadrilaterals (q, 4), with at most one of several on the same four vertices.
 
     Two on the same vertices enclose a part thinner than a cell, and can be left out. One is kept where another sheet
     ends at their edges, since that sheet would be cut off.

@@ -56,15 +56,15 @@ class Crossings:
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """What closest points say at n points.
+    """Distance and normal of the surface as seen from n points.
 
     Attributes
     ----------
     distance : (n,) float64
     normal : (n, 3) float64
-        The unit vector from the closest point.
+        The unit vector from the closest point to the point.
     interior : (n,) bool
-        Whether the closest point lies on no rim.
+        Whether the closest point lies off rims.
     """
 
     distance: Floats
@@ -72,16 +72,19 @@ class Observation:
     interior: Bools
 
     def take(self, rows: Bools | Ints) -> Observation:
-        """Return the observations at ``rows``."""
+        """Return the observations at ``rows``, integers or a mask."""
         return Observation(self.distance[rows], self.normal[rows], self.interior[rows])
 
     def put(self, rows: Bools, new: Observation) -> None:
-        """Replace the observations at ``rows``."""
+        """Replace the observations at ``rows`` by ``new``."""
         self.distance[rows], self.normal[rows], self.interior[rows] = new.distance, new.normal, new.interior
 
 
 def _observe(source: LocalSource, points: Floats, known_normals: Floats, length: float) -> Observation:
-    """Observe the surface from ``points`` (n, 3); for those on it take the ``known_normals`` (n, 3)."""
+    """Return distance, normal and kind of the closest point of ``points`` (n, 3), as an :class:`Observation`.
+
+    Points on the surface have the ``known_normals`` (n, 3); ``length`` is the length to which tolerances refer.
+    """
     answer = source.closest_point(points)
     away = points - answer.points
     distance = norms(away)
@@ -146,9 +149,9 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
 
 
 def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Ints, Ints]:
-    """Return the tails, heads and axes of the edges that are long enough for the distances at their ends to cross.
+    """Return the tail, the head and the axis, each (c,), of the lattice edges that may cross the surface.
 
-    The distances are known up to half the ``uncertainty``.
+    They are not longer than the sum of the distances at their ends, which are known up to half the ``uncertainty``.
     """
     tails, heads, axes = [], [], []
     for axis, stride in enumerate(nodes.codes.strides):
@@ -164,8 +167,9 @@ def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Int
 def _cross_plane(
     source: LocalSource, nodes: LatticeNodes, tail: Ints, head: Ints, along: Floats
 ) -> tuple[Floats, Floats]:
-    """Return where edges with ends on both sides of a nearly planar piece cross it, (n,), and the normals (n, 3).
+    """Return the positions (n,) at which edges cross a nearly planar piece of the surface, and the normals (n, 3).
 
+    The ends of each edge lie on both sides of the piece; positions are lengths from the tail.
     The root of the Hermite cubic of the signed distance between the ends is corrected by one query beside it. The
     position is NaN where that query contradicts the plane.
     """
@@ -193,9 +197,10 @@ def _cross_plane(
 def _march_edges(
     source: LocalSource, nodes: LatticeNodes, tail: Ints, head: Ints, along: Floats, reach: Floats
 ) -> tuple[Floats, Floats]:
-    """Return the first crossing (n,) of each edge within ``reach`` (n,) of its tail, and the normal (n, 3) there.
+    """Return the length (n,) from the tail to the first crossing of each edge, and the unit normal (n, 3) there.
 
-    The march ends before the crossings that a march from the head finds.
+    Only crossings within ``reach`` (n,) count, and the march ends before the crossings that a march from the head
+    finds; without a crossing the length is NaN.
     """
     s, (near_share, end_share) = nodes.spacing, _ranges(source, nodes.spacing)
     first = Observation(nodes.distance[tail], nodes.normals[tail], ~nodes.on_rim[tail])
@@ -214,25 +219,25 @@ def _march(
     stop: Floats,
     newton: bool = True,
 ) -> tuple[Floats, Floats]:
-    """Return how far from ``start`` each ray first meets the surface, (n,), and the normal (n, 3) there.
+    """Return the length (n,) at which each ray first meets the surface, and the unit normal (n, 3) there.
 
-    The distance is NaN where a ray meets nothing. The normal points back along the ray. A step goes to the tangent
-    plane of the closest point (Newton) as long as the distance falls and the normal stays; else over the empty sphere
-    around the last safe point (sphere tracing).
+    The length is NaN where a ray meets nothing. The normal points back along the ray. A step goes to the tangent
+    plane of the closest point (Newton) as long as the distance falls and the normal hardly changes; else over the empty
+    sphere around the last safe point (sphere tracing).
 
     Parameters
     ----------
     source : LocalSource
     start, along : (n, 3) float64
-        Where the rays start, and their unit directions.
+        The starts of the rays, and their unit directions.
     length : float
         The length to which tolerances refer.
     first : Observation
-        At the starts.
+        Observations at the starts.
     stop : (n,) float64
-        Where the rays end.
+        Lengths of the rays.
     newton : bool
-        Whether Newton's steps are tried. They may pass a sheet where two cross.
+        Whether Newton's steps are tried. They may miss a sheet where two sheets cross.
     """
     hit, normal = np.full(len(start), np.nan), np.zeros_like(start)
     rows = np.arange(len(start))
@@ -274,7 +279,10 @@ def _march(
 
 
 def _head_explained(nodes: LatticeNodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> Bools:
-    """Return whether the closest point of an edge's head is what the plane through the crossing at ``t`` predicts."""
+    """Return for each edge (n,) whether the plane through its crossing predicts the closest point of its head.
+
+    The plane has the ``normal`` (n, 3) and crosses the edge, of unit direction ``along`` (n, 3), at length ``t`` (n,).
+    """
     s = nodes.spacing
     slope, cosine = dots(normal, along), dots(nodes.normals[head], normal)
     height = np.abs(s - t) * np.abs(slope)
@@ -286,6 +294,7 @@ def _single_in_odd_faces(nodes: LatticeNodes, tail: Ints, axis: Ints, t: Floats)
     """Return which edges cross the surface once, and have two lattice faces or more with an odd number of crossings.
 
     A closed sheet crosses the border of a face an even number of times. Faces with closest points on rims do not count.
+    ``t`` (n,) is the length to the crossing of each edge, NaN without one.
     """
     count = np.zeros(nodes.index.shape, dtype=np.int64)
     np.add.at(count, (tail[~np.isnan(t)], axis[~np.isnan(t)]), 1)
@@ -305,9 +314,9 @@ def _single_in_odd_faces(nodes: LatticeNodes, tail: Ints, axis: Ints, t: Floats)
 def _other_crossings(
     source: LocalSource, nodes: LatticeNodes, tail: Ints, head: Ints, axis: Ints, t: Floats, flip: bool
 ) -> tuple[Floats, Floats]:
-    """Return a crossing (n,) of each edge other than that at ``t``, and the normal (n, 3); NaN where there is none.
+    """Return a crossing (n,) of each edge different from that at ``t`` (n,), and its normal (n, 3); NaN without one.
 
-    The edge is marched by spheres alone, from its head where ``flip``.
+    The edge is marched by sphere tracing alone, from its head if ``flip``; crossings are lengths from the tail.
     """
     s, along = nodes.spacing, (-1.0 if flip else 1.0) * np.eye(3)[axis]
     start, known = (head, s - t) if flip else (tail, t)

@@ -1,4 +1,4 @@
-"""Edges of four triangles: those at which two sheets cross stay; the sheets at all others are separated."""
+"""Edges of four triangles: those at which two sheets cross stay; at all others the sheets are separated."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CROSSING_ANGLE = 35.0
 
 
 def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with sheets separated at edges of four triangles that are no crossing.
+    """Return vertices (v, 3) and triangles (m, 3), with sheets separated at edges of four triangles off crossings.
 
     The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
     Where both pairs stay connected another way around, the edge of one pair is halved.
@@ -33,7 +33,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
 
 
 def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable) -> Ints:
-    """Return the edges of four triangles or more at which no two sheets cross."""
+    """Return the numbers (k,) of the edges of four triangles or more at which no two sheets cross."""
     edge, _, _, crossing = _edges_of_four(source, vertices, cells, edges)
     return np.setdiff1d(np.flatnonzero(edges.count > 3), edge[crossing])
 
@@ -41,13 +41,13 @@ def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: Edg
 def _edges_of_four(
     source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable
 ) -> tuple[Ints, Ints, Floats, Bools]:
-    """Return the edges (k,) of four triangles and what their triangles are around them.
+    """Return the edges of four triangles, with the order, the angles and the kind of their triangles.
 
     Returns
     -------
     edge : (k,) int64
     slots : (k, 4) int64
-        Of the triangles in their order around the edge.
+        The slots, see :meth:`EdgeTable.slots_of`, of the triangles in their order around the edge.
     gaps : (k, 4) float64
         The angles between neighbouring triangles.
     crossing : (k,) bool
@@ -79,7 +79,10 @@ def _angles_around(vertices: Floats, cells: Ints, edges: EdgeTable, edge: Ints, 
 
 
 def _reaches_apexes(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
-    """Return whether the surface leads from edges ``ends`` (k, 2) towards the apexes of all four triangles."""
+    """Return for each edge (k,) whether the surface continues from it towards the apexes of all four triangles.
+
+    ``ends`` (k, 2) are the vertices of the edges, ``slots`` (k, 4) their triangles.
+    """
     middle = vertices[ends].mean(axis=1)[:, None]
     towards = vertices[cells.ravel()[slots]] - middle
     points = (middle + 0.3 * towards).reshape(-1, 3)
@@ -88,7 +91,10 @@ def _reaches_apexes(source: LocalSource, vertices: Floats, cells: Ints, ends: In
 
 
 def _goes_through(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
-    """Return whether all four triangles go on straight beyond edges ``ends`` (k, 2) on the surface, in two sheets."""
+    """Return for each edge (k,) whether the surface continues all four triangles straight across it, in two sheets.
+
+    ``ends`` (k, 2) are the vertices of the edges, ``slots`` (k, 4) their triangles.
+    """
     if not len(ends):
         return np.zeros(0, dtype=bool)
     middle = vertices[ends].mean(axis=1)[:, None]
@@ -105,14 +111,14 @@ def _goes_through(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints
 
 
 def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints) -> tuple[Ints, Ints]:
-    """Return the triangles with one vertex for each fan, and the old vertex (v,) that each new one is a copy of.
+    """Return the triangles (m, 3) with a vertex of its own for each fan, and the old vertex (v,) of each vertex.
 
     Parameters
     ----------
     cells : (m, 3) int64
     edges : EdgeTable
     separated : (k,) int64
-        Edges over which a fan goes on between the triangles of a pair alone; it goes on over all others.
+        Edges across which only the triangles of a pair are in one fan; across other edges all triangles are.
     pairs : (k, 2, 2) int64
         The slots of the two pairs of each of these edges.
     """
@@ -134,7 +140,10 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
 
 
 def _halve_common_edges(source: LocalSource, vertices: Floats, cells: Ints, pairs: Ints) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with the edge of the second of ``pairs`` halved where both still share it."""
+    """Return vertices and triangles, with the edge of the second of each two ``pairs`` halved if both still share it.
+
+    ``pairs`` (k, 2, 2) are the slots of the triangles of both pairs.
+    """
     ends = [np.sort(edge_ends(cells, pairs[:, k, 0]), axis=1) for k in range(2)]
     split = pairs[np.flatnonzero((ends[0] == ends[1]).all(axis=1)), 1]
     touched, times = np.unique(split.ravel() // 3, return_counts=True)

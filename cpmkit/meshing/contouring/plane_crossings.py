@@ -16,7 +16,7 @@ from cpmkit.types import Floats, Ints
 HALVINGS = 5
 #: A curve that meets a plane at a sine below this grazes it: such crossings are dropped.
 GRAZING_SINE = 0.03
-#: Crossings nearer than this share of the spacing are one.
+#: Crossings nearer to each other than this share of the spacing are merged.
 SAME_SHARE = 1e-6
 #: The same in units of the noise of closest points.
 SAME_NOISES = 10.0
@@ -33,12 +33,12 @@ class PlaneCrossings:
     points, tangents : (c, d) float64
         The crossings, and the unit tangents there, of either orientation.
     member : (k,) int64
-        The crossing of each entry. Entries are sorted by cells; a crossing has one for each cell that it is on a face
-        of.
+        The crossing of each entry. An entry is a pair of a cell and a crossing on one of its faces; entries are sorted
+        by cells.
     cells : (k, d) int64
         The cell of each entry.
     start : (cells + 1,) int64
-        Where the entries of each cell begin.
+        The first entry of each cell, and the number of entries.
     """
 
     points: Floats
@@ -49,7 +49,7 @@ class PlaneCrossings:
 
 
 def plane_crossings(source: LocalSource, cells: Ints, spacing: float) -> PlaneCrossings:
-    """Return where the curve crosses the faces of ``cells`` (c, d), whose centres are lattice nodes."""
+    """Return the points where the curve crosses the faces of ``cells`` (c, d), whose centres are lattice nodes."""
     from scipy.spatial import KDTree
 
     codes = Codes.around(cells, 2)
@@ -80,12 +80,12 @@ def plane_crossings(source: LocalSource, cells: Ints, spacing: float) -> PlaneCr
 
 
 def same_share(source: LocalSource, spacing: float) -> float:
-    """Return the distance, as a share of the spacing, below which crossings are one."""
+    """Return the distance, as a share of the spacing, below which crossings are merged."""
     return max(SAME_SHARE, SAME_NOISES * source.noise / spacing)
 
 
 def _faces(cells: Ints, codes: Codes) -> tuple[Ints, Ints]:
-    """Return each face of the cells (c, d) once: the cell (f, d) of which it is the lower face, and the axis (f,)."""
+    """Return the faces of ``cells`` (c, d), each once: the cell (f, d) above the face, and its normal axis (f,)."""
     dim = cells.shape[1]
     faces = []
     for axis in range(dim):
@@ -95,7 +95,10 @@ def _faces(cells: Ints, codes: Codes) -> tuple[Ints, Ints]:
 
 
 def _start_points(source: LocalSource, cell: Ints, axis: Ints, spacing: float) -> tuple[Floats, Ints]:
-    """Return closest points (k, d) of the smallest parts of faces that the curve may cross, and their faces (k,)."""
+    """Return closest points (k, d) of the smallest parts of faces that the curve may cross, and the face (k,) of each.
+
+    A face is given by the ``cell`` (f, d) above it and its normal ``axis`` (f,); faces are halved repeatedly.
+    """
     dim = cell.shape[1]
     owner, side = np.arange(len(cell)), spacing
     centre: Floats = np.asarray(cell * spacing, dtype=np.float64)
@@ -119,7 +122,9 @@ def _start_points(source: LocalSource, cell: Ints, axis: Ints, spacing: float) -
 def _step_to_planes(
     source: LocalSource, starts: Floats, axis: Ints, plane: Floats, spacing: float
 ) -> tuple[Floats, Ints]:
-    """Return points (c, d) of the curve on planes, by secant steps, and the start (c,) from which each was reached.
+    """Return the points (c, d) at which secant steps along the curve reach planes, and the start (c,) of each.
+
+    Starts from which the iteration does not converge have no point.
 
     Parameters
     ----------
@@ -127,7 +132,7 @@ def _step_to_planes(
     starts : (k, d) float64
         Points of the curve.
     axis, plane : (k,)
-        The normal of the plane to reach, and its coordinate.
+        The axis normal to the plane to be reached, and the coordinate of the plane.
     spacing : float
     """
     rows, tolerance = np.arange(len(starts)), max(1e-10 * spacing, 3.0 * source.noise)
@@ -164,10 +169,10 @@ def _step_to_planes(
 
 
 def _tangents(source: LocalSource, points: Floats, axis: Ints, spacing: float) -> Floats:
-    """Return unit tangents (n, d) at points of the curve, from closest points of points moved along ``axis`` (n,).
+    """Return unit tangents (n, d) at ``points`` (n, d) of the curve, by differences of closest points.
 
-    Where closest points are noisy and the axis leads across the curve, that direction is poor: points are moved along
-    it once more.
+    Points are moved along ``axis`` (n,), the normal of the plane that they lie in. Where closest points are noisy and
+    the axis leads across the curve, that direction is inaccurate: points are moved along it once more.
     """
     step, ways = max(1e-3 * spacing, STEP_NOISES * source.noise), np.eye(points.shape[1])[axis]
     for _ in range(2 if source.noise else 1):
@@ -177,7 +182,10 @@ def _tangents(source: LocalSource, points: Floats, axis: Ints, spacing: float) -
 
 
 def merge_near(points: Floats, reach: float) -> tuple[Ints, Ints]:
-    """Return a number (n,) that points nearer to each other than ``reach`` share, and the first point of each."""
+    """Return a group number (n,) for each of ``points`` (n, d), and the first point (g,) of each group.
+
+    Points nearer to each other than ``reach`` are in one group.
+    """
     from scipy.spatial import KDTree
 
     if not len(points):
@@ -187,7 +195,10 @@ def merge_near(points: Floats, reach: float) -> tuple[Ints, Ints]:
 
 
 def number_groups(i: Ints, j: Ints, count: int) -> tuple[Ints, Ints]:
-    """Return a number (count,) that connected items share, and the first item of each; ``i``, ``j`` (k,) are pairs."""
+    """Return the number (count,) of the connected group of each item, and the first item (g,) of each group.
+
+    Items ``i`` (k,) are connected with items ``j`` (k,).
+    """
     _, label = connected_groups(i, j, count)
     _, first, number = np.unique(label, return_index=True, return_inverse=True)
     return number.astype(np.int64), first.astype(np.int64)

@@ -1,4 +1,4 @@
-"""Boundaries made facets of a mesh: curves edges and points vertices of a surface, points vertices of a curve."""
+"""Insertion of boundaries as facets of a mesh: curves and points in a surface, points in a curve."""
 
 from __future__ import annotations
 
@@ -38,23 +38,23 @@ EXTENSION_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """A mesh with boundaries in it, and what warnings about them are made of.
+    """A mesh with boundaries among its facets, and properties of the insertion that may cause warnings.
 
     Attributes
     ----------
     mesh : Mesh
         Flat, with ``cut``, ``owner`` and ``beyond_tip``.
     point_vertices : dict
-        The vertices (k,) of each boundary of points on a surface, which cuts nothing.
+        The vertices (k,) of each boundary that consists of points on a surface and has no facets.
     empty : tuple of int
-        Boundaries that left neither edge nor vertex.
+        Numbers of boundaries without any edge or vertex in the mesh.
     coincident : frozenset of (int, int)
         A boundary and an earlier one that it lies on in places; the edges there belong to the earlier one.
     counts : dict
-        ``erased`` short loops, ``disconnected`` points of curves between which there is no path, ``pruned`` tails,
-        ``joined`` tips, and ``tips`` that are left and extended.
+        Numbers of ``erased`` short loops, ``disconnected`` points of curves between which there is no path, ``pruned``
+        tails, ``joined`` tips, and ``tips`` that are left and extended.
     max_distances : dict of float
-        The largest distance of each boundary from the mesh, but for parts past a rim.
+        The largest distance of each boundary from the mesh, without parts past a rim.
     """
 
     mesh: Mesh
@@ -70,7 +70,7 @@ def insert_boundaries(
 ) -> Insertion:
     """Return the mesh with boundaries as facets: curves as edges of triangles, points as vertices.
 
-    Vertices that are added lie on the flat cells given.
+    New vertices lie on the original flat cells.
 
     Parameters
     ----------
@@ -79,9 +79,9 @@ def insert_boundaries(
     boundaries : sequence of LocalSource
         Relative to the same origin: curves and points on a surface, points on a curve.
     spacing : float
-        h, of the lattice.
+        Spacing h of the lattice.
     movable : bool
-        Whether vertices are moved later, those of curves onto these: curves may then pass vertices near by.
+        Whether vertices of curves are moved onto these later: nearby vertices may then become vertices of a curve.
     """
     if not boundaries:
         return Insertion(mesh)
@@ -115,6 +115,7 @@ def insert_boundaries(
 
 
 def _path_finder(mesh: Mesh, spacing: float, movable: bool) -> PathFinder:
+    """Return a finder of paths over the triangles of ``mesh``; points snap farther if vertices are ``movable``."""
     net = SplitTriangulation(in_three_dimensions(mesh.vertices), mesh.cells, spacing)
     constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
     return PathFinder(constrained, TriangleSearch(Mesh.of(net.vertices, net.cells), net.sizes))
@@ -123,9 +124,10 @@ def _path_finder(mesh: Mesh, spacing: float, movable: bool) -> PathFinder:
 def _polylines(
     search: TriangleSearch, boundaries: Sequence[LocalSource], spacing: float
 ) -> list[list[InsertionPolyline]]:
-    """Return the polylines of each boundary's curves."""
+    """Return for each boundary the polylines of its curves, ready for insertion."""
 
     def earlier_boundary(curve: SimplifiedCurve) -> Ints:
+        """Return the number of the earlier boundary on which each point of a curve lies, -1 for none."""
         points = curve.loop[:, : curve.source.dim]
         return coincident_boundary(points, curve.source, boundaries[: curve.owner], spacing)
 
@@ -145,7 +147,7 @@ def _polylines(
 def _simplified_curves(
     search: TriangleSearch, boundary: LocalSource, number: int, spacing: float
 ) -> Iterator[SimplifiedCurve]:
-    """Yield the curves of a boundary, a ``number``, as simplified polylines."""
+    """Yield the curves of a boundary with this ``number`` as simplified polylines."""
     for curve in boundary.members:
         if curve.manifold_dim == 1:
             lines = polylines_of_source(curve, 0.5 * spacing)
@@ -156,13 +158,13 @@ def _simplified_curves(
 def _is_close(
     lines: Sequence[InsertionPolyline], boundaries: Sequence[LocalSource], number: int, spacing: float
 ) -> bool:
-    """Return whether the polylines of a boundary, a ``number``, nearly coincide with another boundary."""
+    """Return whether the polylines of the boundary ``number`` nearly coincide with another boundary."""
     others = [*boundaries[:number], *boundaries[number + 1 :]]
     return any(is_close_to_others(line.points[:, : boundaries[number].dim], others, spacing) for line in lines)
 
 
 def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
-    """Return the pairs of a boundary and an earlier one on which consecutive points of it lie."""
+    """Return the pairs of a boundary and an earlier boundary on which two consecutive points of it lie."""
     pairs = set()
     for number, lines in enumerate(polylines):
         for line in lines:
@@ -172,7 +174,7 @@ def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> froze
 
 
 def _insert_points(finder: PathFinder, points: Floats) -> tuple[Ints, float]:
-    """Return the vertices (k,) at the projections of ``points`` (k, d), and the largest distance of these."""
+    """Return the vertices (k,) inserted at the projections of ``points`` (k, d), and the largest distance of these."""
     nearest = finder.search.nearest(in_three_dimensions(points))
     pairs = zip(nearest.cell.tolist(), nearest.places(finder.triangulation).tolist(), strict=True)
     vertices = [finder.constrained.insert_point(cell, (x, y, z)) for cell, (x, y, z) in pairs]
@@ -180,9 +182,9 @@ def _insert_points(finder: PathFinder, points: Floats) -> tuple[Ints, float]:
 
 
 def point_positions(source: LocalSource, vertices: Floats) -> Floats:
-    """Return the points (k, d) of a source of points.
+    """Return the points (k, d) of a source of dimension 0.
 
-    A source that does not draw itself is asked for the closest points of up to about 1000 of ``vertices`` (v, d).
+    For a source without a mesh they are the closest points of up to about 1000 of ``vertices`` (v, d).
     """
     if isinstance(source.source, HasMesh):
         drawing, cells = source.source.mesh(1.0)
@@ -192,7 +194,7 @@ def point_positions(source: LocalSource, vertices: Floats) -> Floats:
 
 
 def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Insertion:
-    """Return the segments of a curve split at the closest points of boundaries, which are points."""
+    """Return a mesh of segments split at the closest points of boundaries, which consist of points."""
     members = [
         (number, member)
         for number, boundary in enumerate(boundaries)
@@ -214,9 +216,9 @@ def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Inser
 
 
 def _insert_into_segments(vertices: Floats, cells: Ints, point: Floats) -> tuple[Floats, Ints, int]:
-    """Return the vertices and segments with a vertex at the closest point of ``point`` (d,), and that vertex.
+    """Return the vertices and segments with a vertex at the closest point of ``point`` (d,), and the vertex's number.
 
-    It is an old one if the closest point is within ``SNAP_SHARE`` lengths of its segment.
+    It is an old vertex if that is within ``SNAP_SHARE`` lengths of the segment from the closest point.
     """
     start, way = vertices[cells[:, 0]], vertices[cells[:, 1]] - vertices[cells[:, 0]]
     share = np.clip(dots(point - start, way) / dots(way, way), 0.0, 1.0)

@@ -1,4 +1,4 @@
-"""A triangulation some edges of which lie on boundaries, into which points of boundaries are inserted."""
+"""A triangulation with edges on boundaries, into which points of boundaries are inserted."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from cpmkit.meshing.insertion.split_triangulation import (
     subtract,
 )
 
-#: A point nearer than this, in L, to a vertex or an edge is put there.
+#: A point nearer than this, in local edge lengths L, to a vertex or an edge is put there.
 SNAP_SHARE = 1e-3
-#: The same where vertices are moved along the surface later, those of curves onto these; ends of curves are not.
+#: The same where vertices are moved onto their curves later; ends of curves are not moved.
 MOVABLE_SNAP_SHARE = 0.02
 #: The same for vertices and edges of other boundaries.
 OTHER_SNAP_SHARE = 1e-7
@@ -43,7 +43,7 @@ class BoundaryEdge(NamedTuple):
 
 @dataclass(eq=False)
 class ConstrainedTriangulation:
-    """A triangulation that knows which edges lie on boundaries.
+    """A triangulation, the edges of it that lie on boundaries, and the options for inserting a point.
 
     Attributes
     ----------
@@ -55,11 +55,11 @@ class ConstrainedTriangulation:
     at_end : bool
         Whether the point being inserted is the end of a curve, which stays where it is.
     close : frozenset of int
-        Boundaries so close to others that points of them are not snapped.
+        Boundaries so close to others that their points are not snapped.
     edges : dict
-        The edges on boundaries.
+        The boundary edge of each edge on a boundary.
     owners_at : dict
-        The boundaries at each vertex.
+        The numbers of the boundaries at each vertex.
     """
 
     triangulation: SplitTriangulation
@@ -71,7 +71,7 @@ class ConstrainedTriangulation:
     owners_at: dict[int, set[int]] = field(default_factory=dict)
 
     def insert_point(self, root: int, place: Vector) -> int:
-        """Return the vertex at a point of a root, a new one unless there is one."""
+        """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near."""
         net = self.triangulation
         cell = self._part_with(root, place)
         size = float(net.sizes[root])
@@ -84,12 +84,12 @@ class ConstrainedTriangulation:
         return net.split_cell(cell, place)
 
     def _part_with(self, root: int, place: Vector) -> int:
-        """Return the part of a root that holds a point."""
+        """Return the part of the original triangle ``root`` that contains the point ``place``."""
         parts = self.triangulation.parts(root)
         return parts[0] if len(parts) == 1 else max(parts, key=lambda part: self._depth(part, place))
 
     def _depth(self, cell: int, place: Vector) -> float:
-        """Return how far inside a triangle a point of its plane lies: its least distance from an edge, < 0 outside."""
+        """Return the least distance of a point in a triangle's plane from its edges, negative outside the triangle."""
         net = self.triangulation
         normal, depths = net.normal(cell), []
         for a, b in _edges(net.corners(cell)):
@@ -98,9 +98,9 @@ class ConstrainedTriangulation:
         return min(depths)
 
     def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
-        """Return the vertex on a boundary near a point of a root, a new one unless there is one; None if none is near.
+        """Return the vertex on boundary ``owner`` nearest to a point of a root, a new vertex unless there is one.
 
-        The boundary has the number ``owner``.
+        None if the boundary is not near the point.
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}
@@ -112,33 +112,39 @@ class ConstrainedTriangulation:
         return self.insert_on_edge(*gaps[min(gaps)], size) if gaps else None
 
     def _candidate_edges(self, root: int, cell: int) -> list[Edge]:
-        """Return the edges at which a point in ``cell`` may lie: boundaries and rims of its root, then its own."""
+        """Return the edges onto which a point in ``cell`` may be snapped.
+
+        Edges on boundaries and rims in the whole root come first, then the edges of the triangle.
+        """
         net, at_rim = self.triangulation, root in self.triangulation.roots_on_rim
         edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
         fixed = [edge for edge in edges if edge_key(*edge) in self.edges or (at_rim and net.is_rim_edge(*edge))]
         return fixed + _edges(net.corners(cell))
 
     def _edge_snap_share(self, a: int, b: int) -> float:
-        """Return how near, in L, a point is at an edge."""
+        """Return the distance, in L, below which a point is put on the edge from a to b."""
         edge = self.edges.get(edge_key(a, b))
         if edge is not None and edge.owner != self.owner:
             return OTHER_SNAP_SHARE
         return RIM_SNAP_SHARE if self.triangulation.is_rim_edge(a, b) else self._free_snap_share
 
     def _vertex_snap_share(self, vertex: int) -> float:
-        """Return how near, in L, a point is at a vertex; boundaries stay apart as far as they can."""
+        """Return the distance, in L, below which a point is put at a vertex: tiny at vertices of other boundaries."""
         owners = self.owners_at.get(vertex)
         return OTHER_SNAP_SHARE if owners and self.owner not in owners else self._free_snap_share
 
     @property
     def _free_snap_share(self) -> float:
-        """How near, in L, a point is at a vertex or an edge that lies on no boundary."""
+        """The distance, in L, below which a point is put at a vertex or an edge that lies on no boundary."""
         if self.owner in self.close:
             return OTHER_SNAP_SHARE
         return SNAP_SHARE if self.at_end else self.snap_share
 
     def insert_on_edge(self, a: int, b: int, share: float, size: float) -> int:
-        """Return the vertex at ``share`` of the way from a to b: one of these, or a new one; ``size`` is L there."""
+        """Return the vertex at ``share`` of the way from a to b: a or b if that is near, else a new one.
+
+        ``size`` is the local edge length L.
+        """
         net = self.triangulation
         length = distance(net.at(a), net.at(b))
         to_a, to_b = share * length, (1 - share) * length
@@ -155,14 +161,14 @@ class ConstrainedTriangulation:
         return new
 
     def constrain(self, path: list[int], owner: int, beyond_tip: bool = False) -> None:
-        """Put the edges of a path on a boundary; those that lie on one already stay there."""
+        """Put the edges of a path on boundary ``owner``; edges that lie on a boundary already stay with it."""
         for a, b in pairwise(path):
             self.edges.setdefault(edge_key(a, b), BoundaryEdge(a, b, owner, beyond_tip))
             for vertex in (a, b):
                 self.owners_at.setdefault(vertex, set()).add(owner)
 
     def edges_within(self, cells: list[int], place: Vector, reach: float) -> set[Edge]:
-        """Return the edges within ``reach`` of a point, of triangles connected with ``cells`` over such edges."""
+        """Return the edges within ``reach`` of a point, found from ``cells`` by crossing such edges only."""
         net = self.triangulation
         waiting, seen, edges = list(cells), set(cells), set[Edge]()
         while waiting:
@@ -177,5 +183,6 @@ class ConstrainedTriangulation:
 
 
 def _edges(corners: tuple[int, int, int]) -> list[Edge]:
+    """Return the three edges of a triangle, in its orientation."""
     a, b, c = corners
     return [(a, b), (b, c), (c, a)]

@@ -1,4 +1,4 @@
-"""Curves as polylines that follow them closely: as they draw themselves, or traced by closest points."""
+"""Polylines that follow curves closely: from the mesh that a curve has of itself, or traced by closest points."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from cpmkit.types import Floats, Ints
 
 #: A step of a trace that is shorter than this share of a step leads nowhere.
 LEAST_STEP = 0.5
-#: After a corner a curve goes on where it is farther than this share of a step from the way that it came.
+#: After a corner a curve continues where it is farther than this share of a step from its part before the corner.
 LEAST_TURN = 0.2
-#: The last points of a trace are not met again: it turned there.
+#: Number of last points of a trace that do not count as met again: the trace turned there.
 RECENT_POINTS = 8
 #: A limit on the steps of one trace.
 MAX_STEPS = 100_000
 
 
 def in_three_dimensions(points: Floats) -> Floats:
-    """Return points (n, 3), those of the plane with a third coordinate of zero."""
+    """Return ``points`` (n, 2 or 3) as (n, 3), with a third coordinate of zero for points of the plane."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])
 
 
 def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | None:
-    """Return a curve as it draws itself at the resolution ``length``, refined; None where it does not."""
+    """Return polylines from the curve's own mesh at the resolution ``length``, refined; None without such a mesh."""
     if not isinstance(source.source, HasMesh):
         return None
     vertices, cells = source.source.mesh(length)
@@ -42,7 +42,7 @@ def polylines_of_source(source: LocalSource, length: float) -> list[Polyline] | 
 
 
 def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyline:
-    """Return a polyline on a curve with chords halved until their middles are within .002 ``length`` of the curve.
+    """Return a polyline with chords halved at points of the curve until their middles are within .002 ``length`` of it.
 
     A closest point farther than .3 chords from the middle lies on another branch, and does not count.
     """
@@ -65,7 +65,7 @@ def refine_polyline(source: LocalSource, line: Polyline, length: float) -> Polyl
 
 
 def simplify_polyline(points: Floats, tolerance: Floats) -> Ints:
-    """Return the rows of those ``points`` (n, d) whose polyline has all points within their ``tolerance`` (n,).
+    """Return the rows (k,) of ``points`` (n, d) whose polyline is within the ``tolerance`` (n,) of every point.
 
     Douglas and Peucker (1973).
     """
@@ -89,11 +89,12 @@ def simplify_polyline(points: Floats, tolerance: Floats) -> Ints:
 
 
 def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float) -> list[Polyline]:
-    """Return the pieces of a curve that is known by closest points alone as polylines on it.
+    """Return polylines on all pieces of a curve that is known by closest points alone.
 
-    Traces start at the closest points of cells of half a spacing that the curve may meet, and go on in steps of .15 L.
-    Where no step ahead leads on, the curve is looked for in all directions, so that traces go around corners. They end
-    where nothing new is found, or at a curve that was traced already.
+    Traces start at the closest points of cells of half a spacing that the curve may meet, and continue in steps of .15
+    L, where L is the local edge length of the triangles of ``search``. Where no step ahead leads on, the curve is
+    searched in all directions, so that traces go around corners. They end where no new point is found, or at a curve
+    that was traced already.
     """
     cells = next(blocks for side, blocks in cell_levels(source, 0.5 * spacing, 0.5) if side == 1)
     seeds = source.closest_point(np.asarray(cells * (0.5 * spacing), dtype=np.float64)).points
@@ -129,14 +130,14 @@ class CurveTracer:
     _directions: Floats = field(default_factory=lambda: np.empty((0, 3)))
 
     def distances(self, points: Floats) -> Floats:
-        """Return the distances (n,) of points (n, d) from the points traced so far."""
+        """Return the distances (n,) of ``points`` (n, d) from the nearest point traced so far."""
         from scipy.spatial import cKDTree
 
         distance, _ = cKDTree(self._points[: self.count]).query(points)
         return np.asarray(distance)
 
     def trace_through(self, seed: Floats) -> Polyline | None:
-        """Return the piece through a point (d,), traced both ways; None where it has no extent."""
+        """Return the piece of the curve through ``seed`` (d,), traced in both directions; None if it has no extent."""
         ahead = self._points_around(seed)
         ahead = ahead[norms(ahead - seed) > LEAST_STEP * self.step]
         if not len(ahead):
@@ -155,7 +156,7 @@ class CurveTracer:
         return Polyline(line, closed) if len(line) > 1 else None
 
     def _trace_on(self, points: list[Floats], backward: bool = False) -> tuple[list[Floats], bool]:
-        """Return the points of the trace that goes on from two, and whether it came back to the first.
+        """Return the points of the trace continued from two ``points``, and whether it came back to the first.
 
         A ``backward`` trace starts at a point traced already.
         """
@@ -197,30 +198,30 @@ class CurveTracer:
         self.count += 1
 
     def _leads_on(self, here: Floats, ahead: Floats, heading: Floats) -> bool:
-        """Return whether a step to the closest point ``ahead`` is long enough and follows its heading."""
+        """Return whether the step from ``here`` to the closest point ``ahead`` is long and follows ``heading``."""
         way = ahead - here
         length = float(np.linalg.norm(way))
         return length > LEAST_STEP * self.step and float(way @ heading) > 0.7 * length
 
     def _end_ahead(self, here: Floats, heading: Floats) -> Floats:
-        """Return the end or the corner (d,) that the curve has ahead; ``here`` if it has none."""
+        """Return the end or corner (d,) of the curve ahead of ``here`` along ``heading``; ``here`` if there is none."""
         target = here + np.array([0.5, 1.0, 2.0])[:, None] * self.step * heading
         closest = self._closest_near(here, target)
         return closest[np.argmax((closest - here) @ heading)] if len(closest) else here
 
     def _points_around(self, here: Floats) -> Floats:
-        """Return points (k, d) of the curve about a step away in all directions, the farthest first."""
+        """Return points (k, d) of the curve about a step away from ``here``, in all directions, the farthest first."""
         directions = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.source.dim) if any(d)])
         closest = self._closest_near(here, here + self.step * unit(directions))
         return closest[np.argsort(-norms(closest - here), kind="stable")]
 
     def _closest_near(self, here: Floats, targets: Floats) -> Floats:
-        """Return those closest points of ``targets`` (k, d) that are within one and a half steps."""
+        """Return the closest points (n, d) of ``targets`` (k, d) that are within one and a half steps of ``here``."""
         closest = self.source.closest_point(targets).points
         return closest[norms(closest - here) < 1.5 * self.step]
 
     def _turn(self, points: list[Floats]) -> Floats | None:
-        """Return the point (d,) where the curve goes on from a corner, as straight as can be; None at its end."""
+        """Return the point (d,) where the curve continues from a corner, as straight as possible; None at its end."""
         here = points[-1]
         ahead = self._points_around(here)
         ahead = ahead[norms(ahead - here) > LEAST_STEP * self.step]
@@ -230,7 +231,10 @@ class CurveTracer:
         return ahead[np.argmin(unit(ahead - here) @ unit(way[None])[0])] if len(ahead) else None
 
     def _met_point(self, place: Floats, direction: Floats, turned: bool) -> int | None:
-        """Return the number of the traced point that a step comes upon, in its direction or after a corner."""
+        """Return the number of the traced point that a step to ``place`` meets, None if there is none.
+
+        The trace must have the step's ``direction`` there, unless the step follows a corner (``turned``).
+        """
         old = self.count - RECENT_POINTS
         if old <= 0:
             return None

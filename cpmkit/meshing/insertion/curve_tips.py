@@ -1,4 +1,4 @@
-"""Tips: the ends of curves inside a surface. Stray ones are joined or pruned, true ones extended."""
+"""Tips: the ends of curves inside a surface. Stray tips are joined or pruned, true ones extended."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from cpmkit.meshing.insertion.split_triangulation import (
 )
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 
-#: Tips nearer than this share of L to a curve or a rim are joined to it; shorter tails are pruned.
+#: Tips nearer than this share of the local edge length L to a curve or rim are joined to it; shorter tails are pruned.
 STRAY_SHARE = 0.1
 
 Links = dict[int, set[int]]
 
 
 def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
-    """Prune short tails and join tips that lie at a curve or a rim; counted as ``pruned`` and ``joined``."""
+    """Prune short tails of curves, and join tips to a curve or rim near by; count them as ``pruned`` and ``joined``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         end, path = _tail(finder, links, tip, STRAY_SHARE * finder.triangulation.size(tip))
@@ -40,7 +40,7 @@ def join_stray_tips(finder: PathFinder, counts: Counter[str]) -> None:
 
 
 def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
-    """Extend the curve straight past each tip, over ``reach`` or up to a rim or a curve; counted as ``tips``."""
+    """Extend the curve straight past each tip, over ``reach`` or up to a rim or a curve; count the tips as ``tips``."""
     links = _boundary_links(finder)
     for tip in _tips(finder, links):
         counts["tips"] += 1
@@ -52,7 +52,7 @@ def extend_tips(finder: PathFinder, reach: float, counts: Counter[str]) -> None:
 
 
 def _boundary_links(finder: PathFinder) -> Links:
-    """Return the neighbours along boundaries of each vertex."""
+    """Return for each vertex on boundaries its neighbours along boundaries."""
     links: Links = {}
     for a, b in finder.constrained.edges:
         links.setdefault(a, set()).add(b)
@@ -61,20 +61,21 @@ def _boundary_links(finder: PathFinder) -> Links:
 
 
 def _last_edge(finder: PathFinder, tip: int) -> BoundaryEdge | None:
-    """Return the boundary edge that ends at a tip; None where others have met it since."""
+    """Return the boundary edge that ends at a tip; None where several edges meet there by now."""
     edges = (edge_key(tip, other) for other in finder.triangulation.neighbours(tip))
     lines = [finder.constrained.edges[edge] for edge in edges if edge in finder.constrained.edges]
     return lines[0] if len(lines) == 1 else None
 
 
 def _tips(finder: PathFinder, links: Links) -> list[int]:
+    """Return the vertices with one neighbour along boundaries that lie on no rim."""
     return [v for v, others in links.items() if len(others) == 1 and not finder.triangulation.is_on_rim(v)]
 
 
 def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int | None, list[int]]:
-    """Return the vertex at which the curve that ends at ``tip`` meets others or ends, and the path there.
+    """Return the vertex at which the curve that ends at ``tip`` meets others or ends, and the path from the tip to it.
 
-    The vertex is None where that is farther than ``limit`` away.
+    The vertex is None if the path would be longer than ``limit``.
     """
     path, left = [tip], limit
     while True:
@@ -88,7 +89,7 @@ def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int
 
 
 def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
-    """Join a tip to the nearest curve or rim within reach, and return whether there was one."""
+    """Join a tip to the nearest curve or rim within reach, and return whether it was joined."""
     net, constrained, here = finder.triangulation, finder.constrained, finder.triangulation.at(tip)
     reach = STRAY_SHARE * net.size(tip)
     own_end = set(_tail(finder, links, tip, 3.0 * reach)[1])  # a tip is not joined to its own curve that near to it
@@ -111,7 +112,7 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
 
 
 def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
-    """Return the direction of a curve at its tip: of the parabola through three points of its last L."""
+    """Return the unit direction of a curve at its tip, that of the parabola through three points of its last L."""
     net, reach = finder.triangulation, finder.triangulation.size(tip)
     _, path = _tail(finder, links, tip, reach)
     lengths = [0.0]
@@ -124,14 +125,17 @@ def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
 
 
 def _point_along(finder: PathFinder, path: list[int], lengths: list[float], length: float) -> Vector:
-    """Return the point of a path at a length from its start; ``lengths`` are those of its vertices."""
+    """Return the point of a path at ``length`` from its start; ``lengths`` are the lengths up to its vertices."""
     row = next(k for k in range(1, len(lengths)) if lengths[k] >= length or k == len(lengths) - 1)
     share = min(1.0, (length - lengths[row - 1]) / (lengths[row] - lengths[row - 1]))
     return interpolate(finder.triangulation.at(path[row - 1]), finder.triangulation.at(path[row]), share)
 
 
 def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) -> list[int]:
-    """Return the path from a tip straight on over the surface, over ``reach`` or up to a rim or a curve."""
+    """Return the vertices of the straight path over the surface from a tip in direction ``heading``.
+
+    It is ``reach`` long, or ends at a rim or a curve; vertices are inserted where it crosses edges.
+    """
     net, constrained, path, left = finder.triangulation, finder.constrained, [tip], reach
     while True:
         here = path[-1]

@@ -1,4 +1,4 @@
-"""A curve on a surface made edges of its triangles: a polyline, its parts on the surface, paths through these."""
+"""Insertion of a curve as edges of a surface's triangles: polyline, parts on the surface, and paths through them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearc
 from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
 from cpmkit.types import Bools, Floats, Ints
 
-#: A curve is simplified as far as it stays within this share of L.
+#: A curve is simplified as far as it stays within this share of the local edge length L.
 SIMPLIFY_SHARE = 0.01
 #: Its pieces are at most this long, in L.
 LONGEST_PIECE = 2.0
@@ -31,28 +31,28 @@ ALONG_RIM_SHARE = 0.15
 
 
 def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
-    """Return a polyline in space, on the curve ``source`` of the boundary ``owner``, with as few points as it needs."""
+    """Return ``line``, on the curve ``source`` of the boundary ``owner``, with as few points as its shape allows."""
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
     rows = simplify_polyline(points, SIMPLIFY_SHARE * search.local_size(points))
     return SimplifiedCurve.of(points[rows[:-1] if line.closed else rows], line.closed, source, owner)
 
 
 class InsertionPolyline(NamedTuple):
-    """The polyline of a curve as it is inserted.
+    """The polyline of a curve, ready for insertion.
 
     Attributes
     ----------
     points : (n, 3) float64
-        In the direction of the curve.
+        Points in the direction of the curve.
     closed : bool
     on : (n,) int64
-        The earlier boundary on which each point lies, -1 where there is none.
+        The earlier boundary on which each point lies, -1 for none.
     partners : (n, 2) int64
         The number of an earlier polyline that nearly coincides, and its point there, -1 where there is none.
     number : int
-        Of this polyline.
+        Number of this polyline.
     rows : (k,) int64
-        The points of the simplified curve; all others lie between these.
+        Numbers of the points of the simplified curve; all other points lie between these.
     """
 
     points: Floats
@@ -68,7 +68,7 @@ def refine_curve(
 ) -> InsertionPolyline:
     """Return the polyline of a curve with points no farther apart than 2 L.
 
-    It has points beside those of an earlier polyline where the two nearly coincide.
+    Where it nearly coincides with an earlier polyline, it has a point beside each point of that.
 
     Parameters
     ----------
@@ -105,12 +105,12 @@ def refine_curve(
 
 
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
-    """Return points (k, 3) of a segment beside those that an earlier polyline has between the partners of its ends.
+    """Return points of a segment beside the points that an earlier polyline has between the partners of its ends.
 
     Parameters
     ----------
     ends, partners : (2, 3) float64, (2, 2) int64
-        Of the segment.
+        Ends of the segment, and their partners.
     earlier : sequence of InsertionPolyline
 
     Returns
@@ -139,16 +139,16 @@ def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPo
 
 
 class SurfaceRun(NamedTuple):
-    """A part of a curve that lies on the surface, by its projections; a closed run goes on from the last to the first.
+    """The projections of a part of a curve that lies on the surface; a closed run continues from the last to the first.
 
     Attributes
     ----------
     points : (k,) int64
         The numbers of the curve's points, -1 where it passes a rim.
     cells : (k,) int64
-        The roots on which the projections lie.
+        The roots, the original triangles, on which the projections lie.
     places : (k, 3) float64
-        The projections.
+        Positions of the projections.
     closed : bool
     """
 
@@ -167,13 +167,13 @@ def runs_on_surface(
     ----------
     triangulation : SplitTriangulation
     search : TriangleSearch
-        Over its roots.
+        Search over the roots.
     points : (n, 3) float64
-        Of the curve.
+        Points of the curve.
     matched : Projections
-        One of each point.
+        One projection of each point.
     closed : bool
-        Whether the curve is.
+        Whether the curve is closed.
     """
     off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():
@@ -194,7 +194,7 @@ def runs_on_surface(
 
 
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
-    """Return how far (n,), in L, each point lies past a rim, along the surface; 0 where it does not."""
+    """Return the distance (n,), in L, by which each point lies past a rim, along the surface; 0 if it does not."""
     corners = triangulation.vertices[triangulation.cells[projections.cell]]
     off = points - projections.places(triangulation)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -214,7 +214,10 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 
 
 def _past_rim(offsets: Floats, closed: bool) -> Bools:
-    """Return which points (n,) lie past a rim; stretches along it between two points on it, or as a whole, do not."""
+    """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
+
+    Points of stretches close along the rim between two points on it, or of a whole curve close to it, do not.
+    """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0
     off, offsets = np.roll(off, -start), np.roll(offsets, -start)
@@ -226,13 +229,16 @@ def _past_rim(offsets: Floats, closed: bool) -> Bools:
 
 
 def _stretches(mask: Bools) -> list[tuple[int, int]]:
-    """Return where each stretch of True starts and ends."""
+    """Return the start and the end (exclusive) of each stretch of True in ``mask`` (n,)."""
     change = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
     return [(int(a), int(b)) for a, b in change.reshape(-1, 2)]
 
 
 def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: Floats, off: Floats) -> Projections:
-    """Return the projection of the point where the way from a point on the surface to one past its rim leaves it."""
+    """Return the projection of the point between ``on`` and ``off`` (3,) where a curve leaves the surface over its rim.
+
+    ``on`` is a point on the surface, ``off`` a point past its rim.
+    """
     for _ in range(10):  # bisection, to a thousandth of the way
         middle = 0.5 * (on + off)
         past = _rim_offsets(triangulation, middle[None], search.nearest(middle[None]))[0] > PAST_RIM_SHARE
@@ -241,7 +247,7 @@ def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: 
 
 
 def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[str]) -> float:
-    """Make a curve edges of the triangulation, and return its largest distance from it, but for parts past a rim.
+    """Insert a curve as edges of the triangulation, and return its largest distance from it, without parts past a rim.
 
     ``counts`` counts ``erased`` loops and ``disconnected`` points, between which there is no path.
     """
@@ -260,7 +266,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
 class Waypoint(NamedTuple):
     """A vertex that a curve passes, the earlier boundary on which it lies, and the vertex beside which it was placed.
 
-    -1 where there is none.
+    The last two are -1 for none.
     """
 
     vertex: int
@@ -269,7 +275,7 @@ class Waypoint(NamedTuple):
 
 
 def _insert_waypoints(finder: PathFinder, run: SurfaceRun, line: InsertionPolyline) -> list[Waypoint]:
-    """Return the vertices at the projections of a run, and record them for curves that nearly coincide with it."""
+    """Return the vertices at the projections of a run, and record them for later curves that nearly coincide."""
     last = len(run.points) - 1
     waypoints = []
     for k, (point, cell, (x, y, z)) in enumerate(zip(run.points, run.cells.tolist(), run.places.tolist(), strict=True)):
@@ -290,7 +296,7 @@ def _insert_waypoints(finder: PathFinder, run: SurfaceRun, line: InsertionPolyli
 
 
 def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_end: bool) -> int:
-    """Return the vertex at a point of a root: on the earlier boundary ``owner`` if that is near, -1 for none."""
+    """Return the vertex at a point of a root, on the earlier boundary ``owner`` if that is near (-1 for none)."""
     constrained = finder.constrained
     vertex = constrained.insert_on_boundary(cell, place, owner) if owner >= 0 else None
     if vertex is None:
@@ -301,7 +307,7 @@ def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_e
 
 
 def _backward_vertices(points: Floats, run: SurfaceRun, waypoints: list[Waypoint]) -> set[int]:
-    """Return the vertices between which projections go back while the curve goes on: it lies off the surface there."""
+    """Return the vertices between which projections go back while the curve, off the surface there, continues."""
     known = (run.points[1:] >= 0) & (run.points[:-1] >= 0)
     ahead = np.einsum("nd,nd->n", np.diff(points[run.points], axis=0), np.diff(run.places, axis=0))
     return {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
@@ -310,7 +316,7 @@ def _backward_vertices(points: Floats, run: SurfaceRun, waypoints: list[Waypoint
 def _paths_through(
     finder: PathFinder, waypoints: list[Waypoint], closed: bool, counts: Counter[str]
 ) -> Iterable[list[int]]:
-    """Yield the paths through the waypoints of a run: one, unless some waypoints are not connected."""
+    """Yield the paths through the waypoints of a run: one path, unless some waypoints are not connected."""
     path = [waypoints[0].vertex]
     for start, goal in pairwise(waypoints + waypoints[:1] if closed else waypoints):
         part = None

@@ -1,4 +1,4 @@
-"""Curves that coincide or nearly do: which points lie on another boundary, and points placed beside each other.
+"""Curves that coincide or nearly do: points that lie on another boundary, and points placed beside each other.
 
 Each curve is a polyline with vertices of its own. Where two curves are nearer to each other than a chord is to its arc,
 their polylines would cross, and the zone between them would be cut to pieces. Chords between points that lie beside
@@ -19,19 +19,19 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
 SAME_SHARE = 1e-8
-#: Boundaries nearer to each other than this share of the spacing, but not on each other, are placed with care.
+#: Boundaries nearer to each other than this share of the spacing, but not on each other, get points beside each other.
 CLOSE_SHARE = 0.05
 #: Points on each segment of a polyline at which its distance from other boundaries is measured.
 SEGMENT_POINTS = 4
-#: A point nearer than this share of the spacing to one of the curve's own replaces it.
+#: A new point nearer than this share of the spacing to a point of the curve is replaced by that point.
 LEAST_STEP_SHARE = 1e-3
 
 
 def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[LocalSource], spacing: float) -> Ints:
-    """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 where there is none.
+    """Return the number (n,) of the earlier boundary on which each point of a curve lies, -1 for none.
 
     Two curves coincide at a point where their distance vanishes, and along a stretch on which they stay near and change
-    sides three times or more: the same curve drawn with other vertices. Parallel curves never do.
+    sides three times or more: the same curve with other vertices. Parallel curves never do.
 
     Parameters
     ----------
@@ -39,6 +39,7 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
         Consecutive points of the curve.
     curve : LocalSource
     earlier : sequence of LocalSource
+        Boundaries inserted before.
     spacing : float
     """
     numbers = np.full(len(points), -1)
@@ -56,14 +57,14 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
 
 
 def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
-    """Return which places of a polyline lie on stretches that wind around another curve, (n,).
+    """Return which places (n,) of a polyline lie on stretches that cross another, near curve three times or more.
 
     Parameters
     ----------
     off : (n, d) float64
-        The offsets of the places from the other curve.
+        Vectors from the other curve to the places.
     chords : (m, d) float64
-        Of the polyline: offsets turn with these around a corner.
+        Chords of the polyline: offsets turn with these around a corner.
     reach : float
         The distance within which the curves are near.
     """
@@ -77,14 +78,14 @@ def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
 
 
 def _rotate(vectors: Floats, start: Floats, end: Floats) -> Floats:
-    """Return ``vectors`` (n, 3) rotated as the unit vectors ``start`` (n, 3) are rotated to ``end`` (n, 3)."""
+    """Return ``vectors`` (n, 3) under the rotation that takes the unit vectors ``start`` (n, 3) to ``end`` (n, 3)."""
     axis, cosine = np.cross(start, end), dots(start, end)
     once = np.cross(axis, vectors)
     return np.asarray(vectors + once + np.cross(axis, once) / np.maximum(1 + cosine, 1e-9)[:, None])
 
 
 def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: float) -> bool:
-    """Return whether some points (n, d) of a curve lie very near to another boundary, but not on it."""
+    """Return whether several ``points`` (n, d) of a curve lie very near to another boundary, but not on it."""
     for number in _with_boxes_near(points, others, spacing):
         off = points - others[number].closest_point(points).points
         if _are_close(off, spacing).sum() > 1:
@@ -93,13 +94,13 @@ def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: f
 
 
 def _are_close(off: Floats, spacing: float) -> Bools:
-    """Return which offsets (n, d) from another curve are those of curves that nearly coincide."""
+    """Return which offsets (n, d) from another curve are short but not zero: the curves nearly coincide there."""
     distance = norms(off)
     return np.asarray((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing))
 
 
 def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:
-    """Yield the number of each boundary to which some points may be near."""
+    """Yield the numbers of ``others`` whose bounds are within a spacing of the box of ``points`` (n, d)."""
     low, high = points.min(axis=0) - spacing, points.max(axis=0) + spacing
     for number, other in enumerate(others):
         if (other.bounds[0] <= high).all() and (other.bounds[1] >= low).all():
@@ -108,20 +109,20 @@ def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class SimplifiedCurve:
-    """A curve as a polyline with as few points as represent it.
+    """A curve as a polyline with as few points as its shape allows.
 
     Attributes
     ----------
     points : (n, 3) float64
-        In the direction of the curve; a closed one goes on from the last to the first.
+        Points in the direction of the curve; a closed curve continues from the last to the first.
     closed : bool
     source : LocalSource
-        The curve that they lie on.
+        The curve on which the points lie.
     owner : int
-        The number of its boundary.
+        The number of the boundary to which the curve belongs.
     partners : (n, 2) int64
-        The number of an earlier curve, and the point of it beside which each point was placed; -1 where there is none.
-        A point with several partners occurs as often.
+        The number of an earlier curve, and the number of its point beside which this point was placed; -1 for none.
+        A point with several partners is repeated.
     fixed : (n,) bool
         Points that must stay: ends and corners.
     """
@@ -135,7 +136,7 @@ class SimplifiedCurve:
 
     @classmethod
     def of(cls, points: Floats, closed: bool, source: LocalSource, owner: int) -> SimplifiedCurve:
-        """Return a curve without partners. It has a corner where it turns by more than 20 degrees."""
+        """Return a curve without partners; it has a corner where it turns by more than 20 degrees."""
         around = np.concatenate([points[-1:], points, points[:1]])
         way = unit(np.diff(around, axis=0))
         fixed = np.asarray(dots(way[1:], way[:-1]) < np.cos(np.radians(20.0)))
@@ -145,7 +146,7 @@ class SimplifiedCurve:
 
     @property
     def loop(self) -> Floats:
-        """Its points; those of a closed curve end with the first one."""
+        """(n,) or (n + 1, 3) points of the curve; those of a closed curve end with the first point again."""
         return np.concatenate([self.points, self.points[:1]]) if self.closed else self.points
 
     def project(self, points: Floats) -> Floats:
@@ -154,7 +155,10 @@ class SimplifiedCurve:
         return in_three_dimensions(self.source.closest_point(coordinates).points)
 
     def places(self, points: Floats) -> Floats:
-        """Return where along the polyline points near it lie, (k,), in segments from its start."""
+        """Return the place (k,) along the polyline of its point nearest to each of ``points`` (k, 3).
+
+        A place is counted in segments from the start.
+        """
         loop = self.loop
         start, way = loop[:-1], np.diff(loop, axis=0)
         square = np.maximum(dots(way, way), np.finfo(float).tiny)
@@ -166,16 +170,17 @@ class SimplifiedCurve:
         return places
 
     def with_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
-        """Return the curve without the points ``dropped`` and with ``points`` at their places.
+        """Return the curve without the points ``dropped`` and with ``points`` inserted in order along the polyline.
 
         Parameters
         ----------
         points : (k, 3) float64
-            Of the curve, in its direction. Those nearer than ``least`` to a point that stays are replaced by that.
+            New points on the curve, in its direction.
         dropped : (n,) bool
         partners : (k, 2) int64
-            Of the new points.
+            Partners of the new points.
         least : float
+            New points nearer than this to a point that stays are replaced by that point.
         """
         from scipy.spatial import cKDTree
 
@@ -205,7 +210,7 @@ def align_close_curves(
 ) -> list[SimplifiedCurve]:
     """Return the curves with points beside each other where they nearly coincide.
 
-    An earlier curve gets a point beside each end and corner of later ones. A later curve takes the closest points of
+    An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of
     the points of earlier ones in place of its own. Where two cross and separate, both keep their points.
 
     Parameters
@@ -213,7 +218,7 @@ def align_close_curves(
     curves : sequence of SimplifiedCurve
     spacing : float
     coincident : container of (int, int)
-        The numbers of curves and of boundaries on which they lie in places.
+        Pairs of the number of a curve and of a boundary on which it lies in places.
     """
     aligned = list(curves)
     pairs = [
@@ -231,11 +236,12 @@ def align_close_curves(
 
 
 def _boxes_meet(a: Floats, b: Floats, spacing: float) -> bool:
+    """Return whether the boxes of points ``a`` and ``b`` are within a spacing of each other."""
     return bool(((a.min(axis=0) <= b.max(axis=0) + spacing) & (b.min(axis=0) <= a.max(axis=0) + spacing)).all())
 
 
 def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: float) -> SimplifiedCurve:
-    """Return the earlier curve with the closest points of the later one's ends and corners."""
+    """Return the earlier curve with the closest points of the later curve's ends and corners added."""
     fixed = late.points[late.fixed]
     projected = early.project(fixed)
     projected = projected[_are_close(projected - fixed, spacing)]
@@ -248,7 +254,10 @@ def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: fl
 
 
 def _follow(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing: float) -> SimplifiedCurve:
-    """Return the later curve with the closest points of the earlier one's, a ``number``, in place of its own there."""
+    """Return the later curve with its points near the earlier curve replaced by closest points of that curve's points.
+
+    ``number`` is that of the earlier curve, for ``partners``.
+    """
     projected = late.project(early.points)
     off = projected - early.points
     close = _are_close(off, spacing)
@@ -275,7 +284,7 @@ def _follow(late: SimplifiedCurve, early: SimplifiedCurve, number: int, spacing:
 
 
 def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:
-    """Yield the numbers of consecutive points that are ``close`` (n,); a closed curve goes on at its start."""
+    """Yield the numbers (k,) of each run of points that are ``close`` (n,); a closed curve continues at its start."""
     count = len(close)
     if close.all():
         yield np.arange(count + closed) % count
@@ -288,9 +297,9 @@ def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:
 
 
 def _points_between(curve: SimplifiedCurve, start: float, end: float, length: float) -> Bools:
-    """Return which points (n,) of a curve lie between two places, the shorter way around.
+    """Return which points (n,) of a curve lie between two places, along the shorter way.
 
-    None does if that way is longer than twice the ``length`` of the other curve there: the curves are not parallel.
+    No point does if that way is longer than twice the ``length`` of the other curve there: the curves are not parallel.
     """
     number, low, high = np.arange(len(curve.points)), min(start, end), max(start, end)
     inside = (number > low) & (number < high)

@@ -1,4 +1,4 @@
-"""A triangulation that can be split at points and edges; rows far from every split are never touched.
+"""A triangulation that can be split at points and edges; the cost of a split does not depend on its size.
 
 Positions are tuples of three numbers: paths handle one vertex at a time, where arrays are slow.
 """
@@ -37,22 +37,22 @@ def interpolate(a: Vector, b: Vector, t: float) -> Vector:
 
 
 def dot(a: Vector, b: Vector) -> float:
-    """Return the inner product."""
+    """Return the inner product of a and b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 def cross(a: Vector, b: Vector) -> Vector:
-    """Return the vector product."""
+    """Return the vector product of a and b."""
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
 def norm(a: Vector) -> float:
-    """Return the Euclidean norm."""
+    """Return the Euclidean norm of a vector."""
     return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
 
 
 def distance(a: Vector, b: Vector) -> float:
-    """Return the distance of two points."""
+    """Return the distance between two points."""
     return norm(subtract(a, b))
 
 
@@ -63,7 +63,7 @@ def normalize(a: Vector) -> Vector:
 
 
 def nearest_share(p: Vector, a: Vector, b: Vector) -> float:
-    """Return the share, from 0 to 1, of the way from a to b at which it is nearest to p."""
+    """Return the share, from 0 to 1, of the way from a to b of the point nearest to p."""
     way = subtract(b, a)
     square = dot(way, way)
     return min(1.0, max(0.0, dot(subtract(p, a), way) / square)) if square > 0 else 0.0
@@ -76,18 +76,18 @@ def edge_key(a: int, b: int) -> Edge:
 
 @dataclass(eq=False)
 class SplitTriangulation:
-    """A triangulation that is being split. The triangles given are the *roots* of the parts they are split into.
+    """A triangulation that is being split. The original triangles are the *roots* of the parts they are split into.
 
     Attributes
     ----------
     vertices : (v, 3) float64
-        The vertices given.
+        The original vertices.
     cells : (m, 3) int64
-        The triangles given.
+        The original triangles.
     longest : float
         An upper bound of :meth:`size`.
     midvertices : dict
-        The vertex at which each edge was split that is no edge any more.
+        The vertex at which each former edge was split.
     """
 
     vertices: Floats
@@ -109,13 +109,13 @@ class SplitTriangulation:
 
     @cached_property
     def sizes(self) -> Floats:
-        """(m,) the mean edge of each root, at most ``longest``."""
+        """(m,) local edge length L: the mean edge of each root, at most ``longest``."""
         a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
         return np.asarray(np.minimum((norms(b - a) + norms(c - b) + norms(a - c)) / 3, self.longest))
 
     @cached_property
     def _roots_of_vertices(self) -> tuple[Ints, Ints]:
-        """Where the roots of each vertex start in the list of them, and the list."""
+        """(v + 1,) the starts of the lists of roots at each vertex, and (3 m,) all these lists, one after the other."""
         from cpmkit.runtime.inverse_index import inverse_index
 
         starts, places = inverse_index(self.cells.ravel(), len(self.vertices))
@@ -154,7 +154,7 @@ class SplitTriangulation:
         return {other for cell in self.fan(vertex) for other in self.corners(cell)} - {vertex}
 
     def root(self, cell: int) -> int:
-        """Return the root that a triangle is part of."""
+        """Return the root that contains a triangle."""
         return self._root.get(cell, cell)
 
     def parts(self, root: int) -> list[int]:
@@ -162,11 +162,11 @@ class SplitTriangulation:
         return self._parts.get(root, [root])
 
     def size(self, vertex: int) -> float:
-        """Return L, the mean edge of a root at the vertex."""
+        """Return the local edge length L of a root at the vertex."""
         return float(self.sizes[self.root(self.fan(vertex)[0])])
 
     def normal(self, cell: int) -> Vector:
-        """Return the unit normal of a triangle, that of its root."""
+        """Return the unit normal of a triangle, which is the normal of its root."""
         root = self.root(cell)
         normal = self._normals.get(root)
         if normal is None:
@@ -175,7 +175,7 @@ class SplitTriangulation:
         return normal
 
     def vertex_normal(self, vertex: int) -> Vector:
-        """Return the mean of the roots' normals at a vertex, oriented as the first; splits do not change it."""
+        """Return the unit sum of the roots' normals at a vertex, oriented as the first; splits do not change it."""
         normal = self._vertex_normals.get(vertex)
         if normal is None:
             total: Vector = (0.0, 0.0, 0.0)
@@ -186,7 +186,7 @@ class SplitTriangulation:
         return normal
 
     def is_on_rim(self, vertex: int) -> bool:
-        """Return whether an edge at the vertex has only one triangle."""
+        """Return whether the vertex lies on a rim: an edge there has only one triangle."""
         times: dict[int, int] = {}
         for cell in self.fan(vertex):
             for other in self.corners(cell):
@@ -194,7 +194,7 @@ class SplitTriangulation:
         return 1 in times.values()
 
     def is_rim_edge(self, a: int, b: int) -> bool:
-        """Return whether an edge has only one triangle."""
+        """Return whether the edge between two vertices lies on a rim: it has only one triangle."""
         return len(self.cells_of_edge(a, b)) == 1
 
     @cached_property
@@ -207,7 +207,7 @@ class SplitTriangulation:
 
     @cached_property
     def roots_on_rim(self) -> frozenset[int]:
-        """The roots that have such an edge."""
+        """The roots with an edge on the rim."""
         return frozenset(np.flatnonzero(self.rim_edges.any(axis=1)).tolist())
 
     def split_edge(self, a: int, b: int, share: float) -> int:
@@ -239,7 +239,7 @@ class SplitTriangulation:
         return new
 
     def refine_path(self, path: list[int]) -> list[int]:
-        """Return a path over edges with the vertices at which these were split since."""
+        """Return a path over edges, with the vertices at which its edges were split since inserted."""
         refined = path[:1]
         for goal in path[1:]:
             waiting = [goal]
@@ -252,7 +252,7 @@ class SplitTriangulation:
         return refined
 
     def mesh(self, dim: int) -> Mesh:
-        """Return the triangles as they are now, in ``dim`` coordinates, without boundaries."""
+        """Return the current triangles as a mesh with ``dim`` coordinates, without boundaries."""
         new = [self._points[vertex] for vertex in range(len(self.vertices), self._vertex_count)]
         vertices = np.concatenate([self.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
         cells = np.concatenate([self.cells, np.empty((self._cell_count - len(self.cells), 3), dtype=np.int64)])
@@ -261,7 +261,7 @@ class SplitTriangulation:
         return Mesh.of(np.ascontiguousarray(vertices), cells)
 
     def _new_vertex(self, place: Vector) -> int:
-        """Return a new vertex at a point; no triangle has it yet."""
+        """Return a new vertex at the point ``place``, which no triangle has yet."""
         new = self._vertex_count
         self._vertex_count += 1
         self._points[new], self._fans[new] = place, []
@@ -287,9 +287,9 @@ class SplitTriangulation:
         Parameters
         ----------
         start : dict
-            The vertices where paths may start, and their lengths up to there.
+            The vertices where paths may start, and the length with which a path starts at each.
         limit : float
-            Paths longer than that are not followed.
+            Largest length of a path.
         goal : int, optional
             A vertex at which the search may stop.
         neighbours : callable, optional
@@ -315,7 +315,10 @@ class SplitTriangulation:
     def shortest_path(
         self, start: int, goal: int, limit: float, neighbours: Callable[[int], Iterable[int]] | None = None
     ) -> list[int] | None:
-        """Return the vertices of the shortest path over edges, no longer than ``limit``; None if there is none."""
+        """Return the vertices of the shortest path over edges, not longer than ``limit``; None if there is none.
+
+        ``neighbours`` as in :meth:`shortest_paths`.
+        """
         paths = self.shortest_paths({start: 0.0}, limit, goal, neighbours)
         if goal not in paths:
             return None
@@ -326,5 +329,6 @@ class SplitTriangulation:
 
 
 def _replace(corners: tuple[int, int, int], old: int, new: int) -> tuple[int, int, int]:
+    """Return the ``corners`` with vertex ``new`` in place of ``old``."""
     a, b, c = corners
     return new if a == old else a, new if b == old else b, new if c == old else c

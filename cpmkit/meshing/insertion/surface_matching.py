@@ -1,4 +1,4 @@
-"""A polyline matched to a surface: for each of its points the projection onto the sheet that the curve runs on."""
+"""A polyline matched to a surface: the projection of each of its points onto the sheet that the curve follows."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ class Projections:
     Attributes
     ----------
     point : (k,) int64
-        The row of the point that each is a projection of.
+        The row of the projected point.
     cell : (k,) int64
-        The triangle that it lies on.
+        The triangle on which the projection lies.
     shares : (k, 3) float64
-        Its barycentric coordinates there; zeros are exact on edges.
+        Barycentric coordinates of the projection in this triangle; zeros are exact on edges.
     distance : (k,) float64
-        Of the point.
+        Distance between the point and its projection.
     """
 
     point: Ints
@@ -40,16 +40,16 @@ class Projections:
     distance: Floats
 
     def take(self, rows: Ints | Bools) -> Projections:
-        """Return some of them."""
+        """Return the projections at ``rows``, integers or a mask."""
         return Projections(self.point[rows], self.cell[rows], self.shares[rows], self.distance[rows])
 
     @classmethod
     def concatenate(cls, parts: list[Projections]) -> Projections:
-        """Return the projections of all parts."""
+        """Return the projections of all ``parts``, one part after the other."""
         return cls(*(np.concatenate([getattr(part, column.name) for part in parts]) for column in fields(cls)))
 
     def places(self, triangulation: SplitTriangulation) -> Floats:
-        """Return their positions (k, 3) on the roots of a triangulation."""
+        """Return the positions (k, 3) of the projections on the roots, the original triangles, of a triangulation."""
         return np.asarray(np.einsum("nk,nkd->nd", self.shares, triangulation.vertices[triangulation.cells[self.cell]]))
 
 
@@ -61,7 +61,7 @@ class TriangleSearch:
     ----------
     mesh : Mesh
     sizes : (m,) float64
-        L of each: projections up to L farther than the nearest one are candidates.
+        The local edge length L of each triangle: projections up to L farther than the nearest one are candidates.
     """
 
     mesh: Mesh
@@ -81,11 +81,14 @@ class TriangleSearch:
         return [(float(radii[cells].max()), cells, tree) for cells, tree in zip(members, trees, strict=True)]
 
     def local_size(self, points: Floats) -> Floats:
-        """Return L (n,) of the triangle whose centroid is nearest to each of ``points`` (n, 3)."""
+        """Return the local edge length L (n,) of the triangle with the centroid nearest to each point (n, 3)."""
         return self._nearest_centroid(points)[0]
 
     def _nearest_centroid(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return L there, and the distance (n,), an upper bound of that from the triangles."""
+        """Return L (n,) of the triangle with the nearest centroid, and the distance (n,) of this centroid.
+
+        The distance of the centroid is an upper bound of the distance from the triangles.
+        """
         nearest, size = np.full(len(points), np.inf), np.zeros(len(points))
         for _, cells, tree in self._size_classes:
             distances, row = tree.query(points)
@@ -94,7 +97,7 @@ class TriangleSearch:
         return size, nearest
 
     def candidates(self, points: Floats) -> Projections:
-        """Return the local minima of the distance from each of ``points`` (n, 3), those up to L above the least."""
+        """Return the projections of ``points`` (n, 3) at local minima of the distance, up to L above the least one."""
         blocks = range(0, len(points), BLOCK_SIZE)
         return Projections.concatenate([self._candidates_of_block(points, start) for start in blocks])
 
@@ -104,7 +107,7 @@ class TriangleSearch:
         return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
 
     def _candidates_of_block(self, points: Floats, start: int) -> Projections:
-        """Return the candidates of the ``BLOCK_SIZE`` points from ``start`` on."""
+        """Return the candidates of the ``BLOCK_SIZE`` points from row ``start`` on."""
         block = points[start : start + BLOCK_SIZE]
         size, reach = self._nearest_centroid(block)
         point, cell = self._pairs_within(block, size + reach)
@@ -119,7 +122,7 @@ class TriangleSearch:
         return Projections(projections.point + start, projections.cell, projections.shares, projections.distance)
 
     def _pairs_within(self, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
-        """Return all pairs of a point and a triangle that may be within ``reach`` (n,) of it."""
+        """Return the points (p,) and the triangles (p,) of all pairs that may be within the point's ``reach`` (n,)."""
         rows, cells = [], []
         for radius, members, tree in self._size_classes:
             lists = tree.query_ball_point(points, reach + radius)
@@ -128,7 +131,10 @@ class TriangleSearch:
         return np.concatenate(rows), np.concatenate(cells)
 
     def _are_local_minima(self, projections: Projections) -> Bools:
-        """Return whether no triangle with a common vertex has a nearer projection of the same point, (k,)."""
+        """Return for each projection (k,) whether it is a local minimum of the distance from its point.
+
+        No triangle with a common vertex then has a nearer projection of the point. Projections are sorted by distance.
+        """
         rank = np.arange(len(projections.point))
         keys = projections.point[:, None] * len(self.mesh.vertices) + self.mesh.cells[projections.cell]
         _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
@@ -137,7 +143,7 @@ class TriangleSearch:
 
 
 def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
-    """Return the barycentric coordinates (n, 3) of the points of triangles (n, 3, d) nearest to ``points`` (n, d).
+    """Return the barycentric coordinates (n, 3) of the point of each triangle (n, 3, d) nearest to ``points`` (n, d).
 
     Ericson, Real-Time Collision Detection (2005), section 5.1.5.
     """
@@ -165,16 +171,16 @@ def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
 
 
 def position_on(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
-    """Return the position of barycentric coordinates (3,) on a root."""
+    """Return the position of the point with barycentric coordinates ``shares`` (3,) on the triangle ``root``."""
     x, y, z = (shares @ triangulation.vertices[triangulation.cells[root]]).tolist()
     return x, y, z
 
 
 def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidates: Projections) -> Projections:
-    """Return one projection of each of consecutive ``points`` (n, 3), so that the curve stays on its sheet.
+    """Return one projection for each of consecutive ``points`` (n, 3), chosen so that the curve stays on its sheet.
 
-    The sequence of ``candidates`` of least total cost: the distance of each, plus, for each step, the excess of the way
-    over the surface above 1.5 chords and 1.5 L, at most 6 L.
+    The sequence of ``candidates`` has least total cost: the distances of the projections plus, for each step, the
+    length of the path over the surface in excess of 1.5 chords and 1.5 L, at most 6 L.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))
@@ -191,7 +197,10 @@ def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidat
 def _cheapest_sequence(
     triangulation: SplitTriangulation, points: Floats, candidates: Projections, stages: list[Ints]
 ) -> list[int]:
-    """Return one row of ``candidates`` of each stage, so that their total cost is least (dynamic programming)."""
+    """Return one row of ``candidates`` from each stage, with the least total cost (dynamic programming).
+
+    A stage contains the rows of the candidates of one point.
+    """
     cost = {int(row): float(candidates.distance[row]) for row in stages[0]}
     back: list[dict[int, int]] = []
     for here, there in pairwise(stages):
@@ -208,7 +217,10 @@ def _cheapest_sequence(
 def _step_costs(
     triangulation: SplitTriangulation, points: Floats, candidates: Projections, row: int, there: Ints
 ) -> dict[int, float]:
-    """Return the costs of the steps from one candidate to those of the next point, the rows ``there``."""
+    """Return the cost of the step from candidate ``row`` to each candidate of the next point, the rows ``there``.
+
+    See :func:`match_to_surface`; the step between triangles with a common vertex is free.
+    """
     corners = set(triangulation.cells[candidates.cell[row]].tolist())
     costs = {int(b): 0.0 for b in there}
     far = [b for b in costs if not corners & set(triangulation.cells[candidates.cell[b]].tolist())]

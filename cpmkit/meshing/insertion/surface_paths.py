@@ -1,4 +1,4 @@
-"""Paths over a triangulation from one vertex to another, made of edges by splitting, and short loops erased."""
+"""Paths over a triangulation from vertex to vertex, which become edges by splitting; removal of short loops."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ from cpmkit.meshing.insertion.surface_matching import TriangleSearch, position_o
 
 
 class FanExit(NamedTuple):
-    """Where a plane through a vertex leaves its fan: at ``share`` of the way from vertex ``a`` to ``b``.
+    """The exit of a plane through a vertex from the triangles around it: at ``share`` of the way from vertex a to b.
 
-    ``ahead`` is the cosine of the direction there with the heading.
+    ``ahead`` is the cosine between the direction to this point and the heading.
     """
 
     ahead: float
@@ -48,15 +48,15 @@ class InsertedPoint(NamedTuple):
 
 @dataclass(eq=False)
 class PathFinder:
-    """Finds paths over a triangulation, and splits what they cross.
+    """Finds paths over a triangulation, and splits the triangles that they cross.
 
     Attributes
     ----------
     constrained : ConstrainedTriangulation
     search : TriangleSearch
-        Over the roots.
+        Search over the roots, the original triangles.
     inserted : dict
-        The points of curves inserted so far, by the numbers of the curve and the point.
+        The points of curves inserted so far; keys are the numbers of the curve and of the point.
     """
 
     constrained: ConstrainedTriangulation
@@ -71,8 +71,8 @@ class PathFinder:
     def path(self, v: int, w: int) -> list[int] | None:
         """Return the vertices of a path over edges from v to w, both included; None if they are not connected.
 
-        The path is as straight as can be: in a plane of the normals at its ends, else by way of the projection of its
-        middle, else the shortest one over edges that are there.
+        The path is as straight as possible: in a plane of the normals at its ends, else through the projection of its
+        middle, else the shortest path over existing edges.
         """
         path = self._bisected_path(v, w, 4)
         if path is None:
@@ -81,7 +81,10 @@ class PathFinder:
         return path or self._path_over_edges(v, w)
 
     def _bisected_path(self, v: int, w: int, bisections: int) -> list[int] | None:
-        """Return the path in the plane of the mean normal; where that fails two paths by way of the middle."""
+        """Return the path in the plane of the mean normal, else two paths that meet at the projection of the middle.
+
+        The middle is inserted at most ``bisections`` times in succession; None if no path is found.
+        """
         if v == w:
             return [v]
         net = self.triangulation
@@ -97,13 +100,13 @@ class PathFinder:
         return first + second[1:] if first and second else None
 
     def insert_projection(self, place: Vector) -> int:
-        """Return the vertex at the projection of a point, a new one unless there is one."""
+        """Return the vertex at the projection of a point, a new vertex unless one is near."""
         nearest = self.search.nearest(np.array([place]))
         root = int(nearest.cell[0])
         return self.constrained.insert_point(root, position_on(self.triangulation, root, nearest.shares[0]))
 
     def _planar_path(self, v: int, w: int, normal: Vector) -> list[int] | None:
-        """Return the path from v to w in planes of ``normal`` and the direction to w; None if it leads elsewhere."""
+        """Return the path from v to w in planes of ``normal`` and the direction to w; None if it does not reach w."""
         net, goal = self.triangulation, self.triangulation.at(w)
         left = self._longest(v, w)
         path = [v]
@@ -123,14 +126,14 @@ class PathFinder:
         return path
 
     def _longest(self, v: int, w: int) -> float:
-        """Return the length above which a path from v to w has gone astray."""
+        """Return the length above which a path from v to w is rejected as a detour."""
         net = self.triangulation
         return 1.6 * distance(net.at(v), net.at(w)) + 0.5 * net.size(v)
 
     def _vertex_at(self, here: int, fan_exit: FanExit, goal: int) -> int:
-        """Return the vertex where a path from ``here`` to ``goal`` leaves a fan.
+        """Return the vertex at which a path from ``here`` to ``goal`` leaves the triangles around ``here``.
 
-        The path is snapped to vertices as any other point, unless it would then run along a rim to or from the inside:
+        The path is snapped to vertices like any other point, unless it would then follow a rim to or from the inside:
         the end inside is that of a curve, and is kept apart from the rim.
         """
         net, constrained = self.triangulation, self.constrained
@@ -147,7 +150,7 @@ class PathFinder:
         return vertex
 
     def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
-        """Return where the plane of ``heading`` and ``normal`` at a vertex leaves its fan, as far ahead as can be."""
+        """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from its fan, the farthest ahead."""
         net, here, across = self.triangulation, self.triangulation.at(vertex), cross(normal, heading)
         best: FanExit | None = None
         for cell in net.fan(vertex):
@@ -163,14 +166,15 @@ class PathFinder:
         return best
 
     def _path_over_edges(self, v: int, w: int) -> list[int] | None:
-        """Return the shortest path over edges that are there, if it makes no long detour."""
+        """Return the shortest path from v to w over existing edges; None if it is a long detour."""
         net = self.triangulation
         return net.shortest_path(v, w, 6.0 * distance(net.at(v), net.at(w)) + 12.0 * net.size(v))
 
     def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
-        """Return the path from v to w along edges of the boundaries ``owners``, if there is a short one."""
+        """Return the path from v to w along edges of the boundaries ``owners``; None if there is no short one."""
 
         def neighbours(vertex: int) -> list[int]:
+            """Return the neighbours of a vertex along edges of these boundaries."""
             edges = self.constrained.edges
             lines = ((other, edges.get(edge_key(vertex, other))) for other in self.triangulation.neighbours(vertex))
             return [other for other, line in lines if line is not None and line.owner in owners]
@@ -178,7 +182,7 @@ class PathFinder:
         return self.triangulation.shortest_path(v, w, self._longest(v, w), neighbours)
 
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
-        """Return a path between two vertices that runs parallel to a boundary.
+        """Return a path between two vertices that runs parallel to a boundary; None if there is none.
 
         Parameters
         ----------
@@ -206,9 +210,9 @@ class PathFinder:
 def erase_short_loops(
     triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
 ) -> list[int]:
-    """Return a path without the short loops that nobody drew; they are counted as ``erased``.
+    """Return a path without short loops that are not part of the curve; each is counted as ``erased``.
 
-    Such loops come from projections that jump, from cusps of offset curves and from the jitter of a drawing.
+    Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
 
     Parameters
     ----------
@@ -216,7 +220,7 @@ def erase_short_loops(
     path : list of int
         Vertices; a closed path ends where it starts.
     backward : set of int
-        The vertices between which projections go back while the curve goes on: it lies off the surface there.
+        The vertices between which projections go back while the curve continues: it lies off the surface there.
     counts : Counter
     """
     path = _without_loops(triangulation, path, backward, counts)
@@ -251,5 +255,5 @@ def _without_loops(
 
 
 def _shortest_loop(triangulation: SplitTriangulation, loop: list[int], backward: set[int]) -> float:
-    """Return the length from which on a loop belongs to the curve: 2 L, or 4 L where it goes back."""
+    """Return the length from which on a loop counts as a part of the curve: 2 L, or 4 L where projections go back."""
     return (2.0 if backward.isdisjoint(loop) else 4.0) * triangulation.size(loop[0])
