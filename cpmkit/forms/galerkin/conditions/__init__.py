@@ -1,1 +1,1 @@
-"""The conditions of a scene as terms of matrix and load, at samples on boundaries and rims."""
+"""The conditions of a scene as terms of the matrix and the load, summed over samples on boundaries and rims."""

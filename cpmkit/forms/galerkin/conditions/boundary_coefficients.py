@@ -1,4 +1,4 @@
-"""Coefficients on the sides of boundaries: local widths, and the diffusivity, which may jump there."""
+"""Coefficients on each side of boundaries: the local width of the manifold, and the diffusivity, which may jump."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from cpmkit.types import Bools, Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Area over length of the splines that a sample reads, in spacings, where the manifold is wide.
+#: Ratio of area to boundary length, weighted with the splines at a sample, in spacings, where the manifold is wide.
 WIDE_SHARE = 0.89
-#: Data are evaluated so many widths inside their side, and twice as far: a boundary that was snapped to the surface
-#: lies nearer than that to where materials meet.
+#: Data are evaluated at this distance from the boundary inside their side, in widths, and at twice this distance: a
+#: boundary that was moved to the surface is nearer than that to the interface of materials.
 READ_INSIDE_WIDTHS = 0.25
-#: Two values whose logarithms differ by less belong to one material, and are extrapolated to the boundary.
+#: Two values whose logarithms differ by less belong to the same material, and are extrapolated to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4
-#: A value whose logarithm differs by more from the mean nearby belongs to another zone: so may all of a sliver that a
-#: boundary cuts off beside an edge of the mesh.
+#: A value whose logarithm differs by more from the mean nearby belongs to another zone: both values may do so in a
+#: sliver that a boundary cuts off beside an edge of the mesh.
 OTHER_ZONE_LOG_RATIO = 2.0
 #: A prescribed conductivity may differ by this share from the problem's diffusivity, and by more at this share of the
 #: points of a boundary: near other boundaries it may be evaluated in the wrong zone.
@@ -37,7 +37,7 @@ DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 def local_widths(
     values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
 ) -> Floats:
-    """Return the width (b,) of the manifold beside boundary samples, at most h: penalties are in units of its inverse.
+    """Return the width (b,) of the manifold beside boundary samples, at most h; penalties are proportional to 1 / w.
 
     ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, with A_j and L_j the integrals of spline j over the
     manifold and over its side of the boundary.
@@ -45,16 +45,16 @@ def local_widths(
     Parameters
     ----------
     values : csr_array (b, n)
-        The splines N_j at the samples.
+        Evaluates the splines N_j at the samples.
     areas : (n,) float64
         A_j.
     samples : BoundarySamples
         The samples.
     sides : sequence of (b,) bool
-        Disjoint sets of samples, such as those on one side of a boundary. L_j is summed over each by itself; samples in
-        none have the width h.
+        Disjoint sets of samples, such as those on one side of a boundary. L_j is summed over each set by itself;
+        samples in no set have the width h.
     spacing : (b,) float64
-        h there.
+        The spacing h of the splines at the samples.
     """
     width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
     lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
@@ -66,7 +66,7 @@ def local_widths(
 def one_sided_value(
     data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
 ) -> Floats:
-    """Return a positive coefficient (b,) at boundary samples, on the side of their cells.
+    """Return the one-sided limits (b,) of a positive coefficient at boundary samples, on the side of their cells.
 
     Parameters
     ----------
@@ -75,18 +75,18 @@ def one_sided_value(
     samples : BoundarySamples
         The samples.
     widths : (b,) float64
-        The width of the manifold there.
+        The local width of the manifold, see :func:`local_widths`.
     around : (b,) float64
-        The mean of the logarithm of the coefficient nearby.
+        The mean of the logarithm of the coefficient near each sample.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The coordinates of samples are relative to its origin.
     label : str
-        Names the data in errors.
+        Name of the data in error messages.
 
     Raises
     ------
     InputError
-        If it is not a positive number everywhere.
+        If the coefficient is not positive where it is evaluated.
     """
     if not callable(data):
         return _positive_values(data, samples.points, lattice, label)
@@ -94,27 +94,28 @@ def one_sided_value(
 
 
 def inward_steps(samples: BoundarySamples, widths: Floats) -> tuple[Floats, Floats]:
-    """Return the steps (b, d) from samples into their side: against the conormal, and towards the cell's middle."""
+    """Return two steps (b, d) from samples into their side: against the conormal, and halfway to the cell's centre."""
     return -READ_INSIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
 
 
 def extrapolated_value(
     data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
 ) -> tuple[Floats, Bools]:
-    """Return a function of points at boundary samples as :func:`one_sided_value` does, and how it was evaluated.
+    """Return the one-sided limits of a positive function at boundary samples, and how each was evaluated.
 
-    The function is evaluated at one and two steps against the conormal, and at one and two steps towards the middle of
-    the cell, and extrapolated linearly to the sample. The points of the first pair may lie in another zone where
-    boundaries meet, those of the second beyond a change of material where the boundary is off it: the pair that is
-    nearer to the mean around is taken. On rims, and where the function is smooth across the boundary, it is evaluated
-    at the sample itself: it counts as smooth where its third difference is smaller than its second, so that a jump
-    would be a smaller error than the extrapolation.
+    The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
+    towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points may
+    lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not exactly on
+    the boundary: the limit that is nearer to ``around`` is taken. On rims, and where the function is smooth across the
+    boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is at most its second:
+    then a jump would be a smaller error than the extrapolation. Arguments are those of :func:`one_sided_value`.
 
     Returns
     -------
     values : (b,) float64
+        The limits.
     along : (b,) bool
-        Where it was evaluated against the conormal, or at the sample.
+        Whether the function was evaluated against the conormal or at the sample, not towards the centre of the cell.
     """
 
     def logarithm(step: Floats | float) -> Floats:
@@ -137,12 +138,12 @@ def extrapolated_value(
 def prescribed_conductivity(
     data: Data | None, a: Floats, samples: BoundarySamples, widths: Floats, lattice: Lattice, label: str, side: str
 ) -> Floats:
-    """Return the conductivity (k,) that a condition gives on one side, or ``a`` (k,), the problem's, if it gives none.
+    """Return the conductivity (k,) prescribed on one side of a boundary, the problem's ``a`` (k,) if ``data`` is None.
 
     Raises
     ------
     SceneError
-        If it differs from that of the problem.
+        If the conductivity differs from the problem's diffusivity.
     """
     if data is None:
         return a
@@ -159,6 +160,13 @@ def prescribed_conductivity(
 
 
 def _positive_values(data: Data, points: Floats, lattice: Lattice, label: str) -> Floats:
+    """Return the values (k,) of ``data`` at ``points`` (k, d), relative to the lattice's origin.
+
+    Raises
+    ------
+    InputError
+        If a value is not positive.
+    """
     values = evaluate_data(data, lattice.to_scene(points), 1, label)[:, 0]
     if np.any(values <= 0):
         raise InputError(f"{label} must be above zero, got {values.min():g}.")
@@ -167,15 +175,15 @@ def _positive_values(data: Data, points: Floats, lattice: Lattice, label: str) -
 
 @dataclass(frozen=True, eq=False)
 class ConormalFlux:
-    """The conormal flux b . A grad u of a tensor A as a number times a derivative of u.
+    """The conormal flux b . A grad u for a tensor A, as a number times a directional derivative of u.
 
-    With s = b . A b and the direction A b / s, whose part along b is 1, the flux is s times the derivative along that
-    direction: all conditions hold unchanged with s for the diffusivity and that derivative for du/db.
+    With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative along
+    that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db.
 
     Attributes
     ----------
     a : (b,) float64
-        s, and at points of a surface, which have no conormal, the mean over tangents.
+        s; at points of a surface, which have no conormal, the mean of A over tangents.
     directions : (b, d) float64
         A b / s, tangent to the manifold.
     """
@@ -187,15 +195,15 @@ class ConormalFlux:
 def conormal_flux(
     tensors: Callable[[Floats], Floats], samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice
 ) -> ConormalFlux:
-    """Return the conormal flux of a tensor at boundary samples, on the side of their cells.
+    """Return the conormal flux for a tensor diffusivity at boundary samples, on the side of their cells.
 
-    The mean over tangents is evaluated as a number is. The tensor over this mean is evaluated at the same two points,
-    and extrapolated to the boundary where the result is definite.
+    The mean over tangents is evaluated by :func:`extrapolated_value`. The tensor divided by this mean is evaluated at
+    the same two points, and extrapolated to the boundary if the result is definite.
 
     Parameters
     ----------
     tensors : callable
-        Of points (b, d) beside the samples, in the scene's coordinates: returns (b, d, d). Or an array (d, d).
+        Function of points (b, d), in the scene's coordinates, that returns (b, d, d); or an array (d, d).
     samples, widths, around, lattice
         As of :func:`one_sided_value`.
     """

@@ -1,4 +1,7 @@
-"""Samples on boundaries and rims: points on the facets of cells, with the conormals out of these cells."""
+"""Samples on boundaries and rims: points on the facets of cells, with the conormals out of these cells.
+
+A facet is an edge of a triangle or an end of a segment; a conormal is tangent to the manifold and normal to the facet.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +17,14 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
 #: A triangle whose height over an edge is below this share of the edge is a sliver: a curved edge deviates by more than
-#: the height, and the triangle tells no direction.
+#: the height, so that the conormal cannot be computed from the triangle.
 SLIVER_SHARE = 0.1
-#: Bounds of the barycentric coordinates up to which the polynomial of a triangle is continued past its edges.
+#: Bounds of the barycentric coordinates within which the polynomial of a triangle is evaluated beyond its edges.
 REACH = (-2.0, 3.0)
 #: Number of Gauss points of an edge: splines have a kink wherever the edge leaves a lattice cell, and two points
 #: distribute a flux through a rim among the splines with errors of .4 % at any spacing.
 POINTS_OF_EDGE = 6
-#: Places of the Gauss points from tail to head, as shares of the edge, and their weights.
+#: Coordinates of the Gauss points in [0, 1] from tail to head of an edge, and their weights.
 EDGE_POINTS, EDGE_WEIGHTS = (0.5 * values for values in np.polynomial.legendre.leggauss(POINTS_OF_EDGE))
 EDGE_POINTS += 0.5
 #: Points, weights, conormals out of the cell, normals of the manifold.
@@ -31,10 +34,12 @@ FacetPoints = tuple[Floats, Floats, Floats, Floats]
 def conormals_of_slivers(
     mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, tangents: Floats, conormals: Floats
 ) -> Floats:
-    """Return ``conormals`` (n, g, d), at points of edges with ``tangents`` (n, g, d), corrected on slivers.
+    """Return ``conormals`` (n, g, d) at g points of each of n edges, recomputed where the triangle is a sliver.
 
-    The conormal of a sliver is taken from the triangles near the ends of the edge on the same side of the boundary: it
-    is normal to the edge in their mean tangent plane, and points away from their mean place.
+    There they are computed from the triangles near the ends of the edge on the same side of the boundary: they are
+    normal to the ``tangents`` (n, g, d) of the edge, in the mean tangent plane, and point away from the mean position
+    of these triangles. The edges are opposite to corner ``facet`` (n,) of ``cell`` (n,); ``corners`` (m, 3) are the
+    vertices of the cells after cutting.
     """
     ends = (facet[:, None] + np.array([1, 2])) % 3
     tail, head, apex = (mesh.vertices[mesh.cells[cell, k]] for k in (*ends.T, facet))
@@ -58,10 +63,11 @@ def conormals_of_slivers(
 
 
 def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats) -> tuple[Floats, Floats]:
-    """Return the mean place (n, d), relative to ``middles``, and normal (n, d) of triangles near new vertices (n, 2).
+    """Return the mean position (n, d) and the mean normal (n, d) of the triangles near pairs ``at`` (n, 2) of vertices.
 
-    Means over the triangles that meet there and their neighbours, weighted by area: slivers may meet slivers alone. In
-    the plane the normal is zero.
+    Means are weighted by area, over the triangles at these vertices and their neighbours, since a sliver may have only
+    slivers beside it. Positions are relative to ``middles`` (n, d). Vertices are numbered as in ``corners`` (m, 3),
+    after cutting. In the plane the normal is zero.
     """
     order = np.argsort(corners, axis=None, kind="stable")
     starts = np.searchsorted(corners.ravel()[order], np.arange(corners.max() + 2))
@@ -89,10 +95,10 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
 
 
 def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, Floats]:
-    """Return two tangents (n, d) of quadratic triangles, corners ``x`` and midpoints ``m`` (n, 3, d), near ``points``.
+    """Return two tangents (n, d) of quadratic triangles near ``points`` (n, d).
 
-    The polynomials of the triangles are continued past their edges: flat tangent planes would be off by the curvature
-    of the manifold on the way.
+    ``x`` (n, 3, d) are the corners and ``m`` (n, 3, d) the midpoints opposite to these. The polynomials are evaluated
+    beyond the edges of the triangles, since the tangent plane changes between triangle and point with the curvature.
     """
     a, b, p = x[:, 1] - x[:, 0], x[:, 2] - x[:, 0], points - x[:, 0]
     aa, ab, bb = dots(a, a), dots(a, b), dots(b, b)
@@ -106,12 +112,13 @@ def _quadratic_tangents(x: Floats, m: Floats, points: Floats) -> tuple[Floats, F
 
 
 def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed_: Bools) -> FacetPoints:
-    """Return g Gauss points on edges of triangles: points (n, g, d), weights, conormals, normals (n, g, d - 2, d).
+    """Return the points (n, g, d), weights (n, g), conormals (n, g, d) and normals (n, g, d - 2, d) on triangle edges.
 
-    Triangles are quadratic: with barycentric coordinates l and the edge midpoints m opposite to corners x, ``y = sum_i
-    l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges are those opposite to corner ``facet`` (n,) of ``cell``
-    (n,), traversed against the cell's sense where ``reversed_``, so that cells on both sides of an edge give the same
-    points. ``corners`` (m, 3) are the vertices of the mesh after cutting.
+    There are g = `POINTS_OF_EDGE` Gauss points on each edge. Triangles are quadratic: with barycentric coordinates l
+    and the edge midpoints m opposite to corners x, ``y = sum_i l_i (2 l_i - 1) x_i + 4 l_(i+1) l_(i+2) m_i``. The edges
+    are opposite to corner ``facet`` (n,) of ``cell`` (n,), and traversed against the cell's orientation where
+    ``reversed_``, so that the cells on both sides of an edge give the same points. ``corners`` (m, 3) are the vertices
+    of the mesh after cutting.
     """
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
@@ -133,7 +140,10 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
 
 
 def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> FacetPoints:
-    """Return the ends of segments: points (n, 1, d), weights 1, tangents out of the cell, normals (n, 1, d - 1, d)."""
+    """Return the points (n, 1, d), weights 1 (n, 1), conormals (n, 1, d) and normals (n, 1, d - 1, d) at segment ends.
+
+    The end is corner 1 - ``facet`` (n,) of segment ``cell`` (n,); the conormal is the tangent out of the segment.
+    """
     vertices = mesh.vertices[mesh.cells[cell]]
     end, other = _select_corner(vertices, 1 - facet), _select_corner(vertices, facet)
     mid = 0.5 * (end + other) if mesh.midpoints is None else mesh.midpoints[cell]
@@ -142,7 +152,7 @@ def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _rever
 
 
 def _normals_of_tangents(tangent: Floats) -> Floats:
-    """Return orthonormal vectors (n, 1, d - 1, d) normal to unit tangents (n, 1, d)."""
+    """Return orthonormal bases (n, 1, d - 1, d) of the spaces normal to unit tangents (n, 1, d)."""
     if tangent.shape[-1] == 2:
         return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)[:, :, None]
     axis = np.eye(3)[np.abs(tangent).argmin(axis=-1)]
@@ -151,19 +161,19 @@ def _normals_of_tangents(tangent: Floats) -> Floats:
 
 
 def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
-    """Return the edge midpoints (n, 3, d) of triangles, each opposite to a corner."""
+    """Return the edge midpoints (n, 3, d) of triangles ``cell`` (n,), opposite to their ``vertices`` (n, 3, d)."""
     if mesh.midpoints is not None:
         return mesh.midpoints[cell]
     return np.asarray(0.5 * (np.roll(vertices, -1, axis=1) + np.roll(vertices, -2, axis=1)))
 
 
 def _select_corner(values: Floats, which: Ints) -> Floats:
-    """Return the points (n, 1, d) with the numbers ``which`` (n,) among the points (n, k, d) of each cell."""
+    """Return for each cell point number ``which`` (n,) of its points ``values`` (n, k, d), as (n, 1, d)."""
     return np.take_along_axis(values, which[:, None, None], axis=1)
 
 
 def _unit(vectors: Floats) -> Floats:
-    """Return vectors (..., d) at length one, those of no length as zero."""
+    """Return ``vectors`` (..., d) scaled to length 1; zero vectors stay zero."""
     return np.asarray(vectors / np.maximum(norms(vectors), np.finfo(float).tiny)[..., None])
 
 
@@ -171,30 +181,31 @@ def _unit(vectors: Floats) -> Floats:
 class BoundarySamples:
     """Points at which conditions are imposed: `POINTS_OF_EDGE` on each edge of triangles, one at each end of segments.
 
-    A facet has such samples for each of its cells. They lie at the same points and are numbered alike along the facet.
+    A facet has these samples once for each cell beside it, at the same points and in the same order along the facet.
 
     Attributes
     ----------
     points : (b, d) float64
-        Relative to the lattice's origin.
+        Positions relative to the lattice's origin.
     weights : (b,) float64
-        Share of the boundary's length, 1 where the boundary is a point.
+        Quadrature weights for integrals along the boundary; 1 where the boundary is a point.
     conormals : (b, d) float64
-        Unit vectors tangent to the manifold, normal to the boundary, out of the cell; zero at points of a surface.
+        Unit vectors tangent to the manifold and normal to the boundary, out of the cell; zero where the boundary is a
+        point of a surface.
     normals : (b, c, d) float64
-        Orthonormal vectors that span the manifold's normal space.
+        Orthonormal bases of the normal space of the manifold.
     cell : (b,) int64
         The cell of each sample.
     centres : (b, d) float64
         The mean of the corners of that cell.
     half : (b,) int64
-        The half facet; -1 at points of a surface.
+        The half facet in `HalfFacets` that each sample lies on; -1 at points of a surface.
     facet : (b,) int64
         The number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     place : (b,) int64
-        Number along the facet, from 0.
+        The number of the sample along the facet, from 0.
     owner : (b,) int64
-        Number of the boundary; -1 on rims where no boundary lies.
+        The number of the boundary; -1 on rims where no boundary lies.
     beyond_tip : (b,) bool
         Whether the facet lies on the continuation of its boundary past a tip.
     """
@@ -215,32 +226,32 @@ class BoundarySamples:
         return len(self.points)
 
     def take(self, index: Ints | Bools) -> BoundarySamples:
-        """Return the samples at ``index``."""
+        """Return the samples with the numbers ``index``, or where ``index`` (b,) is true."""
         return BoundarySamples(*[getattr(self, field.name)[index] for field in fields(self)])
 
     @property
     def as_samples(self) -> Samples:
-        """The same points as samples of the manifold with weight zero: u is evaluated there, and nothing integrated."""
+        """These points as quadrature samples of weight zero: u is evaluated there, but nothing is integrated."""
         return Samples(self.points, np.zeros(len(self)), self.normals, self.cell)
 
 
 def boundary_samples(
     mesh: Mesh, half: HalfFacets, corners: Ints, rims: bool, points: Mapping[int, Ints] | None = None
 ) -> BoundarySamples:
-    """Return the samples on the facets of boundaries, and with ``rims`` on all other rims.
+    """Return the samples on the facets of boundaries, and with ``rims`` also those on all other facets of the rim.
 
     Parameters
     ----------
     mesh : Mesh
         Flat or quadratic cells.
     half : HalfFacets
-        Its facets on boundaries and rims, one for each cell.
+        Facets of the mesh on boundaries and rims, once for each cell beside them.
     corners : (m, k) int64
         The vertices of the cells after cutting.
     rims : bool
-        Whether u is evaluated on rims where no boundary lies.
+        Whether samples on rims where no boundary lies are included.
     points : mapping of int to (k,) int64, optional
-        Vertices that are points of a surface with a condition, by the number of the boundary.
+        For each boundary that consists of points of a surface, by number, the vertices at these points.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
     facet_points = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments
@@ -267,13 +278,16 @@ def boundary_samples(
 
 
 def concatenate_samples(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
-    """Return the samples of both, one after the other."""
+    """Return the samples ``first`` followed by the samples ``second``."""
     names = [field.name for field in fields(BoundarySamples)]
     return BoundarySamples(*[np.concatenate([getattr(first, name), getattr(second, name)]) for name in names])
 
 
 def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:
-    """Return samples at vertices that are points of a surface, each in one of the triangles that meet there."""
+    """Return samples at vertices of a surface, each in one of the triangles that meet there.
+
+    ``points`` are vertices (k,) by the number of their boundary; ``corners`` (m, 3) are vertices after cutting.
+    """
     owner = np.repeat(list(points), [len(vertices) for vertices in points.values()])
     vertex = np.concatenate(list(points.values()))
     order = np.argsort(mesh.cells, axis=None, kind="stable")

@@ -1,9 +1,9 @@
 """Which cells beside a boundary are on its left.
 
-The mesh, which is cut along boundaries, tells which half facets are on one side of a boundary: those that meet a common
-corner between two of its facets. The scene tells which side is called left (:class:`cpmkit.scene.oriented
-.OrientedBoundary`), by one vote along each connected piece of the boundary: single samples may be wrong where the
-boundary is drawn beside the manifold, or turns sharply.
+In the mesh, which is cut along boundaries, half facets (facets seen from one cell) are on the same side of a boundary
+if they share a corner of the cut mesh between two facets of the boundary. The scene defines which side is left
+(:class:`cpmkit.scene.oriented.OrientedBoundary`). Its directions are summed along each connected piece of the
+boundary, since they may be wrong at single samples where the boundary is not on the manifold or turns sharply.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints
 
-#: Step of differences, in spacings, for sources without normals or tangents of their own.
+#: Step of finite differences, in spacings, for normals and tangents of sources that do not provide them.
 DIFFERENCE_SPACINGS = 0.5
 
 
@@ -32,22 +32,22 @@ def left_of_boundaries(
     boundaries: Sequence[OrientedBoundary],
     lattice: Lattice,
 ) -> Bools:
-    """Return which boundary samples (b,) are on the left of their boundary.
+    """Return whether each boundary sample (b,) is on the left of its boundary.
 
     Parameters
     ----------
     mesh : Mesh
-        Cut along the boundaries.
+        The mesh, cut along the boundaries.
     half : HalfFacets
-        Its facets on boundaries and rims.
+        Facets of the mesh on boundaries and rims, once for each cell beside them.
     corners : (m, k) int64
         The vertices of the cells after cutting.
     samples : BoundarySamples
-        On these half facets.
+        Samples on these half facets.
     boundaries : sequence of OrientedBoundary
-        Numbered as in ``mesh.owner``.
+        The boundaries, numbered as in ``mesh.owner``.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The coordinates of samples are relative to its origin.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -61,17 +61,18 @@ def left_of_boundaries(
     left = np.where(sides == 2, by_group > opposite, by_group > 0)
     one_sided = (sides == 1) & _has_other_cell(half)
     left = np.where(one_sided, votes > 0, left)
-    on = np.flatnonzero((samples.half >= 0) & (samples.owner >= 0))  # none where boundaries are points of a surface
+    on = np.flatnonzero((samples.half >= 0) & (samples.owner >= 0))  # empty if boundaries are points of a surface
     is_left = np.zeros(len(samples), dtype=bool)
     is_left[on] = left[samples.half[on]]
     return is_left
 
 
 def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
-    """Return moments (count, d, d + 1) of the conormals out of the left of each boundary.
+    """Return moments (count, d, d + 1) of the conormals out of the left side of each of ``count`` boundaries.
 
-    The integrals of the conormal times 1 and times position: they change sign where left and right are swapped, and
-    hardly depend on how the boundary is divided into facets.
+    They are the integrals of the conormal times 1 and times each coordinate. They change sign if left and right are
+    swapped, and hardly depend on the facets into which the boundary is divided. ``left`` (b,) is whether each sample is
+    on the left.
     """
     dim = samples.points.shape[1]
     moments = np.zeros((count, dim, dim + 1))
@@ -83,9 +84,10 @@ def side_moments(samples: BoundarySamples, left: Bools, count: int) -> Floats:
 
 
 def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lattice: Lattice) -> Floats:
-    """Return votes (b,) of samples for the left: the part of the rightward conormal that points out of their cells.
+    """Return the votes (b,) of samples for their cell being on the left: positive for left, negative for right.
 
-    Directions are computed at the middles of facets; continuations of boundaries past their tips have no vote.
+    A vote is the weight of the sample times the inner product of its conormal with the boundary's direction to the
+    right. Directions are computed at the middles of facets; samples on continuations past tips have the vote zero.
     """
     votes = np.zeros(len(samples))
     facets = int(samples.facet.max(initial=-1)) + 1
@@ -103,14 +105,14 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 
 
 def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
-    """Return labels (n,) of half facets that are equal on one side of a boundary, and on one connected piece of it.
+    """Return two labels (n,) of half facets: of their side of a piece of a boundary, and of this connected piece.
 
     Facets of one boundary are connected at vertices where exactly two facets of boundaries meet.
     """
     n, k = len(half.cell), mesh.cells.shape[1]
     on = half.cut >= 0
     piece = np.where(on, half.cut, len(mesh.cut) + np.arange(n))
-    if k == 2:  # the boundary is a vertex, and a side of it one segment
+    if k == 2:  # a boundary is a vertex, and each side of it one segment
         return np.arange(n), _renumber(piece)
     places = (half.facet[:, None] + np.arange(1, k)) % k
     vertex, corner = mesh.cells[half.cell[:, None], places], corners[half.cell[:, None], places]
@@ -122,19 +124,19 @@ def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
 
 
 def _merge_labels(labels: Ints, rows: Ints, keys: Ints) -> Ints:
-    """Return ``labels`` (n,), all below n, after the labels ``rows`` (k,) with equal ``keys`` (k, 2) are merged."""
+    """Return ``labels`` (n,), all below n, after merging the labels of ``rows`` (k,) with equal ``keys`` (k, 2)."""
     n, node = len(labels), _renumber(keys[:, 0] * (int(keys[:, 1].max(initial=0)) + 1) + keys[:, 1])
     pairs = np.stack([labels[rows], n + node], axis=1)
     return _renumber(components(n + len(rows), pairs)[1][labels])
 
 
 def _renumber(labels: Ints) -> Ints:
-    """Return labels (n,) as numbers from 0 on."""
+    """Return ``labels`` (n,) renumbered from 0 on without gaps."""
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
 def _has_other_cell(half: HalfFacets) -> Bools:
-    """Return which half facets (n,) share their facet with another cell."""
+    """Return whether the facet of each half facet (n,) is on a boundary and belongs to another cell too."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
     twice = np.zeros(len(half.cut), dtype=bool)

@@ -46,16 +46,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class AddedTerms:
-    """Terms of several conditions.
+    """Terms that several conditions add to the matrix and the load.
 
     Attributes
     ----------
     matrix : csr_array (n, n)
-        Their sum.
+        The sum of their terms in the matrix.
     load : csr_array (n, k) or LoadRows
-        Multiplies the data of all conditions, one after the other.
+        The matrix that maps the values of the data of all conditions, one after the other, to the load.
     data : tuple of (Data, (k_i, d) float64, str)
-        The data, the points at which they are evaluated, and their label in errors.
+        For each condition the data, the points at which they are evaluated, and their label in error messages.
     """
 
     matrix: csr_array
@@ -63,7 +63,7 @@ class AddedTerms:
     data: tuple[tuple[Data, Floats, str], ...]
 
     def loads(self, channels: int, time: float | None) -> Floats:
-        """Return the load (n, channels) of the data at ``time``."""
+        """Return the load (n, channels) of these terms, with data at ``time``."""
         values = [evaluate_data(data, points, channels, label, time) for data, points, label in self.data]
         return np.asarray(self.load @ np.concatenate([np.zeros((0, channels)), *values]))
 
@@ -75,20 +75,20 @@ class ConditionTerms:
     Attributes
     ----------
     conditions : tuple of ImposedCondition
-        The laws, and the samples at which each is imposed.
+        The laws, each with the samples at which it is imposed.
     samples : BoundarySamples
-        The samples.
+        The samples on boundaries and rims.
     values, slopes : csr_array (b, n)
-        Evaluate u, and du/db with b out of the cell of each sample.
+        Evaluate u and du/db at the samples, with b the conormal out of the cell of each sample.
     a : (b,) float64
         The diffusivity on the side of each sample. For a tensor A it is b . A b, and ``slopes`` are derivatives along
         A b / (b . A b).
     widths : (b,) float64
-        How wide the manifold is between boundaries there, at most h: the unit of penalties.
+        The local width w of the manifold between boundaries, at most h; penalties are proportional to 1 / w.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The coordinates of samples are relative to its origin.
     outward_speed : (b,) float64, optional
-        v . b, b out of the cell of each sample, where the equation has a velocity v.
+        v . b with b out of the cell of each sample, if the equation has a velocity v.
     """
 
     conditions: tuple[ImposedCondition, ...]
@@ -102,7 +102,7 @@ class ConditionTerms:
 
     @property
     def matrix(self) -> csr_array:
-        """(n, n) to be added to the stiffness, symmetric to the last bit but for advection terms."""
+        """The matrix (n, n) that is added to the stiffness, symmetric to the last bit except for advection terms."""
         matrix = self._one_sided.matrix
         for terms in (self._interface, *([] if self.outward_speed is None else [self._inflow])):
             if terms.matrix.nnz:
@@ -110,25 +110,25 @@ class ConditionTerms:
         return matrix.tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
-        """Return the load (n, channels) of the data at ``time``."""
+        """Return the load (n, channels) of all conditions, with data at ``time``."""
         loads = self._one_sided.loads(channels, time) + self._interface.loads(channels, time)
         return loads if self.outward_speed is None else loads + self._inflow.loads(channels, time)
 
     @property
     def outflow_matrix(self) -> csr_array:
-        """The integrals (n, n) of v . b u phi over all boundaries and rims, of a conservative velocity."""
+        """The integrals (n, n) of v . b u phi over all boundaries and rims, for a velocity v in conservative form."""
         assert self.outward_speed is not None
         return (self.values.T @ scale_rows(self.samples.weights * self.outward_speed, self.values)).tocsr()
 
     @property
     def for_laplacian(self) -> ConditionTerms:
-        """The same conditions with the data of Lap u: those of supports, and zero elsewhere."""
+        """The conditions on Lap u: of the same kinds, with the data of supports for Lap u, and zero data elsewhere."""
         laws = [replace(condition, law=law_of_laplacian(condition.law)) for condition in self.conditions]
         return replace(self, conditions=tuple(laws))
 
     @property
     def boundary_mass(self) -> csr_array | None:
-        """The matrix (n, n) of the conditions ``du/db = lambda u`` that lambda multiplies; None without such ones."""
+        """The matrix (n, n) that lambda multiplies in conditions ``du/db = lambda u``; None without such conditions."""
         rows = [condition.rows for _, condition in conditions_with_law(self.conditions, Spectral)]
         if not rows:
             return None
@@ -139,14 +139,17 @@ class ConditionTerms:
 
     @property
     def state_fluxes(self) -> list[StateFluxSamples]:
-        """The samples at which fluxes depend on u."""
+        """The samples of each condition whose flux depends on u."""
         return [
             StateFluxSamples(law, self._scene_points(condition.rows), self.values[condition.rows], self.lattice.spacing)
             for law, condition in conditions_with_law(self.conditions, Nonlinear)
         ]
 
     def linearise(self, seen: Sequence[Floats]) -> ConditionTerms:
-        """Return the terms with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
+        """Return the terms with each flux that depends on u replaced by its linearisation at u = ``seen``.
+
+        ``seen`` has an array (k,) of values at the samples for each of :attr:`state_fluxes`.
+        """
         values, conditions = iter(seen), list(self.conditions)
         for law, condition in conditions_with_law(self.conditions, Nonlinear):
             points = self._scene_points(condition.rows)
@@ -155,27 +158,27 @@ class ConditionTerms:
         return replace(self, conditions=tuple(conditions))
 
     def flux(self, u: Floats, chosen: Bools, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db over the samples ``chosen`` (b,), b out of their cells.
+        """Return the integrals (channels,) of du/db over ``chosen`` samples, with b the conormal out of their cells.
 
-        By the residual of the weak form for v = 1 on one side alone: the sum over samples of ``a du/db - B a (u - g) /
-        w`` with Nitsche's terms, and likewise for couplings and fluxes. It is as many orders more exact than du/db at
-        the boundary as the energy is more exact than the gradient, and over all that bounds a piece it equals the
-        integral of f there, to the tolerance of the solver.
+        They are computed from the residual of the weak form for a test function that is 1 on this side and 0 on the
+        other: for Nitsche's terms the sum over samples of ``a du/db - B a (u - g) / w``, similarly for couplings and
+        fluxes. This converges with the order of the energy, not that of the gradient. Summed over all boundaries of a
+        connected piece it balances the integral of f over the piece, to the tolerance of the solver.
 
         Parameters
         ----------
         u : (n, channels) float64
-            The solution.
+            The unknowns of the solution.
         chosen : (b,) bool
-            The samples on one side of a boundary, or on the rim.
+            Which samples: those on one side of a boundary, or on the rim.
         time : float, optional
-            At which data are evaluated.
+            The time at which data are evaluated.
 
         Returns
         -------
         (channels,) float64 or None
-            None where a condition has an eigenvalue as a factor, which is not known here. Samples without a condition
-            contribute nothing.
+            None if a condition at these samples has the eigenvalue as a factor, which is not known here. Samples
+            without a condition contribute nothing.
         """
         from scipy.sparse import csr_array, hstack
 
@@ -191,7 +194,7 @@ class ConditionTerms:
             slopes=hstack([self.slopes, zero], format="csr"),
         )
         row = with_test_function.matrix[[n], :n].tocoo()
-        # exact sums: the penalty adds to each of both a thousand times their difference
+        # exact sums: the penalty makes matrix product and load a thousand times larger than their difference
         product = [fsum(row.data * u[row.coords[1], channel]) for channel in range(u.shape[1])]
         flux = with_test_function.load(u.shape[1], time)[n] - product
         for law, condition in conditions_with_law(conditions, Nonlinear):
@@ -202,7 +205,7 @@ class ConditionTerms:
 
     @cached_property
     def _one_sided(self) -> AddedTerms:
-        """The terms of conditions on one side: values, fluxes and Robin conditions."""
+        """The terms of conditions on one side of a boundary: values, fluxes and Robin conditions."""
         laws = conditions_with_law(self.conditions, Value, Flux, Mixed)
         if not laws:
             return self._no_terms
@@ -211,7 +214,7 @@ class ConditionTerms:
         labels = [condition.label for _, condition in laws]
         alpha = concatenate([np.full(len(condition.rows), float(law.alpha)) for law, condition in laws])
         beta = concatenate([beta_at(law, at, label) for (law, _), at, label in zip(laws, points, labels, strict=True)])
-        widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # at a point the penalty has no unit
+        widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # no width at points
         products, factors = one_sided_products(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
         data = tuple((law.datum, at, label) for (law, _), at, label in zip(laws, points, labels, strict=True))
         load = LoadRows(self._sample_rows, rows[:, None], factors[None])
@@ -219,7 +222,7 @@ class ConditionTerms:
 
     @cached_property
     def _interface(self) -> AddedTerms:
-        """The terms of conditions that couple both sides of a boundary."""
+        """The terms of conditions that couple the two sides of a boundary."""
         laws = conditions_with_law(self.conditions, Interface)
         if not laws:
             return self._no_terms
@@ -245,9 +248,9 @@ class ConditionTerms:
 
     @cached_property
     def _inflow(self) -> AddedTerms:
-        """The terms of advection at boundaries: inflow where values are given, upwinding across couplings.
+        """The terms of advection at boundaries: inflow where values are prescribed, upwinding across couplings.
 
-        Where a resistance lets u jump nothing is added.
+        Couplings with a resistance, across which u may jump, have no such term.
         """
         from scipy.sparse import hstack
 
@@ -270,16 +273,19 @@ class ConditionTerms:
 
     @cached_property
     def _sample_rows(self) -> SampleRows:
+        """The rows of ``values`` and ``slopes`` as dense entries in common columns."""
         return sample_rows(self.values, self.slopes)
 
     @property
     def _no_terms(self) -> AddedTerms:
+        """Terms without conditions: a zero matrix (n, n), and no data."""
         from scipy.sparse import csr_array
 
         n = self.values.shape[1]
         return AddedTerms(csr_array((n, n)), csr_array((n, 0)), ())
 
     def _scene_points(self, rows: Ints) -> Floats:
+        """Return the points (k, d) of the samples ``rows`` (k,) in the scene's coordinates."""
         return self.lattice.to_scene(self.samples.points[rows])
 
 
@@ -295,38 +301,38 @@ def condition_terms(
     slopes_along: Callable[[Floats], csr_array] | None = None,
     spacings: Floats | None = None,
 ) -> ConditionTerms:
-    """Return the conditions as terms in the unknowns.
+    """Return the terms that the conditions of a scene add to the matrix and the load.
 
     Parameters
     ----------
     conditions : sequence of ImposedCondition
-        The laws, and the samples at which each is imposed.
+        The laws, each with the samples at which it is imposed.
     samples : BoundarySamples
-        The samples.
+        The samples on boundaries and rims.
     left : (b,) bool
-        Which of these are on the left of their boundary.
+        Whether each sample is on the left of its boundary.
     rows : two csr_array (b, n)
-        Evaluate u, and du/db along the conormals of the samples.
+        Evaluate u, and du/db along the conormals, at the samples.
     areas : (n,) float64
         The integral of each spline over the manifold.
     diffusivity : Data or tensor
-        Of the equation.
+        The diffusivity of the equation.
     logarithms : (n,) float64
-        The integral of each spline times the logarithm of the diffusivity, of a tensor that of its mean over tangents.
+        The integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over tangents.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The coordinates of samples are relative to its origin.
     slopes_along : callable, optional
-        Returns the matrix that evaluates derivatives along directions (b, d) at the samples; given where the
-        diffusivity is a tensor.
-    spacings : (b,) float64, optional
-        Of the splines at the samples, (1,) for all of them; by default that of the lattice.
+        Maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; given if the diffusivity
+        is a tensor.
+    spacings : (b,) or (1,) float64, optional
+        The spacing of the splines at the samples; by default that of the lattice.
 
     Raises
     ------
     InputError
-        If the diffusivity is not above zero somewhere.
+        If the diffusivity is not positive everywhere.
     SceneError
-        If a condition gives a conductivity that differs from the problem's diffusivity.
+        If a condition gives a conductivity that differs from the problem's diffusivity, or any if that is a tensor.
     """
     values, slopes = rows
     constrained = np.zeros(len(samples), dtype=bool)
@@ -357,5 +363,5 @@ def condition_terms(
 
 
 def concatenate(parts: Sequence[Any], dtype: Any = np.float64) -> Any:
-    """Return arrays (k,) one after the other; an empty array of ``dtype`` where there are none."""
+    """Return the arrays ``parts`` (k_i,) joined to one; an empty array of ``dtype`` if there are none."""
     return np.concatenate([np.zeros(0, dtype=dtype), *parts])

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: Values on a curve in a surface whose bounds have a shorter diagonal than so many spacings have no visible effect.
+#: Values on a curve in a surface have no visible effect if the diagonal of its bounding box is shorter, in spacings.
 SMALL_SPACINGS = 1 / 3
-#: The loop of the rim is looked up at so many spacings past a sample: by rounding a sample may lie inside.
+#: The loop of the rim is looked up at this distance outside a sample, in spacings: rounding may move samples inside.
 PAST_RIM_SPACINGS = 0.1
-#: A flux fixes no constant if u changes it by less than this share of u over a spacing: rounding, or differences.
+#: A flux j(u) counts as independent of u if |j'(u)| times the spacing is at most this: rounding, or difference errors.
 LEAST_SLOPE = 1e-9
 
 
@@ -40,13 +40,13 @@ class ImposedCondition:
     Attributes
     ----------
     law : Law
-        Of the scene. Past the tips of a boundary: the law of a coupling without jump and flux.
+        The law of the scene's condition; past the tips of a boundary a coupling without jump and flux.
     label : str
-        Names the place in messages.
+        Name of the place in messages.
     rows : (k,) int64
-        The samples; of a law that couples both sides, those on the left.
+        The samples; for a law that couples both sides those on the left.
     across : (k,) int64
-        Of a law that couples both sides, the samples at the same points on the right; else empty.
+        For a law that couples both sides the samples at the same points on the right; else empty.
     beyond_tip : bool
         Whether the samples lie on the continuation of a boundary past its tip, across which u is continuous.
     kind : str
@@ -62,29 +62,29 @@ class ImposedCondition:
 
     @property
     def constrains_value(self) -> bool:
-        """Whether the law concerns u itself, or couples it to the other side, and not its slope alone."""
+        """Whether the law constrains u itself or couples it to the other side, and not only du/db."""
         return not isinstance(self.law, (Flux, Nonlinear, Spectral))
 
     @property
     def all_rows(self) -> Ints:
-        """The samples on both sides."""
+        """The samples on one side or on both, (k,) or (2 k,)."""
         return np.concatenate([self.rows, self.across])
 
 
 def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[tuple[Any, ImposedCondition]]:
-    """Return the conditions whose laws are of these kinds, each with its law."""
+    """Return the pairs (law, condition) of those ``conditions`` whose law is of one of these ``kinds``."""
     return [(condition.law, condition) for condition in conditions if isinstance(condition.law, kinds)]
 
 
 def needs_rims(scene: Scene) -> bool:
-    """Return whether the edge of the manifold has conditions other than zero flux, or conditions by loops."""
+    """Return whether the edge of the manifold has conditions other than zero flux, or different ones by loop."""
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
         is_zero_neumann(one.law) for one in scene.edge_conditions
     )
 
 
 def reads_rims(scene: Scene) -> bool:
-    """Return whether samples on rims are needed: for conditions, or for the outflow of a conservative velocity."""
+    """Return whether samples on rims are needed: for conditions, or for the outflow in conservative advection."""
     terms = scene.problem.terms()
     return needs_rims(scene) or (terms.conservative and terms.velocity is not None)
 
@@ -97,23 +97,23 @@ def impose_conditions(
     Parameters
     ----------
     scene : Scene
-        Samples are numbered by its boundaries.
+        The scene; ``samples.owner`` are the numbers of its boundaries.
     samples : BoundarySamples
-        With samples on rims, where :func:`needs_rims`.
+        The samples on boundaries, and on rims if :func:`needs_rims`.
     left : (b,) bool
-        Which samples are on the left of their boundary.
+        Whether each sample is on the left of its boundary.
     surface : LocalSource
-        The manifold relative to the lattice's origin; it numbers the loops of its rim.
+        The manifold relative to the lattice's origin, with the numbers of the loops of its rim.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The coordinates of samples are relative to its origin.
 
     Raises
     ------
     SceneError
-        If a law couples sides where there are not two, if a flux is given at a point of a surface, or if the edge has a
-        condition and the manifold no edge.
+        If a law couples two sides where there are not two, if a condition other than a value is given at a point of a
+        surface, or if a condition is given for an edge or a loop that the manifold does not have.
     InputError
-        If beta is zero all along.
+        If beta of a Robin condition is zero at all of its points.
     """
     conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
     conditions += _tip_continuations(samples)
@@ -128,7 +128,7 @@ def impose_conditions(
 
 
 def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice: Lattice) -> Iterator[ImposedCondition]:
-    """Yield the conditions of the boundaries; equal conditions of both sides as one."""
+    """Yield the conditions on boundaries with their samples; equal conditions on both sides are yielded as one."""
     none = np.zeros(0, dtype=np.int64)
     for number, boundary in enumerate(scene.boundaries):
         label = f"boundary {boundary.name!r}"
@@ -151,7 +151,13 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
 
 
 def _check_point(label: str, conditions: list[Condition]) -> None:
-    """Refuse conditions on a point of a surface that give no value."""
+    """Raise if a condition at a point of a surface does not prescribe a value.
+
+    Raises
+    ------
+    SceneError
+        If the law of one of the ``conditions`` is not `Value`.
+    """
     kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
     if kinds:
         raise SceneError(
@@ -164,12 +170,12 @@ def _check_point(label: str, conditions: list[Condition]) -> None:
 def _paired_samples(
     label: str, samples: BoundarySamples, left: Bools, on: Bools, lattice: Lattice
 ) -> tuple[Ints, Ints]:
-    """Return the samples (k,) on the left and those (k,) on the right of a boundary, at the same points.
+    """Return the samples (k,) on the left and the samples (k,) on the right of a boundary, at the same points.
 
     Raises
     ------
     SceneError
-        Where there are not two sides.
+        If the boundary has one side or more than two somewhere.
     """
     key = POINTS_OF_EDGE * samples.facet + samples.place
     sides = [
@@ -190,7 +196,13 @@ def _paired_samples(
 def _on_rims(
     scene: Scene, samples: BoundarySamples, surface: LocalSource, lattice: Lattice
 ) -> Iterator[ImposedCondition]:
-    """Yield the conditions of the edge of the manifold."""
+    """Yield the conditions on the edge of the manifold with their samples, if :func:`needs_rims`.
+
+    Raises
+    ------
+    SceneError
+        If the manifold has no edge, or no loop with the number of a condition.
+    """
     if not needs_rims(scene):
         return
     rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
@@ -209,12 +221,12 @@ def _on_rims(
 def _rim_loops_of_table(
     edge: Mapping[int, LoopConditions], samples: BoundarySamples, surface: LocalSource, lattice: Lattice
 ) -> Ints:
-    """Return the number (k,) of the loop of the rim that each sample lies on.
+    """Return the number (k,) of the loop of the rim that each sample lies on, checked against the table ``edge``.
 
     Raises
     ------
     SceneError
-        If a loop of the table is not among them.
+        If the table has a loop on which no sample lies.
     """
     loop_of = rim_loops(samples, surface, lattice.spacing)
     loops = np.unique(loop_of).tolist()
@@ -229,19 +241,22 @@ def _rim_loops_of_table(
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
-    """Return the number (k,) of the loop of the rim that each sample lies on."""
+    """Return the number (k,) of the loop of the rim that each sample lies on, from the manifold ``surface``."""
     from scipy.spatial import KDTree
 
     target: Floats = samples.points + PAST_RIM_SPACINGS * spacing * samples.conormals
     loops = surface.closest_point(target).edge.copy()
     unknown = loops < 0
-    if unknown.any() and not unknown.all():  # beside corners, where another part is nearer
+    if unknown.any() and not unknown.all():  # beside corners, where another part of the manifold is nearer
         loops[unknown] = loops[~unknown][KDTree(samples.points[~unknown]).query(samples.points[unknown])[1]]
     return np.asarray(loops, dtype=np.int64)
 
 
 def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
-    """Return the coupling across continuations of boundaries past their tips: cells at a facet, each to the next."""
+    """Return the condition that couples the cells across continuations of boundaries past their tips, in a list.
+
+    Samples at the same point are coupled in pairs, each to the next. The list is empty without continuations.
+    """
     rows = np.flatnonzero(samples.beyond_tip)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
@@ -257,9 +272,9 @@ def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
 def point_warnings(
     scene: Scene, samples: BoundarySamples, spacing: float, interior: tuple[Floats, Floats] | None = None
 ) -> tuple[str, ...]:
-    """Return warnings on values at points of a surface, where u has no limit, and on curves shorter than the spacing.
+    """Return warnings about values at points of a surface, where u has no limit, and about very short curves.
 
-    ``interior`` are samples (n, d) of the manifold, in the scene's coordinates, and their weights (n,).
+    ``interior`` are points (n, d) on the manifold, in the scene's coordinates, and their quadrature weights (n,).
     """
     names = [boundary.name for boundary in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
@@ -270,7 +285,7 @@ def point_warnings(
 
 
 def _boundary_size(samples: BoundarySamples, number: int) -> float:
-    """Return the diagonal of the bounds of a boundary's samples on edges, infinite where it has none."""
+    """Return the diagonal of the bounding box of a boundary's samples on facets, infinite if there are none."""
     points = samples.points[(samples.owner == number) & ~samples.beyond_tip & (samples.half >= 0)]
     return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf
 
@@ -282,11 +297,11 @@ class StateFluxSamples:
     Attributes
     ----------
     law : Nonlinear
-        With j, its derivative and the value at which Newton's method starts.
+        The law with j, its derivative and the value at which Newton's method starts.
     points : (k, d) float64
-        The samples, in the scene's coordinates.
+        The points of the samples, in the scene's coordinates.
     values : csr_array (k, n)
-        Evaluates u there.
+        Evaluates u at the samples.
     spacing : float
         h of the lattice.
     """
@@ -298,35 +313,36 @@ class StateFluxSamples:
 
     @property
     def guess(self) -> float:
-        """Value of u at which Newton's method starts."""
+        """The value of u at which Newton's method starts."""
         return self.law.guess
 
     def read(self, u: Floats) -> Floats:
-        """Return u (k,) there, from the unknowns (n, 1)."""
+        """Return the values (k,) of u at the samples, from the unknowns ``u`` (n, 1)."""
         return np.asarray((self.values @ u)[:, 0])
 
     def grows(self, seen: Floats) -> bool:
-        """Return whether the flux changes with u, beyond rounding, at the values ``seen`` (k,)."""
+        """Return whether the flux depends on u, beyond rounding, at the values ``seen`` (k,) at the samples."""
         return _depends_on_solution(self.law, seen, self.points, self.spacing)
 
 
 @dataclass(frozen=True, eq=False)
 class KnownValues:
-    """Data whose values (k,) are known at their own samples alone."""
+    """Data given by their values (k,) at k samples; they can be evaluated only there."""
 
     values: Floats
 
     def __call__(self, _points: Floats) -> Floats:
-        """Return the values."""
+        """Return the values (k,), whatever the points."""
         return self.values
 
 
 def linearised_flux(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> Mixed | Flux:
-    """Return the law ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,) at ``points``; a flux where j' is zero."""
+    """Return the law ``du/db = j(v) + j'(v) (u - v)``, with v = ``seen`` (k,) at ``points``; a flux if j' is zero."""
     slope = law.slope_at(seen, points)
     datum = KnownValues(law.flux_at(seen, points) - slope * seen)
     return Mixed(1.0, KnownValues(-slope), datum) if _depends_on_solution(law, seen, points, spacing) else Flux(datum)
 
 
 def _depends_on_solution(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> bool:
+    """Return whether |j'(u)| times the spacing exceeds `LEAST_SLOPE` for a value ``seen`` (k,) at ``points`` (k, d)."""
     return bool(np.any(np.abs(law.slope_at(seen, points)) * spacing > LEAST_SLOPE))

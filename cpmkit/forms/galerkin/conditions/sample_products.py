@@ -1,8 +1,9 @@
 """Sums over samples of products of linear forms in u and du/db, as matrices and loads.
 
-A form of a condition at one sample is a product x y of two linear forms. Each is a sum over the sides of a boundary of
-factors times u and times du/db there: factors (s, 2) for s sides. Products of samples that read the same unknowns are
-summed in one dense block before they are added to the sparse matrix.
+At one sample a condition adds products x y of two linear forms. Each form is a sum over the s sides of a boundary (1 or
+2) of a factor times u and a factor times du/db on that side, and is given by the array (s, 2) of these factors.
+Products at samples that read the same unknowns are summed in one dense block before they are added to the sparse
+matrix.
 """
 
 from __future__ import annotations
@@ -22,7 +23,11 @@ if TYPE_CHECKING:
 
 @compiled
 def starts_of_groups(columns: Any, rows: Ints, order: Ints) -> Ints:
-    """Return (g + 1,) the places in ``order`` (k,) where ``rows`` (k, s) read other columns than the row before."""
+    """Return where each of g groups of samples with equal columns starts in ``order``, and the length of it, (g + 1,).
+
+    ``rows`` (k, s) are the rows of ``columns`` (b, w) that each of k samples reads on its s sides, and ``order`` (k,)
+    the samples sorted by these columns.
+    """
     starts = np.empty(len(order) + 1, dtype=np.int64)
     used = 0
     for at in range(len(order)):
@@ -57,22 +62,22 @@ def add_products(
     indices: Any,
     data: Floats,
 ) -> None:
-    """Add ``x y^T + y x^T`` summed over k; x and y are sums over sides of factors times values and slopes.
+    """Add the sum of ``x y^T + y x^T`` over k samples to a matrix; forms x, y are sums of factors times rows.
 
     Parameters
     ----------
     order, starts
-        The k sorted by group, and where each group starts; rows of one group have the same columns.
+        The samples sorted by group, and where each group starts; samples of one group read the same columns.
     rows : (k, s)
-        For each side a row of ``columns``, ``values`` and ``slopes``.
+        For each sample and side a row of ``columns``, ``values`` and ``slopes``.
     x, y : (k, s, 2)
         Factors of values and of slopes.
     columns, values, slopes : (b, w)
-        Entries of one row may have the same column.
+        Entries of the rows that evaluate u and du/db; entries of one row may have the same column.
     unknowns : (g, s w)
-        The columns of each group, ascending.
+        The columns of each group, ascending, with repetitions.
     indptr, indices, data
-        The matrix (n, n) in CSR format, columns ascending.
+        The matrix (n, n) in CSR format, columns ascending; ``data`` is added to.
     """
     sides, width = rows.shape[1], columns.shape[1]
     most = sides * width
@@ -109,7 +114,10 @@ def add_products(
 
 
 class SampleRows(NamedTuple):
-    """Rows that evaluate u and du/db at b samples: entries (b, w) in common columns below n, which may repeat."""
+    """Rows that evaluate u and du/db at b samples: their entries (b, w) and common columns (b, w), which may repeat.
+
+    ``n`` is the number of unknowns, and so of columns.
+    """
 
     columns: Any
     values: Floats
@@ -118,7 +126,7 @@ class SampleRows(NamedTuple):
 
 
 def sample_rows(values: csr_array, slopes: csr_array) -> SampleRows:
-    """Return the matrices (b, n) that evaluate u and du/db as entries in common columns."""
+    """Return the rows of matrices ``values`` and ``slopes`` (b, n), which evaluate u and du/db, with common columns."""
     (columns, u), (slope_columns, slope), n = _padded_entries(values), _padded_entries(slopes), values.shape[1]
     if np.array_equal(columns, slope_columns):
         return SampleRows(columns, u, slope, n)
@@ -127,7 +135,7 @@ def sample_rows(values: csr_array, slopes: csr_array) -> SampleRows:
 
 
 def _padded_entries(rows: csr_array) -> tuple[Any, Floats]:
-    """Return the columns and the entries (b, w) of a matrix; shorter rows are filled with zeros."""
+    """Return the columns (b, w) and the entries (b, w) of the rows of a matrix, with zeros added to shorter rows."""
     count, b = np.diff(rows.indptr), rows.shape[0]
     width = int(count.max(initial=0))
     if not width or count.min() == width:
@@ -138,16 +146,16 @@ def _padded_entries(rows: csr_array) -> tuple[Any, Floats]:
 
 
 def symmetric_sum(read: SampleRows, rows: Ints, products: Sequence[tuple[Floats, Floats]]) -> csr_array:
-    """Return the sum (n, n) of ``x y^T + y x^T``, symmetric to the last bit.
+    """Return the sum (n, n) of ``x y^T + y x^T`` over k points and all products, symmetric to the last bit.
 
     Parameters
     ----------
-    read : Readings
-        At all samples.
+    read : SampleRows
+        Rows that evaluate u and du/db at all samples.
     rows : (k, s) int64
-        The samples on each side.
+        The sample on each side at each point.
     products : sequence of two (k, s, 2) float64
-        The factors of x and of y.
+        For each product the factors of x and of y.
     """
     from scipy.sparse import csr_array
 
@@ -174,16 +182,16 @@ def symmetric_sum(read: SampleRows, rows: Ints, products: Sequence[tuple[Floats,
 
 @dataclass(frozen=True, eq=False)
 class LoadRows:
-    """A matrix (n, j k) that multiplies j kinds of data of k samples, one kind after the other.
+    """The matrix (n, j k) that maps j kinds of data at k points, one kind after the other, to the load.
 
     Attributes
     ----------
-    read : Readings
-        At all samples.
+    read : SampleRows
+        Rows that evaluate u and du/db at all samples.
     rows : (k, s) int64
-        The samples on each side.
+        The sample on each side at each point.
     factors : (j, k, s, 2) float64
-        Factors of the rows of u and du/db, by which the data are multiplied.
+        For each kind of data the factors of u and du/db in the linear form that the data multiply.
     """
 
     read: SampleRows
@@ -191,7 +199,7 @@ class LoadRows:
     factors: Floats
 
     def __matmul__(self, data: Floats) -> Floats:
-        """Return (n, channels)."""
+        """Return the load (n, channels) of ``data`` (j k, channels)."""
         columns, values, slopes, n = self.read
         loads = np.zeros((n, data.shape[1]))
         for channel, own in enumerate(data.T):
