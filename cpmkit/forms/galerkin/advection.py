@@ -1,9 +1,9 @@
-"""Advection by a velocity: upwinding, its matrices and loads, and the stabilisation that it needs.
+"""Advection by a velocity: its matrices, upwinding and loads, and the stabilisation that it needs.
 
 With the cell number P = |v| h / a the equation is tested with phi + tau v . grad phi (streamline upwinding, Brooks and
-Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``. Below P = 1 tau is zero. All of the equation
-is tested so, -a Lap u included, so that its solution is not changed. The stabilisation off the manifold is proportional
-to a, or to a share of |v| h where that is larger: advection would deflect u there.
+Hughes 1982), ``tau = h / |v| max(0, 1 - 1 / P) / sqrt(2^2 + (16 / P)^2)``. Below P = 1 tau is zero. All terms of the
+equation, -a Lap u included, are tested with it, so that the solution is not changed. The stabilisation off the manifold
+is proportional to a, or to a share of |v| h where that is larger: advection would deflect u there.
 
 A sample contributes the values N_i of the splines, ``D_i = v . grad N_i``, and the rest of the equation,
 ``R_i = - a (tr H_i - n' H_i n) - grad a . grad N_i + c N_i``. The kernels work patch by patch, in units of the spacing.
@@ -63,7 +63,10 @@ def advection_forms(
     a: float,
     c: float,
 ) -> None:
-    """Write three rows, N, D and R of each spline, at the place ``t`` (3,) of the cell; v and g = grad a (3,)."""
+    """Fill ``forms`` (3 room,) with N, D and R, see the module, of each spline at the place ``t`` (3,) of a cell.
+
+    v and g = grad a are (3,), ``normals`` (codim, d), a and c numbers; ``room`` is the padded number of splines.
+    """
     room = room_for(splines)
     codim, d = normals.shape
     x, y, z = t[0], t[1], t[2]
@@ -95,7 +98,11 @@ def advection_forms(
 
 @compiled
 def scatter_unsymmetric(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add a dense ``block``, whose rows have length ``room``, of the unknowns ``columns`` to a sparse matrix."""
+    """Add a dense ``block``, whose rows have the length ``room``, to the entries ``data`` of a sparse matrix.
+
+    Rows and columns of the block belong to the unknowns ``columns`` (k,); ``indptr`` and ``indices`` are the matrix's
+    pattern.
+    """
     width = len(columns)
     rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
     sort_columns(columns, rank, ascending)
@@ -129,8 +136,10 @@ def add_advection(
 
     Parameters
     ----------
+    unknowns, order, start : (p, width), (q,) and (p + 1,) integers
+        The unknowns of each patch, and its samples ``order[start[p]:start[p + 1]]``.
     places, directions : (q, d), (q, c, e) int32
-        Quantised, as of `FixedSamples`.
+        Places and normals of the samples, as stored by `QuantisedSamples`.
     velocity : (q, d) float64
         v, tangential.
     upstream : (q,) float64
@@ -190,7 +199,10 @@ def add_upstream_load(
     f: Floats,
     load: Floats,
 ) -> None:
-    """Add sum w tau (v . grad phi) f to ``load`` (n, channels), ``f`` (q, channels), or (1, channels) for all."""
+    """Add sum w tau (v . grad phi) f to ``load`` (n, channels); ``f`` is (q, channels), or (1, channels) for all.
+
+    The other arguments are those of :func:`add_advection`.
+    """
     d = places.shape[1]
     kind, width, channels, room = d - 2, unknowns.shape[1], load.shape[1], room_for(splines)
     forms, normals = np.zeros(3 * room), np.zeros((0, d))
@@ -212,7 +224,7 @@ def add_upstream_load(
 
 @dataclass(frozen=True, eq=False)
 class Advection:
-    """The terms of a velocity.
+    """The terms of an equation with a velocity, at the samples.
 
     Attributes
     ----------
@@ -239,7 +251,7 @@ class Advection:
     conservative: bool
 
     def add_to(self, matrix: csr_array, stabilisation: Stabilisation) -> csr_array:
-        """Return a stiffness with the terms of the velocity, and the stabilisation that they need."""
+        """Return a stiffness ``matrix`` plus the terms of the velocity and the stabilisation that they need."""
         space, data = self.space, matrix.data.copy()
         speed = np.linalg.norm(self.velocity, axis=1)
         more = np.maximum(STABILISATION_SHARE * speed * space.dof_map.spacing - self.a, 0.0)
@@ -251,7 +263,7 @@ class Advection:
         return space.matrix(data)
 
     def rate_matrix(self) -> csr_array | None:
-        """Return the integrals of tau (v . grad phi) u, which multiply du/dt; None where tau is zero."""
+        """Return the integrals (n, n) of tau (v . grad phi) u, which multiply du/dt; None if tau is zero."""
         if not self.upstream.any():
             return None
         data = np.zeros(len(self.space.indices))
@@ -259,9 +271,9 @@ class Advection:
         return self.space.matrix(data)
 
     def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
-        """Return levels with the upwinding that their spacings need, for an operator with ``share`` times these terms.
+        """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.
 
-        With h / (2 |v|) everywhere, not only above a cell number of one, twice the spacing needs twice as much more.
+        tau is h / (2 |v|) everywhere, not only above a cell number of one, so that it doubles with the spacing.
         """
         data = np.zeros(len(self.space.indices))
         times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
@@ -274,7 +286,7 @@ class Advection:
         return upwinded
 
     def add_load(self, f: Floats, load: Floats) -> None:
-        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels), f (q, channels) or (1, channels)."""
+        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels); f is (q, channels) or one row."""
         if self.upstream.any():
             samples = self.space.samples
             sample_arrays = samples.places, samples.weights, self.velocity, self.upstream
@@ -290,7 +302,7 @@ class Advection:
         c: Floats | None = None,
         gradient_of_a: Floats | None = None,
     ) -> None:
-        """Add ``terms`` to the entries ``data``; coefficients that are not given are zero."""
+        """Add the ``terms`` of :func:`add_advection` to the entries ``data``; coefficients that are None are zero."""
         zero, gradient = np.zeros(1), self.gradient_of_a[:0] if gradient_of_a is None else gradient_of_a
         coefficients = zero if a is None else a, gradient, zero if c is None else c
         _add_terms(self.space, self.velocity, upstream, coefficients, terms, data)
@@ -304,6 +316,7 @@ def _add_terms(
     terms: int,
     data: Floats,
 ) -> None:
+    """Add the ``terms`` of :func:`add_advection` to the entries ``data``; ``coefficients`` are a, grad a and c."""
     samples = space.samples
     sample_arrays = samples.places, samples.weights, samples.directions, velocity, upstream
     matrix = space.indptr, space.indices, data
@@ -311,7 +324,7 @@ def _add_terms(
 
 
 def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
-    """Return the matrix (n, n) of sum w u (field . grad v), ``field`` (p, d) at the first samples, zero at others."""
+    """Return the matrix (n, n) of sum w u (field . grad v); ``field`` (p, d) is at the first p samples, else zero."""
     data, zero, velocity = np.zeros(len(space.indices)), np.zeros(1), np.zeros(space.samples.places.shape)
     velocity[: len(field)] = field
     _add_terms(space, velocity, np.zeros(len(velocity)), (zero, velocity[:0], zero), CONSERVATIVE, data)
@@ -319,7 +332,7 @@ def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
 
 
 def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
-    """Return tau (q,) of the module's formula, where |v| is ``speed`` (q,) and the diffusivity ``a`` (q,) or (1,)."""
+    """Return tau (q,), see the module, from the speed |v| (q,), the diffusivity ``a`` (q,) or (1,), and h."""
     moving = speed > 0
     crossing_time = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
     inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=moving)  # of the cell number
@@ -334,7 +347,7 @@ def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, 
     Raises
     ------
     InputError
-        If it has another number of coordinates.
+        If the velocity does not have d components.
     """
     v = evaluate_data(velocity, lattice.to_scene(points), None, "the velocity")
     if v.shape[1] != points.shape[1]:
@@ -344,7 +357,7 @@ def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, 
 
 
 def outward_speed(velocity: VectorField, samples: BoundarySamples, lattice: Lattice) -> Floats:
-    """Return v . b (b,) at boundary samples, with b the conormal out of the cell of each."""
+    """Return v . b (b,) at the boundary ``samples``, b the conormal out of the cell of each."""
     points = samples.points + INSIDE_SHARE * (samples.centres - samples.points)
     v = tangential_velocity(velocity, points, samples.normals, lattice)
     return np.asarray(np.einsum("bd,bd->b", v, samples.conormals))

@@ -1,4 +1,4 @@
-"""Coefficients of equations at the samples: diffusivities, factors, velocities, also such that depend on u."""
+"""Coefficients of equations at the samples: diffusivities, factors and velocities, which may depend on u."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class SampleCoefficients:
     Attributes
     ----------
     reader : PointReader
-        With the samples, and the space of functions.
+        Holds the samples and the function space.
     """
 
     reader: PointReader
@@ -54,20 +54,20 @@ class SampleCoefficients:
 
     @property
     def space(self) -> FunctionSpace:
-        """The functions."""
+        """The function space."""
         return self.reader.space
 
     # Data
 
     def at_points(self, data: Any, label: str, time: float | None = None, channels: int | None = 1) -> Floats:
-        """Return data (p, channels) at the samples of the manifold, each read on the side of its cell."""
+        """Return ``data`` (p, channels) at the samples of the manifold, each on the side on which its cell lies."""
         return evaluate_data(data, self._reading_points(data), channels, label, time)
 
     def _reading_points(self, data: Any) -> Floats:
-        """Return the points (p, d) at which data are read for the samples.
+        """Return the points (p, d) at which ``data`` are evaluated for the samples, in the scene's coordinates.
 
-        The samples themselves; but those of functions of points that lie past a boundary beside their cell are moved to
-        the side of the cell.
+        These are the samples themselves. For functions of the user, samples that lie past the boundary beside their
+        cell are moved to the side of the cell; for numbers all points are zero.
         """
         parts = data if isinstance(data, Sequence) else [data]
         if not any(map(callable, parts)):  # numbers are the same everywhere
@@ -82,29 +82,32 @@ class SampleCoefficients:
 
     @cached_property
     def _samples_past_boundary(self) -> tuple[Ints, Floats]:
-        """The samples past the boundary that their cell lies beside, and points on the side of the cell."""
+        """The samples past the boundary beside their cell, and their mirror images; see the function of this name."""
         return _samples_past_boundary(self.sampled, self.reader.locator.sides)
 
     def at_all_samples(self, data: Any, label: str) -> Floats:
-        """Return a coefficient (q,) at all samples, or (1,) if it is a number."""
+        """Return a coefficient (q,) at all samples, or (1,) if ``data`` are a number."""
         if not callable(data) and np.ndim(data) == 0:
             return evaluate_data(data, np.zeros((1, self.sampled.lattice.dim)), 1, label)[:, 0]
         return self.append_boundary_samples(self.at_points(data, label)[:, 0])
 
     def append_boundary_samples(self, values: Floats) -> Floats:
-        """Return values (p, ...) at the samples of the manifold as (q, ...): on boundaries the first of their cell."""
+        """Return ``values`` (p, ...) at the samples of the manifold extended to all samples, (q, ...).
+
+        A sample on a boundary has the value of the first sample of its cell.
+        """
         samples = self.sampled.samples
         first = np.searchsorted(samples.cell[: self.sampled.interior], self.sampled.boundary.cell)
         return np.concatenate([values, values[first]])
 
     def append_zeros(self, values: Floats) -> Floats:
-        """Return values (p, ...) at the samples of the manifold as (q, ...): zero on boundaries."""
+        """Return ``values`` (p, ...) at the samples of the manifold extended by zeros on boundaries, (q, ...)."""
         return np.concatenate([values, np.zeros((len(self.sampled.boundary), *values.shape[1:]))])
 
     # Diffusivity
 
     def diffusivity(self, data: Any) -> Floats:
-        """Return a diffusivity (q,) or (q, d, d) at all samples, (1,) if it is a number.
+        """Return the diffusivity at all samples, (q,) or (q, d, d), or (1,) if ``data`` are a number.
 
         Raises
         ------
@@ -125,19 +128,22 @@ class SampleCoefficients:
         return self.append_boundary_samples(check_tensor(a, normals, self.reader.points))
 
     def penalty_scale(self, data: Any) -> Floats | None:
-        """Return the coefficient (q,) that penalties are proportional to, where it differs from the diffusivity."""
+        """Return the coefficient (q,) that penalties are proportional to; None if it is the diffusivity ``data``."""
         if not isinstance(data, StateDependentCoefficient) or data.holding is None:
             return None
         return self.diffusivity(StateDependentCoefficient(data.holding, data.u))
 
     def evaluate_at_state(self, state: StateDependentCoefficient) -> Floats:
-        """Return a coefficient that depends on u at the samples of the manifold, (p, ...)."""
+        """Return the values (p, ...) of a coefficient that depends on u at the samples of the manifold."""
         values = self.space.values_at_samples(state.u)[:, 0]
         gradients = self.space.gradients_at_samples(state.u)[:, 0]
         return np.asarray(state.coefficient(values, gradients, self.reader.points.copy()))
 
     def beside_boundaries(self, state: StateDependentCoefficient) -> Callable[[Floats], Floats]:
-        """Return a coefficient that depends on u as a function of points (b, d), one beside each boundary sample."""
+        """Return a coefficient that depends on u as a function of ``points`` (b, d), one beside each boundary sample.
+
+        u and its gradient are evaluated at the boundary samples.
+        """
         boundary, u = self.sampled.boundary, state.u[: self.space.spline_count]
         values = np.asarray(self.boundary_rows[0] @ u)[:, 0]
         gradients = self.space.gradients_beside_boundaries(u, boundary.points, boundary.normals)[:, 0]
@@ -145,7 +151,7 @@ class SampleCoefficients:
 
     @cached_property
     def boundary_rows(self) -> tuple[Any, Any]:
-        """Matrices (b, n) that evaluate splines at the samples on boundaries, and du/db out of the cell of each."""
+        """The matrices (b, n) that evaluate the splines, and du/db out of the cell of each, at the boundary samples."""
         boundary, patch = self.sampled.boundary, self.space.dof_map.patch[self.sampled.interior :]
         along = self.space.spline_derivative_rows(patch, boundary.points, boundary.conormals)
         return self.space.spline_rows(patch, boundary.points), along
@@ -169,17 +175,17 @@ class SampleCoefficients:
         return Advection(self.space.splines, v, upstream, a, c, gradient_of_a, terms.conservative)
 
     def _projected_gradients(self, values: Floats) -> Floats:
-        """Return the tangential gradients (p, k, d) of the splines nearest to ``values`` (p, k) at the samples."""
+        """Return the tangential gradients (p, k, d) at the samples of the splines nearest to ``values`` (p, k)."""
         return self.space.spline_gradients_at_samples(self.space.project(values))
 
 
 def check_positive(a: Floats) -> Floats:
-    """Return a diffusivity (k,) if it is positive.
+    """Return the diffusivity ``a`` (k,), or raise if it is not positive everywhere.
 
     Raises
     ------
     InputError
-        With the smallest value.
+        If a value is not above zero; the message has the smallest value.
     """
     if np.any(a <= 0):
         raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
@@ -187,21 +193,21 @@ def check_positive(a: Floats) -> Floats:
 
 
 def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
-    """Return a diffusivity (k, d, d) if it is positive definite on tangents of the manifold.
+    """Return the diffusivity ``a`` (k, d, d), or raise if it is not positive definite on tangents of the manifold.
 
     Parameters
     ----------
     a : (k, d, d) float64
-        At the samples.
+        The tensors at the samples.
     normals : (k, c, d) float64
         Orthonormal vectors normal to the manifold.
     points : (k, d) float64
-        In the scene's coordinates.
+        The samples in the scene's coordinates.
 
     Raises
     ------
     InputError
-        With the place and the smallest eigenvalue.
+        If a tensor is not; the message has its place and its extreme eigenvalues on tangents.
     """
     least, largest = principal_values(a, normals)
     worst = int(np.argmin(least - SINGULAR_SHARE * largest))
@@ -215,13 +221,15 @@ def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
 
 
 def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Ints, Floats]:
-    """Return the samples (k,) past the boundary beside their cell, and points (k, d) on the side of the cell.
+    """Return the samples (k,) past the boundary beside their cell, and points (k, d) for them on the side of the cell.
 
-    The points are mirror images in the scene's coordinates. Cells follow a boundary along quadratic edges, and on a
-    mesh along its curved surface, so that a sample may lie past the boundary by a thousandth of a spacing. With the
-    coefficient of the other material there the matrix would not be positive where that is a thousand times stiffer.
+    The points are mirror images at the boundary, in the scene's coordinates. Cells follow a boundary along quadratic
+    edges, and on a mesh along its curved surface, so that a sample may lie past the boundary by a thousandth of a
+    spacing. With the coefficient of the other material there the matrix would not be positive where that is a thousand
+    times stiffer.
+
     Where a boundary lies off the manifold, data may change anywhere between it and its closest points: samples within
-    that distance count as past it, too. Boundaries without a left, and those of curves, have no such samples.
+    twice that distance count as past it, too. Boundaries without a left, and those of curves, have no such samples.
     """
     rows, places = [np.zeros(0, dtype=np.int64)], [np.zeros((0, sampled.lattice.dim))]
     for number, oriented in enumerate(sampled.oriented):
@@ -245,9 +253,9 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
 
 
 def _samples_near_chords(sampled: SampledScene, half_facets: Ints, left: Bools) -> tuple[Ints, Ints]:
-    """Return the samples (k,) near the chord of one of the half facets of their cell, and their side.
+    """Return the samples (k,) near the chord of a half facet of their cell, and their side (k,) of the boundary.
 
-    The side is 1 where the half facet is on the ``left`` (n,), and -1 elsewhere.
+    ``half_facets`` are the numbers of the half facets; a side is 1 for a half facet on the ``left`` (n,), else -1.
     """
     half, mesh = sampled.half, sampled.mesh
     samples: Any = sampled.samples  # quantised by now

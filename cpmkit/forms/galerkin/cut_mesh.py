@@ -22,7 +22,7 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class CutMesh:
-    """Cells with boundaries along their facets, and a vertex for each side where there was one vertex.
+    """A mesh with boundaries along facets of its cells; vertices on boundaries are doubled, one vertex for each side.
 
     Attributes
     ----------
@@ -31,11 +31,11 @@ class CutMesh:
     edges : (e, k - 1) int64
         Facets on boundaries, edges of triangles or ends of segments, once for each cell beside them.
     owner : (e,) int64
-        The number of the boundary on which each lies.
+        The number of the boundary on which each of these facets lies.
     left : (e,) bool
-        Whether its cell is on the left.
+        Whether the cell beside the facet is on the left of the boundary.
     points : mapping of int to (k,) int64
-        The vertices of boundaries that are points of a surface.
+        The vertices at boundaries that are points of a surface, by the number of the boundary.
     warnings : tuple of str
         Warnings of the insertion of boundaries.
     """

@@ -1,4 +1,4 @@
-"""From a scene and its options to the Galerkin form, on splines of one level or on refined splines."""
+"""Discretisation of a scene in the Galerkin form, on splines of one level or on refined splines."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cpmkit.types import Progress, no_progress
 
 
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
-    """Discretise a scene on splines; ``progress`` receives the stage and the share of it that is done.
+    """Return the discretisation of a scene; ``progress`` receives the stage and the share of it that is done.
 
     Raises
     ------
@@ -38,12 +38,12 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
 def discretize_on_one_level(
     scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress
 ) -> Galerkin:
-    """Discretise a scene on splines of one level, whatever the options say of refinement.
+    """Return the discretisation of a scene on splines of one level, whatever the option ``refine``.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        As :func:`discretize`.
+        As :func:`discretize` does.
     """
     check(scene, options)
     sampled = sample_scene(scene, options, progress)
@@ -56,7 +56,7 @@ def discretize_on_one_level(
 
 
 def build_space(sampled: SampledScene, options: Options[GalerkinOptions]) -> tuple[SampledScene, FunctionSpace]:
-    """Return the splines of one spacing over a sampled scene, with singular functions if it has any.
+    """Return a sampled scene and its function space: splines of one spacing, with singular functions if it has any.
 
     The scene is returned with quantised samples, so that the samples themselves can be released.
     """

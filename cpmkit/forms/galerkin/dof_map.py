@@ -1,8 +1,8 @@
-"""The dof map: which samples belong to which patch, and which unknowns each patch reads.
+"""The dof map: the patch of each sample, and the unknowns that each patch reads.
 
 Two samples touch if their mesh cells share a vertex of the mesh that was cut along the boundaries. A patch is a
 connected component of the samples in one lattice cell. An unknown is a lattice node together with a connected component
-of the patches that read the node, where two patches are connected if samples of theirs touch. So each side of a
+of the patches that read the node, where two patches are connected if some of their samples touch. So each side of a
 boundary, each sheet of a thin part and each end of a slit gets unknowns of its own, without normals, orientation or
 distances.
 """
@@ -18,7 +18,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.types import Bools, Floats, Ints
 
 #: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
-#: curve that is shorter. Splines cannot be told apart on it.
+#: curve that is shorter. Splines cannot be distinguished on it.
 ISOLATED_SPACINGS = 2.0
 
 
@@ -33,7 +33,7 @@ class DofMap:
     Attributes
     ----------
     spacing : float
-        h of the lattice, in the unit of the scene.
+        Spacing h of the lattice, in the unit of the scene.
     cells : (p, d) int64
         The lattice cell of each patch.
     unknowns : (p, (degree + 1)^d) int32
@@ -45,7 +45,7 @@ class DofMap:
     patch : (q,) int32
         The patch of each sample.
     degree : int
-        Of the splines: 1, 2 or 3.
+        Degree of the splines: 1, 2 or 3.
     """
 
     spacing: float
@@ -68,12 +68,12 @@ class DofMap:
 
     @property
     def width(self) -> int:
-        """Number of splines along an axis that a cell reads: one more than the degree."""
+        """Number of splines per axis that are not zero in a cell: the degree plus one."""
         return self.degree + 1
 
     @property
     def strides(self) -> tuple[int, ...]:
-        """Distances, among the unknowns of a patch, between neighbours along each axis."""
+        """For each axis, the distance of neighbouring nodes along it in a row of :attr:`unknowns`."""
         return tuple(self.width**axis for axis in reversed(range(self.dim)))
 
     @property
@@ -82,9 +82,9 @@ class DofMap:
         return np.asarray(self.spacing * (self.nodes - 0.5 * (self.degree % 2)))
 
     def magnify(self, _patch: Ints, points: Floats) -> Floats:
-        """Return ``points`` (k, d) on the lattice that the cells belong to, each in the patch ``patch`` (k,).
+        """Return ``points`` (k, d), each in the patch ``patch`` (k,), on the lattice that the cells belong to.
 
-        The points themselves, but for dof maps of several levels.
+        These are the points themselves, except for dof maps of several levels.
         """
         return points
 
@@ -94,7 +94,7 @@ class DofMap:
 
 
 def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = None, degree: int = 2) -> DofMap:
-    """Return the dof map of samples.
+    """Return the patches and unknowns of splines over given samples.
 
     Parameters
     ----------
@@ -103,11 +103,11 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     contacts : (m, k) int32 or int64
         The vertices of the cells of the mesh that was cut along the boundaries.
     spacing : float
-        h of the lattice.
+        Spacing h of the lattice.
     cell : (q,) int32, optional
         The mesh cell of each sample; by default sample i lies in cell i.
     degree : int
-        Of the splines: 1, 2 or 3.
+        Degree of the splines: 1, 2 or 3.
 
     Notes
     -----
@@ -142,14 +142,14 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
 def dof_map_from_patches(
     spacing: float, cells: Ints, touching: Any, patch: Any, isolated: Bools, degree: int = 2
 ) -> DofMap:
-    """Return the dof map of patches that are known.
+    """Return the dof map of given patches.
 
     Parameters
     ----------
     spacing, cells, touching, patch, degree
         As of :class:`DofMap`.
     isolated : (p,) bool
-        Patches of pieces that have one unknown each.
+        Whether each patch is on a piece of the manifold that has one unknown.
     """
     from cpmkit.forms.galerkin.dof_map_kernels import number
 
@@ -171,7 +171,7 @@ def components(count: int, pairs: Any) -> tuple[int, Ints]:
 
 
 def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
-    """Return the number of pieces of the manifold that share no unknown, and the piece (n,) of each unknown."""
+    """Return the number of connected pieces of the manifold, and the piece (n,) that each unknown belongs to."""
     count, piece = components(len(dof_map.cells), dof_map.touching)
     piece_of_unknown = np.empty(dof_map.size, dtype=np.int64)
     piece_of_unknown[dof_map.unknowns] = piece[:, None]
@@ -179,9 +179,9 @@ def connected_pieces(dof_map: DofMap) -> tuple[int, Ints]:
 
 
 def lines_through(dof_map: DofMap, entries: Ints) -> Ints:
-    """Return (d k, degree + 1) the unknowns on the lines along the axes, inside a patch, through k places of patches.
+    """Return (d k, degree + 1) the unknowns on the lines along each axis, inside a patch, through k nodes of patches.
 
-    ``entries`` (k,) are indices into ``dof_map.unknowns.ravel()``.
+    ``entries`` (k,) are the indices of these nodes in ``dof_map.unknowns.ravel()``.
     """
     flat, width = dof_map.unknowns.ravel(), dof_map.width
     lines = [(entries - entries // s % width * s)[:, None] + s * np.arange(width) for s in dof_map.strides]

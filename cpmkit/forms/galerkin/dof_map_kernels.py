@@ -13,7 +13,7 @@ from cpmkit.types import Bools, Floats, Ints
 
 @compiled
 def grown(values: Any) -> Any:
-    """Return the array with room for twice as many."""
+    """Return a copy of ``values`` (k,) with room for 2 k entries."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
     return more
@@ -21,7 +21,10 @@ def grown(values: Any) -> Any:
 
 @compiled
 def codes_of(points: Floats, spacing: float) -> Ints:
-    """Return (q,) a code of the lattice cell that each point is in."""
+    """Return an integer (q,) for each of the ``points`` (q, d), equal for points in the same lattice cell only.
+
+    Cells are centred at multiples of the ``spacing``.
+    """
     q, d = points.shape
     code = np.zeros(q, dtype=np.int64)
     for axis in range(d):
@@ -37,11 +40,13 @@ def codes_of(points: Floats, spacing: float) -> Ints:
 
 @compiled
 def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[Any, Any, Any, Any]:
-    """Join the samples of one lattice cell ``code`` (q,) that share a vertex: of ``contacts`` (m, k), by ``cell`` (q,).
+    """Join the samples of a lattice cell that share a vertex of the mesh; return the joined sets and a list of slots.
 
-    Returns the root of each sample, and a linked list of slots: one for each vertex and each cell that has samples at
-    it. ``first`` (vertices,) is the first slot of a vertex, ``after`` the next one of the same vertex (-1 for none),
-    ``holder`` a sample in it.
+    The arguments are the ``code`` (q,) of the lattice cell and the mesh ``cell`` (q,) of each sample, and the vertices
+    ``contacts`` (m, k) of mesh cells, numbered below ``vertices``. Returned are the root (q,) of each sample, the same
+    for joined samples, and linked slots: a vertex has a slot for each lattice cell with samples at it. ``first``
+    (vertices,) is the first slot of a vertex, ``after`` the next slot of the same vertex (-1 for none), ``holder`` a
+    sample of the slot.
     """
     q, k = len(code), contacts.shape[1]
     parent, first = np.empty(q, dtype=np.int32), np.empty(vertices, dtype=np.int32)
@@ -72,7 +77,11 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
 
 @compiled
 def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
-    """Return (t, 2) the pairs of patches, the smaller number first, that have slots at one vertex, each pair once."""
+    """Return the pairs (t, 2) of patches that share a vertex, once each and ascending, the smaller number first.
+
+    ``first``, ``after`` and ``holder`` are the linked slots from :func:`join_samples`; ``patch`` (q,) is the patch of
+    each sample, ``patches`` their number.
+    """
     head = np.full(patches, -1)
     other, link = np.empty(patches + 1, dtype=np.int64), np.empty(patches + 1, dtype=np.int64)
     used = 0
@@ -112,7 +121,10 @@ def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any
 
 @compiled
 def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
-    """Return (pieces, d) the extent along the axes of the points whose ``patch`` (q,) has each ``label`` (p,)."""
+    """Return (pieces, d) the extent along the axes of the points on each piece of the manifold.
+
+    ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
+    """
     d = points.shape[1]
     lower, upper = np.full((pieces, d), np.inf), np.full((pieces, d), -np.inf)
     for i in range(len(points)):
@@ -126,11 +138,12 @@ def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
 
 @compiled
 def number(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
-    """Return ``unknowns`` (p, along^d) and ``nodes`` (n, d): nodes that patches read are one where such patches touch.
+    """Return the unknowns (p, along^d) at the nodes that each patch reads, and the node (n, d) of each unknown.
 
-    ``cells`` (p, d) are those of the patches, ``touching`` (t, 2) pairs of them; where ``single`` (p,) holds, all that
-    a patch reads is one unknown, and one with those of the patches that it touches. ``along``: how many nodes an axis
-    a patch reads. Unknowns are numbered as the patches come to them.
+    A node has an unknown for each connected component of the patches that read it, where the pairs ``touching`` (t, 2)
+    are connected. ``cells`` (p, d) are the lattice cells of the patches, which read ``along`` nodes per axis. A patch
+    that is ``single`` (p,) has the same unknown at all nodes, shared with the patches that it touches. Unknowns are
+    numbered in the order in which the patches read them first.
     """
     p, d = cells.shape
     width = along**d

@@ -39,7 +39,7 @@ class EquationAssembly:
     scene : Scene
         With the equation.
     conditions : tuple of ImposedCondition
-        The laws, and the samples at which each is imposed.
+        The conditions with their laws, and the samples at which each is imposed.
     coefficients : SampleCoefficients
         Evaluates the coefficients at the samples; holds the samples and the functions.
     """
@@ -57,13 +57,13 @@ class EquationAssembly:
 
     @property
     def space(self) -> FunctionSpace:
-        """The functions."""
+        """The function space."""
         return self.coefficients.space
 
     # Matrices
 
     def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy with its stabilisation, c u v, advection, and the terms of the conditions.
+        """Return A: the energy with its stabilisation, c u v, the advection, and the terms of the conditions.
 
         Raises
         ------
@@ -96,10 +96,10 @@ class EquationAssembly:
         return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
 
     def state_advection(self, field: StateDependentCoefficient) -> CsrOperator:
-        """Return the integrals of u (w . grad v) over the samples, w (p, d) the value of ``field``.
+        """Return the matrix (n, n) of the integrals of u (w . grad v), w (p, d) the value of ``field`` at the samples.
 
-        Less those of u (w . b) v over boundaries where a slope is given, b the conormal: the flux through them changes
-        with u as it does inside.
+        The integrals of u (w . b) v over boundaries with a given slope, b the conormal, are subtracted: the flux there
+        changes with u as it does inside.
         """
         matrix = convection_matrix(self.space.splines, self.coefficients.evaluate_at_state(field))
         slope_rows = [condition.rows for _, condition in conditions_with_law(self.conditions, Flux, Mixed)]
@@ -119,7 +119,7 @@ class EquationAssembly:
         return None if terms.velocity is None else self.coefficients.advection(terms)
 
     def _advection_of(self, terms: Terms) -> Advection | None:
-        """Return the advection of ``terms``, from the cache if they are the scene's; None without a velocity."""
+        """Return the advection of ``terms``, cached if they are the scene's own; None without a velocity."""
         scene_terms = self.scene.problem.terms()
         names = "velocity", "diffusivity", "c", "conservative"
         if all(getattr(terms, name) is getattr(scene_terms, name) for name in names):
@@ -129,14 +129,14 @@ class EquationAssembly:
     # Conditions
 
     def condition_terms(self, terms: Terms, a: Floats | None = None, scale: Floats | None = None) -> ConditionTerms:
-        """Return the terms of the conditions.
+        """Return the matrices and loads of the conditions for the terms of an equation.
 
         Parameters
         ----------
         terms : Terms
-            Of the equation.
+            The terms of the equation.
         a : (q,), (q, d, d) or (1,) float64, optional
-            Its diffusivity at all samples; by default 1.
+            The diffusivity at all samples; by default 1.
         scale : (q,) float64, optional
             The coefficient that penalties are proportional to; by default ``a``.
         """
@@ -163,7 +163,7 @@ class EquationAssembly:
         return space.extend_conditions(made)
 
     def terms_with_scene_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
-        """Return the conditions of an operator with the data of this scene: it may have been made for other data."""
+        """Return the condition terms of an operator, which may be made for another scene, with this scene's data."""
         cache = self._terms_by_operator
         if stiffness not in cache:
             assert stiffness.conditions is not None
@@ -174,10 +174,11 @@ class EquationAssembly:
 
     @cached_property
     def _terms_by_operator(self) -> WeakKeyDictionary[GalerkinOperator, ConditionTerms]:
+        """The cache of :meth:`terms_with_scene_data`."""
         return WeakKeyDictionary()
 
     def terms_of_solution(self, u: Floats) -> ConditionTerms:
-        """Return the conditions with the diffusivity of the scene's equation, whose solution is u."""
+        """Return the condition terms with the diffusivity of the scene's equation at its solution ``u``."""
         terms = self.scene.problem.terms()
         if isinstance(terms.diffusivity, StateDiffusivity):
             state = StateDependentCoefficient(terms.diffusivity.at, u)
@@ -186,7 +187,7 @@ class EquationAssembly:
 
     @cached_property
     def terms_of_scene(self) -> ConditionTerms:
-        """The conditions with the diffusivity of the scene's equation, which does not depend on u."""
+        """The condition terms with the diffusivity of the scene's equation, which does not depend on u."""
         terms = self.scene.problem.terms()
         return self.condition_terms(terms, self.coefficients.diffusivity(terms.diffusivity))
 
@@ -224,12 +225,12 @@ class EquationAssembly:
     # Constants
 
     def free_constants(self, stiffness: GalerkinOperator) -> Border | None:
-        """Return the pieces on which a constant is free, with means over them; None where there is none.
+        """Return the pieces of the manifold on which a constant is free, with means over them; None if there are none.
 
         Raises
         ------
         SceneError
-            If a conservative velocity leaves a solution free that is no constant.
+            If, under a conservative velocity, a solution other than a constant is free.
         """
         space = self.space
         if stiffness.advection is not None and stiffness.advection.conservative:

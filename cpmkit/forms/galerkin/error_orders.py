@@ -45,7 +45,7 @@ def difference_order(
     Parameters
     ----------
     resolution : Resolution
-        Of the finer solution.
+        The resolution of the finer lattice.
     smooth : float
         The divisor at twice the spacing where cells follow a smooth source.
     ratio, coarser, difference
@@ -55,9 +55,9 @@ def difference_order(
 
 
 def order_of_divisor(divisor: float, ratio: float) -> float:
-    """Return the order p with ``r^p - 1`` equal to the divisor at r = 2, and to its partner at the root of two.
+    """Return the order p with ``r^p - 1`` equal to the ``divisor`` at r = 2, and to `FROM_ROOT` at the root of two.
 
-    Interpolated in the logarithm of r between these two ratios, constant beyond.
+    The order is interpolated in the logarithm of r = ``ratio`` between these two, and constant beyond.
     """
     at_root = math.log(1 + float(np.interp(divisor, FROM_TWO, FROM_ROOT))) / math.log(math.sqrt(2))
     at_two = math.log2(1 + divisor)
@@ -66,7 +66,7 @@ def order_of_divisor(divisor: float, ratio: float) -> float:
 
 
 def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, difference: float) -> float:
-    """Return the divisor of a difference at twice the spacing."""
+    """Return the number by which a difference from a solution at twice the spacing is divided to estimate the error."""
     if resolution.end_or_layer_reason():
         return END_DIVISOR
     spread = resolution.normal_spread
@@ -90,6 +90,7 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
 
 
 def _factor_of_spacing(coarser: Resolution) -> float:
+    """Return the factor of the divisor for the coarser spacing as a share of the manifold's largest side."""
     side = float(np.ptp(np.asarray(coarser.scene.surface.bounds), axis=0).max())
     return float(np.interp(coarser.spacing / side, SPACING_SHARES, FACTORS_OF_SPACING))
 
@@ -108,6 +109,6 @@ def on_curved_cells(splines: Dispersion) -> Dispersion:
     """Return the dispersion of splines whose cells follow a smooth source.
 
     The first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times these errors; with the
-    square of h / radius a hundred times as much had been told.
+    square of h / radius the predicted errors would be a hundred times as large.
     """
     return replace(splines, bend_power=splines.power)

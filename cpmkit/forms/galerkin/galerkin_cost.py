@@ -42,6 +42,7 @@ SOLUTION_BYTES_PER_SAMPLE = 50.0
 
 
 def _counts(form: Galerkin) -> dict[str, float]:
+    """Return the numbers of unknowns, samples, patches, closest points, and samples of each boundary, by name."""
     counts = {
         "unknowns": form.size,
         "samples": form.sampled.interior,
@@ -61,45 +62,49 @@ class GalerkinCost(CostModel[GalerkinOptions]):
     smaller_solver: ClassVar[str] = "multigrid"
 
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the solver that ``target`` means for so many unknowns."""
+        """Return the name of the solver that ``target`` ("auto" or a name) means for so many unknowns."""
         iterated, problem = multigrid_applies(self.scene), self.scene.problem
         iterative = "multigrid" if iterated else "direct"
         m = largest_dim(self.scene.surface)
         return choose_solver(target, round(unknowns), m, problem.factors_up_to(iterated), iterative)
 
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve, with the samples of a coarser solve if there are more than usual."""
+        """Return the bytes at the peak of a solve.
+
+        If ``work``, that of a coarser solve, has more samples than usual, so many samples are assumed.
+        """
         degree = self.options.own.degree
         samples = None if work is None else max(SAMPLES_PER_UNKNOWN[degree] * unknowns, float(work.samples))
         return self._bytes_with_samples(unknowns, solver, samples)
 
     def _bytes_with_samples(self, unknowns: float, solver: str, samples: float | None) -> float:
+        """Return the bytes at the peak of a solve with so many ``samples``, by default the usual number."""
         m, factors = largest_dim(self.scene.surface), factorised_share(self.scene, solver)
         return peak_bytes(unknowns, m, factors, samples, self.options.own.degree, scene_extras(self.scene))
 
     def stored_bytes(self, work: Any) -> float:
-        """Return the bytes that a solution holds, samples included."""
+        """Return the bytes that a solution holds, samples included, from the measures of ``work`` of its solve."""
         return super().stored_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
 
     def check_fits(self, unknowns: float, solver: str) -> None:
-        """Refuse a solve that needs more memory than this process may have."""
+        """Raise a ResolutionError if a solve needs more memory than this process may have."""
         factors = factorised_share(self.scene, solver)
         check_unknowns_fit(self.surface, unknowns, self.options.spacing, solver, factors, self.options.own.degree)
 
     def expected_unknowns(self) -> float:
-        """Return about how many unknowns there are."""
+        """Return the approximate number of unknowns at the spacing of the options."""
         return expected_unknowns(self.surface, self.options.spacing, self.options.own.degree)
 
     def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the smallest spacing at which a solve fits into ``available`` bytes."""
+        """Return the smallest spacing, rounded up, at which a solve fits into ``available`` bytes."""
         return fitting_spacing(self.surface, available, factorised_share(self.scene, solver), self.options.own.degree)
 
     def source_error(self) -> float:
-        """Return the error of integrals that the source reports of itself."""
+        """Return the error of integrals that the source estimates for itself, as a share of the solution's range."""
         return integral_floor_of(self.scene.surface, self.options.spacing)
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return counts from the form at the spacing, or at two coarser ones if the scene is large."""
+        """Return the parts and counts of the scene discretised at the spacing, or if large at two coarser spacings."""
         from cpmkit.forms.galerkin.discretize_scene import discretize
 
         scene, options = self.scene, self.options
@@ -139,6 +144,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         )
 
     def _parts(self, form: Galerkin, counts: Mapping[str, float]) -> list[Part]:
+        """Return the parts of the explanation with their counts: samples, patches, splines, levels and boundaries."""
         own = self.options.own
         parts = [
             Part(

@@ -29,22 +29,22 @@ MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """A, with the terms of the conditions that it contains.
+    """The operator A, with the properties of it that solvers need.
 
     Attributes
     ----------
     conditions : ConditionTerms, optional
-        The terms of the conditions.
+        The terms of the conditions that A contains.
     fixed : bool
-        Whether c u determines the constants by itself.
+        Whether c u alone determines constants, as c is positive everywhere.
     waves : float
-        The largest k^2 anywhere, -c / a of the equation; 0 where c takes no energy.
+        The largest squared wavenumber k^2 = -c / a; 0 if c is nowhere negative.
     least, lowest : float
         The smallest diffusivity a, and the smallest c.
     advection : Advection, optional
         The terms of a velocity.
     share : float
-        The factor of A in this operator, which may be a sum of A and a mass.
+        The factor of the advection in this operator, which may be the sum of a mass and a multiple of A.
     """
 
     conditions: ConditionTerms | None = None
@@ -56,14 +56,17 @@ class GalerkinOperator(CsrOperator):
     share: float = 1.0
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``M + factor A``, M the identity where no mass is given."""
+        """Return ``M + factor A``, with M the ``mass``, by default the identity."""
         shifted = super().scaled_plus_mass(factor, mass)
         if self.advection is None:
             return shifted
         return replace(self, matrix=shifted.matrix, share=factor * self.share)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``A - shift M``, M the mass; solutions are waves where the shift is above the smallest c."""
+        """Return ``A - shift M``, with M the ``mass``, by default the identity.
+
+        Its solutions are waves if the shift is above the smallest c.
+        """
         plain, lowest = super().minus_shifted_mass(shift, mass), self.lowest - shift
         waves = max(-lowest, 0.0) / self.least
         return GalerkinOperator(
@@ -80,7 +83,10 @@ class GalerkinOperator(CsrOperator):
 def build_operator(
     matrix: csr_array, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
 ) -> GalerkinOperator:
-    """Return the operator of a matrix, with diffusivity ``a`` (q,) and factor ``c`` (q,) at all samples, or (1,)."""
+    """Return the operator of a ``matrix`` (n, n), with its properties from the coefficients of the equation.
+
+    The diffusivity ``a`` and the factor ``c`` are (q,), at all samples, or (1,).
+    """
     waves = 0.0 if c is None else max(float((-c / a).max()), 0.0)
     fixed = c is not None and bool((c > 0).all())
     lowest = 0.0 if c is None else float(c.min())
@@ -90,9 +96,9 @@ def build_operator(
 
 
 def levels_resolving_waves(levels: Sequence[Level], operator: Operator, spacing: float) -> Sequence[Level]:
-    """Return those of the ``levels``, the first of which leads to twice the ``spacing``, that resolve the waves of A.
+    """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves of A.
 
-    Where there is a velocity, all of them with the upwinding that they need.
+    With a velocity all levels are returned, with the upwinding that they need.
     """
     inner = operator.operator if isinstance(operator, Bordered) else operator
     if isinstance(inner, GalerkinOperator) and inner.advection is not None:
@@ -108,8 +114,9 @@ def levels_resolving_waves(levels: Sequence[Level], operator: Operator, spacing:
 def is_surely_definite(scene: Scene) -> bool:
     """Return whether the matrices of a scene surely have no eigenvalue below zero, as far as its numbers show.
 
-    Eigenvalues are found by a shift. It lies below all of them unless a number is given, or conditions or c take
-    energy. A c that is a function is not evaluated: multigrid refuses a matrix that turns out to be indefinite.
+    Eigenvalue problems are solved with a shift. It lies below all eigenvalues unless the user gives the number near
+    which they are sought, or conditions or c may make them negative. A c that is a function is not evaluated: multigrid
+    refuses a matrix that turns out to be indefinite.
     """
     problem = scene.problem
     if not isinstance(problem, Eigen):
@@ -126,8 +133,8 @@ def is_surely_definite(scene: Scene) -> bool:
 def multigrid_applies(scene: Scene) -> bool:
     """Return whether multigrid solves the systems of a scene: they are surely positive, or their solutions are waves.
 
-    Solutions are waves for equations with c below zero, and for eigenvalues sought near a number unless conditions take
-    energy or contain the eigenvalue.
+    Solutions are waves for equations with c below zero, and for eigenvalues sought near a number unless a condition may
+    make eigenvalues negative or contains the eigenvalue.
     """
     problem = scene.problem
     if not isinstance(problem, Eigen) or is_surely_definite(scene):

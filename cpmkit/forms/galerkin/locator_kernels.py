@@ -1,4 +1,4 @@
-"""Compiled: nearest samples, components of touching patches, distances to flat cells, path lengths on a mesh."""
+"""Compiled: nearest samples, components of touching patches, distances from flat cells, path lengths on a mesh."""
 
 from __future__ import annotations
 
@@ -10,9 +10,10 @@ from cpmkit.types import Bools, Floats, Ints
 
 @compiled
 def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
-    """Return the connected component (k, q) of the ``patches`` (k, q) of each row, by its first column.
+    """Return the connected components (k, q) of the ``patches`` (k, q) in each row, as the first column of each.
 
-    ``pairs`` (t,) are the codes ``first * count + second`` of patches that touch, first < second, ascending.
+    Two patches of a row are connected if they touch. ``pairs`` (t,) are the ascending codes ``first * count + second``
+    of patches that touch, first < second; ``count`` is the number of patches.
     """
     rows, width = patches.shape
     group = np.empty((rows, width), dtype=np.int64)
@@ -39,7 +40,11 @@ def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
 
 @compiled
 def distances_to_cells(points: Floats, vertices: Floats, cells: Ints) -> Floats:
-    """Return the distances (k, q) of ``points`` (k, d) from flat ``cells`` (k, q, 2 or 3), by their ``vertices``."""
+    """Return the distances (k, q) of ``points`` (k, d) from flat cells near each point.
+
+    ``cells`` (k, q, c) are the numbers of the cells' corners among ``vertices`` (n, d): c = 2 for segments, 3 for
+    triangles.
+    """
     rows, width, corners = cells.shape
     distance = np.empty((rows, width))
     for row in range(rows):
@@ -69,7 +74,9 @@ def distances_to_cells(points: Floats, vertices: Floats, cells: Ints) -> Floats:
 def path_lengths_to_corners(
     points: Floats, cells: Ints, group: Ints, ends: Ints, reach: Floats, vertices: Floats, starts: Ints, others: Ints
 ) -> Floats:
-    """Return the total length (k, q) of the shortest paths from ``points`` over each group's ``cells`` to the ``ends``.
+    """Return the total length (k, q) of the shortest paths from a point over the cells of a group to all ``ends``.
+
+    All cells of a group have the same length; the length of cells left out is infinite.
 
     Parameters
     ----------
@@ -79,7 +86,7 @@ def path_lengths_to_corners(
     group : (k, q) int64
         Number of the group of each cell; -1 for cells that are left out.
     ends : (k, c) int64
-        Vertices, -1 for none.
+        The vertices at which the paths of each point end, -1 for none.
     reach : (k,) float64
         Paths are followed up to this length; longer ones count as infinite.
     vertices : (n, d) float64
@@ -140,21 +147,21 @@ def path_lengths_to_corners(
 def nearest_in_cells(
     points: Floats, around: Ints, lower: Ints, strides: Ints, codes: Ints, starts: Ints, samples: Floats, count: int
 ) -> tuple[Floats, Ints, Bools]:
-    """Return the nearest samples of points among the samples in the lattice cells around each point.
+    """Return the nearest samples of each point among the samples in its lattice cell and the neighbouring cells.
 
     Parameters
     ----------
     points : (k, d) float64
-        In spacings.
+        The points, in units of the spacing.
     around : (3^d, d) int64
         Offsets of neighbouring cells, the cell itself first and the farthest last.
     lower, strides : (d,) int64
-        The cell whose code is zero, and the increment of the code along each axis. Cells outside the numbered box, that
-        hold no samples, may have the code of another cell.
+        The cell whose code is zero, and the increment of the code along each axis. Cells outside the numbered box,
+        which contain no samples, may have the code of another cell.
     codes, starts : (p,) and (p + 1,) int64
-        Codes of cells that hold samples, ascending, and the first sample of each.
+        Codes of cells that contain samples, ascending, and the first sample of each.
     samples : (q, d) float64
-        In spacings, ordered by cell.
+        The samples, in units of the spacing, ordered by cell.
     count : int
         Number of samples to return for each point.
 
@@ -193,7 +200,10 @@ def nearest_in_cells(
 
 @compiled
 def insert(squares: Floats, numbers: Ints, square: float, q: int) -> None:
-    """Insert a sample into the list of nearest ones, ascending by distance; the farthest is dropped."""
+    """Insert sample ``q`` with squared distance ``square`` into the lists of the nearest samples; drop the farthest.
+
+    ``squares`` and ``numbers`` (count,) are ascending in the squared distance.
+    """
     at = len(numbers) - 1
     while at > 0 and squares[at - 1] > square:
         squares[at], numbers[at] = squares[at - 1], numbers[at - 1]

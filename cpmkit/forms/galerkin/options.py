@@ -22,7 +22,7 @@ MOST_LEVELS = 4
 
 
 def _one_of(*names: str) -> Callable[[Any, str], str]:
-    """Return the check of an option whose value is one of ``names``."""
+    """Return the check of an option whose value must be one of ``names``."""
 
     def check(value: Any, label: str) -> str:
         if not isinstance(value, str) or value not in names:
@@ -34,6 +34,7 @@ def _one_of(*names: str) -> Callable[[Any, str], str]:
 
 
 def _check_degree(degree: Any, label: str) -> int:
+    """Return the degree of the splines, or raise an InputError if it is not one of `DEGREES`."""
     if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or int(degree) not in DEGREES:
         raise InputError(
             f"{label} must be {', '.join(map(str, DEGREES[:-1]))} or {DEGREES[-1]} in the form 'galerkin', got "
@@ -43,6 +44,7 @@ def _check_degree(degree: Any, label: str) -> int:
 
 
 def _check_levels(levels: Any, label: str) -> int:
+    """Return the number of levels, or raise an InputError if it is not from 1 to `MOST_LEVELS`."""
     number = whole(levels, label, 1)
     if not 1 <= number <= MOST_LEVELS:
         raise InputError(
@@ -105,5 +107,8 @@ class GalerkinOptions(DeclaredOptions):
 
     @property
     def sampling(self) -> str:
-        """How samples are taken: beside singular unknowns "auto" clips, a third of the error at h = 0.05 of a plate."""
+        """How samples are taken: as the option ``samples``; with singular unknowns "auto" means "clipped".
+
+        Clipping leaves a third of the error there at h = 0.05 of a plate.
+        """
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples

@@ -1,4 +1,4 @@
-"""The patch in which a point of the manifold is evaluated: that of the nearest sample on its own sheet and side."""
+"""The patch in which u is evaluated at a point: that of the nearest sample on the point's own sheet and side."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 
-#: Sides are known up to so many spacings from a boundary: a point is compared with its nearest samples only.
+#: Sides of cells are known up to so many spacings from a boundary: points are compared with their nearest samples only.
 REACH_SPACINGS = 2.0
 #: Numbers of nearest samples that are compared: more, where all of them lie across a boundary.
 NEIGHBOURS = (12, 96, 768)
@@ -41,9 +41,9 @@ DIFFERENCE_SPACINGS = 0.5
 
 @dataclass(frozen=True, eq=False)
 class CellSides:
-    """The sides of boundaries on which cells lie, propagated from half facets over common corners of the cut mesh.
+    """The side of each boundary on which cells lie, propagated from half facets over shared corners of the cut mesh.
 
-    Around an open end both sides meet: a cell there has the side that reaches it first, or none.
+    Both sides meet around a tip: a cell there has the side that is propagated to it first, or none.
 
     Attributes
     ----------
@@ -69,16 +69,18 @@ class CellSides:
     left: Bools
 
     def of_boundary(self, number: int) -> Ints:
-        """Return the sides (m,) of all cells: 1 on the left of a boundary, -1 on its right, 0 where unknown."""
+        """Return the side (m,) of each cell: 1 on the left of boundary ``number``, -1 on its right, 0 if unknown."""
         if number not in self._cached_sides:
             self._cached_sides[number] = self._propagate(number)
         return self._cached_sides[number]
 
     @cached_property
     def _cached_sides(self) -> dict[int, Ints]:
+        """The sides (m,) of cells by the number of the boundary."""
         return {}
 
     def _propagate(self, number: int) -> Ints:
+        """Return the sides (m,) of cells near boundary ``number``, as :meth:`of_boundary` does; 0 for all others."""
         from scipy.spatial import cKDTree
 
         sides, rows = np.zeros(len(self.corners), dtype=np.int64), np.flatnonzero(self.owner == number)
@@ -105,19 +107,19 @@ class CellSides:
 
 @dataclass(frozen=True, eq=False)
 class PatchLocator:
-    """The samples of the manifold, through which points find the patch that evaluates u there.
+    """The search for the patch in which u is evaluated at a point, by the nearest samples.
 
     Attributes
     ----------
     lattice : Lattice
     samples : Samples or QuantisedSamples
-        Samples on boundaries included.
+        All samples, those on boundaries included.
     dof_map : DofMap
-        Of these samples.
+        The dof map of these samples.
     sides : CellSides
-        The sides of boundaries on which the cells beside them lie.
+        The side of each boundary on which the cells beside it lie.
     boundaries : sequence of OrientedBoundary
-        By their numbers.
+        The boundaries in the order of their numbers.
     sheets : SheetSeparation
         Distinguishes sheets that lie close together.
     """
@@ -132,7 +134,7 @@ class PatchLocator:
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
 
-        On boundary number b the value on the side ``side_of[b]`` is meant, by default that on the left.
+        A point on boundary number b is evaluated on the side ``side_of[b]``, by default on the left.
         """
         points = feet.points
         patch, nearest = (np.empty(len(points), dtype=np.int64) for _ in range(2))
@@ -156,15 +158,15 @@ class PatchLocator:
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
-        """Return the distances (k,) of points from a boundary on the manifold, positive on its left, NaN past ends."""
+        """Return the distances (k,) of points on the manifold from a boundary, positive on its left, NaN past ends."""
         oriented = self.boundaries[number]
         at = self.lattice.to_scene(points) - oriented.left.origin
         return oriented.signed_distance(at, DIFFERENCE_SPACINGS * self.lattice.spacing)
 
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
-        """Return the patches (k,) for ``points``, and near which points there are patches that do not touch these.
+        """Return the patches (k,) for ``points``, and whether (k,) patches near a point do not touch its patch.
 
-        ``first`` (k,) is the best of the ``samples`` (k, q), the one with the least of ``scores`` (k, q).
+        ``first`` (k,) is the one of the ``samples`` (k, q) that has the least of the ``scores`` (k, q).
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
         touch = (candidates == patch[:, None]) | self._touch(candidates, patch[:, None])
@@ -172,7 +174,7 @@ class PatchLocator:
         return self._patch_of_cell(points, candidates, usable, patch), ~touch.all(axis=1)
 
     def _on_own_sheet(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the same as :meth:`patches` for points close to several sheets."""
+        """Return the patches and samples (k,) as :meth:`patches` does, for ``feet`` (k,) close to several sheets."""
         from cpmkit.forms.galerkin.locator_kernels import group_touching_patches
 
         points, rows = feet.points, np.arange(len(feet.points))
@@ -197,10 +199,10 @@ class PatchLocator:
     def _scores(
         self, points: Floats, samples: Ints, distance: Floats, side_of: Mapping[int, Side]
     ) -> tuple[Floats, Bools]:
-        """Return scores (k, q) of ``samples`` (k, q), and for which points (k,) a boundary would exclude all samples.
+        """Return scores (k, q) of ``samples`` (k, q), and whether (k,) a boundary would exclude all samples of a point.
 
-        A score is the squared distance with `HEIGHT_FACTOR` off the tangent plane, infinite across a boundary. A
-        boundary that would exclude all remaining samples of a point excludes none.
+        A score is the squared distance, with `HEIGHT_FACTOR` for the part off the tangent plane, and infinite across a
+        boundary. A boundary that would exclude all remaining samples of a point excludes none.
         """
         off = points[:, None] - self.samples.points_at(samples)
         height = np.einsum("kqcd,kqd->kqc", self.samples.normals_at(samples), off)
@@ -218,9 +220,9 @@ class PatchLocator:
         return scores, shut
 
     def _is_across(self, number: int, points: Floats, samples: Ints, near_boundary: Bools, side: Side | None) -> Bools:
-        """Return which of the ``samples`` (k, q) lie across boundary ``number`` from their point.
+        """Return (k, q) whether each of the ``samples`` (k, q) lies across boundary ``number`` from its point (k, d).
 
-        Only computed where both of its sides are among the samples, or where the point is ``near_boundary`` (k,).
+        It is computed only if both sides of the boundary are among the samples, or the point is ``near_boundary``.
         """
         signs = self.sides.of_boundary(number)[self.samples.cell_at(samples)]
         across = np.zeros(samples.shape, dtype=bool)
@@ -234,7 +236,10 @@ class PatchLocator:
         return across
 
     def _patch_of_cell(self, points: Floats, candidates: Ints, scores: Floats, patch: Ints) -> Ints:
-        """Return the best of the ``candidates`` (k, q) whose lattice cell contains the point, or the ``patch`` (k,)."""
+        """Return (k,) the best of the ``candidates`` (k, q) whose lattice cell has the point, or ``patch`` (k,).
+
+        The best candidate has the least of the ``scores`` (k, q).
+        """
         magnified = self.dof_map.magnify(candidates, points[:, None])
         cells = np.floor(magnified / self.lattice.spacing + 0.5).astype(np.int64)
         contains = (self.dof_map.cells[candidates] == cells).all(axis=2) & np.isfinite(scores)
@@ -243,7 +248,7 @@ class PatchLocator:
         return np.where(contains[rows, best], candidates[rows, best], patch)
 
     def _touch(self, first: Ints, second: Ints) -> Bools:
-        """Return which pairs of patches have samples that touch."""
+        """Return whether samples of the patches ``first`` and ``second``, arrays of one shape, touch each other."""
         count, codes = len(self.dof_map.cells), self._touching_codes
         code = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
         if not len(codes):
@@ -259,10 +264,12 @@ class PatchLocator:
 
     @cached_property
     def _boundary_tree(self) -> Any:
+        """The k-d tree of the samples on boundaries."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
     @cached_property
     def _search(self) -> SampleSearch:
+        """The search for the nearest samples."""
         return SampleSearch(self.dof_map, self.samples)

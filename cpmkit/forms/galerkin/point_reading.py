@@ -26,7 +26,7 @@ from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Points farther from the manifold than so many spacings are refused: they may belong to another part of it.
+#: Points farther from the manifold than so many spacings are refused: another part of it may be meant.
 READING_SPACINGS = 3.0
 #: Number of points that are evaluated at a time.
 READ_AT_ONCE = 1 << 17
@@ -34,7 +34,7 @@ READ_AT_ONCE = 1 << 17
 
 @dataclass(frozen=True, eq=False)
 class PointReader:
-    """Evaluation of the functions of a space, whatever the equation and the conditions.
+    """Evaluation of the functions of a space at points, whatever the equation and the conditions.
 
     Attributes
     ----------
@@ -61,9 +61,11 @@ class PointReader:
 
     @cached_property
     def _weak_points(self) -> WeakCache[Floats]:
+        """The cache of :attr:`points`."""
         return WeakCache()
 
     def _scene_points(self) -> Floats:
+        """Return the samples (p, d) of the manifold in the scene's coordinates as a new read-only array."""
         points = self.sampled.samples.points_at(slice(self.sampled.interior))  # a new array
         points += self.sampled.lattice.origin
         points.flags.writeable = False
@@ -71,7 +73,7 @@ class PointReader:
 
     @cached_property
     def locator(self) -> PatchLocator:
-        """The search for the patch that a point is evaluated through."""
+        """The search for the patch in which a point is evaluated."""
         sampled, boundary, count = self.sampled, self.sampled.boundary, len(self.sampled.half.cell)
         owner, left = np.full(count, -1), np.zeros(count, dtype=bool)
         rows = np.flatnonzero((boundary.half >= 0) & ~boundary.beyond_tip)
@@ -90,7 +92,7 @@ class PointReader:
         return self.space.value_rows(patch, feet.points, cells)
 
     def _located(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
-        """Return the closest points (k,) of ``points`` (k, d), the patches (k,) and the mesh cells (k,) of these."""
+        """Return the closest points of ``points`` (k, d), and the patches (k,) and mesh cells (k,) that they are in."""
         feet = self.closest_points(points)
         patch, nearest = self.locator.patches(feet, self._numbered_sides(side))
         return feet, patch, self.sampled.samples.cell_at(nearest)
@@ -103,7 +105,7 @@ class PointReader:
         return np.concatenate(values) if values else np.zeros((0, u.shape[1]))
 
     def closest_points(self, points: Any) -> ClosestPoints:
-        """Return the closest points (k,) on the manifold, relative to the lattice's origin.
+        """Return the closest points on the manifold of ``points`` (k, d), relative to the lattice's origin.
 
         Raises
         ------
@@ -120,18 +122,20 @@ class PointReader:
         return feet
 
     def _local(self, points: Any) -> Floats:
+        """Return ``points`` (k, d) relative to the lattice's origin."""
         return self.sampled.lattice.to_local(as_points(points, self.sampled.lattice.dim))
 
     def _numbered_sides(self, side: Sides) -> dict[int, Side]:
+        """Return the side that is read of each boundary, by the boundary's number."""
         return {self.names.index(name): chosen for name, chosen in self.sides(side).items()}
 
     def sides(self, side: Sides) -> Mapping[str, Side]:
-        """Return ``side`` by the name of each boundary that has sides.
+        """Return the side that is read of each boundary, by name; a single side holds for all boundaries with sides.
 
         Raises
         ------
         InputError
-            If it names no boundary, or one without sides.
+            If a name is not that of a boundary, or the boundary has no sides.
         """
         has_left = {oriented.boundary.name: oriented.has_left for oriented in self.sampled.oriented}
         if side is None:
@@ -151,7 +155,7 @@ class PointReader:
         Raises
         ------
         InputError
-            If there is none of this name.
+            If no boundary has the name.
         """
         if name not in self.names:
             listed = ", ".join(map(repr, self.names)) or "none"
@@ -159,13 +163,13 @@ class PointReader:
         return self.names.index(name)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return how far (k,) points of the manifold are from a boundary, positive on its left, NaN past its ends."""
+        """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
         return self.locator.signed_distance(self._number(name), self.closest_points(points).points)
 
     # Gradients
 
     def gradient(self, u: Floats, points: Any, side: Sides = None) -> Floats:
-        """Return the tangential gradient (k, channels, d) at the manifold's points nearest to ``points`` (k, d).
+        """Return the tangential gradient (k, channels, d) of u at the manifold's points nearest to ``points`` (k, d).
 
         The gradient of the splines is projected onto the splines first, which makes it 2 to 6 times more exact.
         """
@@ -182,19 +186,26 @@ class PointReader:
         return np.stack(channels, axis=1) if channels else gradient
 
     def _projected_gradient(self, u: Floats) -> Floats:
-        """Return the unknowns (n, channels d) of the projected gradient of the splines in u; cached for the last u."""
+        """Return the unknowns (n, channels d) of the projection of the gradient of u's splines onto the splines.
+
+        They are cached for the last u.
+        """
         if self._last_gradient.get("u") is not u:
             self._last_gradient.update(u=u, projected=self.space.project_gradients(u))
         return self._last_gradient["projected"]
 
     @cached_property
     def _last_gradient(self) -> dict[str, Floats]:
+        """The last u, and the unknowns of its projected gradient."""
         return {}
 
     # Conormals
 
     def boundary_conormals(self, boundary: str, side: Side, points: Any) -> tuple[Floats, Floats]:
-        """Return the points (k, d) of a boundary nearest to ``points``, and its conormals (k, d) out of ``side``."""
+        """Return the points (k, d) of a boundary nearest to ``points`` (k, d), and conormals (k, d) out of ``side``.
+
+        All coordinates are the scene's.
+        """
         ((number, _),) = self._numbered_sides({boundary: side}).items()
         oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
         at = as_points(points, lattice.dim) - oriented.left.origin
@@ -203,7 +214,7 @@ class PointReader:
         return on_boundary.points + oriented.left.origin, -leftward if side == "left" else leftward
 
     def rim_conormals(self, points: Any) -> tuple[Floats, Floats]:
-        """Return the closest points (k, d) on the edge of the manifold, and the outward conormals (k, d)."""
+        """Return the points (k, d) of the manifold's edge nearest to ``points``, and its outward conormals (k, d)."""
         lattice, surface = self.sampled.lattice, self.sampled.surface
         on_rim = surface.closest_point(self._local(points))
         outward = outward_conormals(surface, on_rim, DIFFERENCE_SPACINGS * lattice.spacing)
@@ -212,7 +223,7 @@ class PointReader:
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None, side: Side | None, scene: Scene
     ) -> Floats:
-        """Return du/db (k, channels) at points of a boundary's side, or of the edge of the manifold, b outwards.
+        """Return du/db (k, channels), b outwards, at points of a boundary's side, or of the edge of the manifold.
 
         Where the diffusivity A of the scene is a tensor, the derivative is along A b / (b . A b).
         """

@@ -22,7 +22,7 @@ LEAST_SAMPLE_RATIO = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SampleSearch:
-    """Searches the samples of a dof map by position.
+    """Search for the samples of a dof map that are nearest to points.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class SampleSearch:
     samples: Samples | QuantisedSamples
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints]:
-        """Return the distances (k, count) of the nearest samples of points (k, d), ascending, and their numbers.
+        """Return the ascending distances (k, count) of the nearest samples from ``points`` (k, d), and their numbers.
 
         ``count`` is at most the number of samples.
         """
@@ -51,10 +51,12 @@ class SampleSearch:
 
     @cached_property
     def _by_cell(self) -> SamplesByCell | None:
+        """The samples ordered by patch; None for dof maps of several levels."""
         return samples_by_cell(self.dof_map, self.samples) if type(self.dof_map) is DofMap else None
 
     @cached_property
     def _tree(self) -> Any:
+        """The k-d tree of all samples."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.samples.points, balanced_tree=False)
@@ -69,7 +71,7 @@ class SamplesByCell:
     spacing : float
         Spacing of the lattice.
     points : (q, d) float64
-        In spacings.
+        The samples in units of the spacing.
     order : (q,) integers
         The original number of each sample.
     codes, starts : (p,) and (p + 1,) int64
@@ -86,7 +88,10 @@ class SamplesByCell:
     numbering: Codes
 
     def nearest(self, points: Floats, count: int) -> tuple[Floats, Ints, Bools]:
-        """Return distances (k, count), numbers (k, count), and for which points (k,) no nearer sample can exist."""
+        """Return the ascending distances (k, count) of the nearest samples from ``points`` (k, d), numbers, and a mask.
+
+        The numbers (k, count) are those of the samples; the mask (k,) is true if no nearer sample can exist.
+        """
         from cpmkit.forms.galerkin.locator_kernels import nearest_in_cells
 
         around = np.array(sorted(product((0, -1, 1), repeat=points.shape[1]), key=lambda step: np.abs(step).sum()))
@@ -98,7 +103,7 @@ class SamplesByCell:
 
 
 def samples_by_cell(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SamplesByCell:
-    """Return the samples ordered by patch."""
+    """Return the ``samples`` ordered by patch."""
     from cpmkit.runtime.inverse_index import inverse_index
 
     starts, order = inverse_index(dof_map.patch, len(dof_map.cells))

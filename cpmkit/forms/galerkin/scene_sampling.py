@@ -1,4 +1,4 @@
-"""From a scene to samples: the manifold as a mesh with the boundaries inserted, subdivided, curved, cut and sampled."""
+"""Sampling of a scene: the manifold as a mesh with boundaries inserted, subdivided, curved, cut and sampled."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class SampledScene:
     Attributes
     ----------
     lattice : Lattice
-        All coordinates are relative to its origin.
+        The lattice; all coordinates are relative to its origin.
     surface : LocalSource
         The manifold.
     sources : sequence of LocalSource
@@ -76,27 +76,27 @@ class SampledScene:
     oriented : sequence of OrientedBoundary
         The boundaries with the rule that names their left.
     mesh : Mesh
-        Subdivided, curved and cut; its cells in 32 bits.
+        The mesh, subdivided, curved and cut; its cells are stored in 32 bits.
     corners : (m, k) int32
-        The vertices of its cells after cutting.
+        The vertices of the cells after cutting.
     half : HalfFacets
-        Its facets on boundaries and rims.
+        The facets of cells on boundaries and rims.
     samples : Samples or QuantisedSamples
         The samples on the manifold, then those on boundaries; quantised once the dof map is known.
     boundary : BoundarySamples
         The samples on boundaries.
     left : (b,) bool
-        Which of these are on the left of their boundary.
+        Whether each sample on a boundary is on its left.
     conditions : tuple of ImposedCondition
         The conditions of the scene, with the samples at which each is imposed.
     warnings : tuple of str
-        Of the mesh and the insertion of boundaries.
+        Warnings of the mesh and of the insertion of boundaries.
     winding : (m,) int8
         The orientation of the cells, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
     geometry : "flat", "closest_point" or "normals"
         How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
-        The singular functions at the ends of boundaries, if they are wanted.
+        The singular functions at the ends of boundaries, if the options ask for them.
     """
 
     lattice: Lattice
@@ -117,7 +117,7 @@ class SampledScene:
 
     @property
     def interior(self) -> int:
-        """Number of samples on the manifold and on no boundary: the first ones."""
+        """Number of samples on the manifold and on no boundary, which come first."""
         return len(self.samples) - len(self.boundary)
 
     @property
@@ -136,9 +136,9 @@ class InsertedScene:
     lattice, surface, sources, oriented, geometry, warnings
         As of :class:`SampledScene`.
     mesh : Mesh
-        Of flat cells, not yet subdivided.
+        A mesh of flat cells, not yet subdivided.
     points : mapping of int to (k,) int64
-        The vertices that are points of a surface with a condition, by the number of the boundary.
+        The vertices at boundaries that are points of a surface, by the number of the boundary.
     """
 
     lattice: Lattice
@@ -152,7 +152,9 @@ class InsertedScene:
 
 
 def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
-    """Sample a scene at the spacing of the options; ``progress`` receives the stage and the share that is done.
+    """Return the samples of a scene at the spacing of the options.
+
+    ``progress`` receives the name of the stage and the share that is done.
 
     Raises
     ------
@@ -168,7 +170,7 @@ def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Prog
 
 
 def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
-    """Return a mesh of a scene's manifold with its boundaries inserted.
+    """Return a mesh of a scene's manifold with the boundaries inserted.
 
     Raises
     ------
@@ -194,7 +196,7 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
 def sample_inserted(
     scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions | None = None
 ) -> SampledScene:
-    """Sample a scene whose boundaries are inserted, more finely in ``regions``.
+    """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``.
 
     Raises
     ------
@@ -259,7 +261,7 @@ def _repaired_cells(
 ) -> tuple[LocalSource, Mesh, CellGeometry, tuple[str, ...]]:
     """Return the manifold, a repaired mesh of it, the geometry of its cells, and warnings.
 
-    A manifold that is known by closest points alone is returned with the noise of these.
+    A manifold that is known by closest points alone is returned with the measured noise of its closest points.
     """
     lengths = longest_edge(sampling, "closest_point", surface.manifold_dim or 0), PLAIN_EDGE_SPACINGS
     source_mesh = source_cells(surface, *(spacing * length for length in lengths))
@@ -278,12 +280,12 @@ def _repaired_cells(
 
 
 def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
-    """Refuse boundaries that are not in the mesh, that are far away, or that coincide with another of other conditions.
+    """Raise if a boundary is not in the mesh, is far away, or coincides with a boundary of different conditions.
 
     Raises
     ------
     SceneError
-        With the boundaries' names.
+        With the names of the boundaries.
     """
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:

@@ -1,7 +1,7 @@
-"""Errors that one solution shows: by third differences of its coefficients, and by what a mesh does not support.
+"""Errors estimated from one solution: by third differences of its coefficients, and by the support of a curved mesh.
 
 Splines of degree 2 approximate a function up to a share of h^3 times its third derivatives, and third differences of
-their coefficients are of the same size. They do not see errors of the samples, and are one half of an estimate; the
+their coefficients are of the same size. They do not contain errors of the samples, and are one half of an estimate; the
 other half is the difference from another solution, which is independent of them.
 """
 
@@ -50,10 +50,10 @@ def write_differences(
 ) -> int:
     """Fill ``out`` (k, channels) with differences along lines of coefficients through adjacent patches; return k.
 
-    Adjacent are pairs ``touching`` (t, 2) of patches whose ``cells`` (p, d) differ by one along an axis, and which
-    share the ``unknowns`` (p, width^d) between them. Each pair gives width^(d-1) lines of width + 1 coefficients, which
-    are multiplied by ``signs`` (width + 1,); ``strides`` (d,) are the distances of neighbours along each axis among the
-    unknowns.
+    The pairs ``touching`` (t, 2) of patches are adjacent if their ``cells`` (p, d) differ by one along one axis and the
+    ``unknowns`` (p, width^d) at their common nodes are the same. Each pair gives width^(d-1) lines of width + 1
+    coefficients of u (n, channels), multiplied by ``signs`` (width + 1,) and summed. ``strides`` (d,) are the distances
+    of neighbours along each axis in a row of ``unknowns``.
     """
     width, dim, found = len(signs) - 1, cells.shape[1], 0
     block, line = unknowns.shape[1], np.empty(len(signs), dtype=np.int64)
@@ -90,7 +90,7 @@ def write_differences(
 
 
 def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError | None:
-    """Return an estimate of the error of u (n, channels).
+    """Return an estimate of the error of u (n, channels) from third differences of its coefficients.
 
     None for splines of another degree than 2, for which nothing was measured, and where no two patches are adjacent.
     """
@@ -118,7 +118,7 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
 
 
 def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
-    """Return (k, channels) differences of coefficients along axes, of order degree + 1, through adjacent patches."""
+    """Return (k, channels) the differences of order degree + 1 of coefficients along axes, over adjacent patches."""
     width = dof_map.width
     signs = np.array([(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)])
     out = np.empty((len(dof_map.touching) * width ** (dof_map.dim - 1), u.shape[1]))
@@ -127,12 +127,12 @@ def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
 
 
 def _rough_share(area: float, limits: tuple[float, float]) -> float:
-    """Return 0 where a share of the area is below the first limit, 1 where it is above the second, else between."""
+    """Return 0 if ``area`` is below the first limit, 1 above the second, and interpolated in its logarithm between."""
     return float(np.interp(math.log(max(area, limits[0])), np.log(limits), [0, 1]))
 
 
 def _interpolated_ratios(smooth: tuple[float, float], rough: float) -> tuple[float, float]:
-    """Return ratios between ``smooth`` ones and `ROUGH`, by the share ``rough``."""
+    """Return ratios between the ``smooth`` ratios (for ``rough`` = 0) and `ROUGH` (for ``rough`` = 1)."""
     rms, largest = (first ** (1 - rough) * second**rough for first, second in zip(smooth, ROUGH, strict=True))
     return rms, largest
 
@@ -140,14 +140,14 @@ def _interpolated_ratios(smooth: tuple[float, float], rough: float) -> tuple[flo
 def support_floor(surface: LocalSource, area: float, difference: float | None) -> float:
     """Return the error that curving a mesh from its normals leaves in solutions, as a share of their range.
 
-    0 where cells are not those of meshes.
+    It is 0 if a part of the source is no mesh.
 
     Parameters
     ----------
     surface : LocalSource
         The manifold, a mesh that is read as smooth, or a union of such.
     area : float
-        Of the curved surface.
+        The area of the curved surface.
     difference : float, optional
         Root mean square difference of a solution on the curved surface from one on the triangles, as a share of the
         range. By default the relative difference of their areas, which is as a rule larger.
@@ -163,7 +163,10 @@ def support_floor(surface: LocalSource, area: float, difference: float | None) -
 
 
 def _areas_by_support(surface: LocalSource) -> Floats | None:
-    """Return the area of a source's triangles, of those with an unsupported edge, and of those with a doubtful edge."""
+    """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
+
+    None for a source without a mesh.
+    """
     cache, support = mesh_cache_of(surface), source_support(surface)
     if cache is None or support is None:
         return None

@@ -19,8 +19,8 @@ from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints
 
-#: Values at a crossing that differ by less than this share of their size count as equal: the vertex is not exactly
-#: there.
+#: Values at a crossing that differ by less than this share of their size count as equal: the vertex is not exactly at
+#: the crossing.
 DIFFERENT_SHARE = 0.01
 #: A layer of width a / v . b is reported where it is narrower than this share of the spacing.
 OUTFLOW_LAYER_SPACINGS = 0.25
@@ -82,7 +82,7 @@ def tip_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[str]:
 
 
 def ends_inside(mesh: Mesh, number: int) -> Ints:
-    """Return the vertices (k,) at which a boundary ends inside the surface; its edges are continued there."""
+    """Return the vertices (k,) at which boundary ``number`` ends inside the surface: where its edges are extended."""
     own = mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip]
     past = mesh.cut[(mesh.owner == number) & mesh.beyond_tip]
     vertices, count = np.unique(own, return_counts=True)
@@ -90,7 +90,7 @@ def ends_inside(mesh: Mesh, number: int) -> Ints:
 
 
 def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
-    """Return the largest magnitude of the given values of a boundary at its vertices."""
+    """Return the largest magnitude, at the vertices of a boundary, of the values given on it."""
     where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
 
@@ -106,7 +106,7 @@ def _meetings(mesh: Mesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], F
 
 
 def _shared_vertices(mesh: Mesh) -> Iterator[tuple[int, list[int]]]:
-    """Yield the vertices at which facets of several boundaries end, and the numbers of these, ascending."""
+    """Yield each vertex at which facets of several boundaries end, and the ascending numbers of these boundaries."""
     own = ~mesh.beyond_tip
     if len(set(mesh.owner[own].tolist())) < 2:
         return
@@ -127,7 +127,7 @@ def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
 def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
     """Return the given values (k, channels) of each side of a boundary with a Dirichlet condition, at points (k, d).
 
-    Of problems in time at the start.
+    In problems in time the values are those at the start.
     """
     boundary, time = scene.boundaries[number], scene.problem.start_time
     laws = [boundary.condition(side).law for side in SIDES]
@@ -136,6 +136,7 @@ def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
 
 
 def _largest_magnitude(values: Floats) -> float:
+    """Return the largest absolute value; 0 for an empty array."""
     return float(np.abs(values).max(initial=0.0))
 
 
@@ -169,11 +170,11 @@ def resolution_warnings(
     Parameters
     ----------
     dof_map : DofMap
-        Of the lattice.
+        The dof map on the lattice.
     pieces : int and (n,) int64
-        The number of connected pieces, and that of each unknown.
+        The number of connected pieces, and the piece of each unknown.
     lattice : Lattice
-        Coordinates are relative to its origin.
+        The lattice, to whose origin coordinates are relative.
     boundaries : (b,) int64
         The patches of the samples on boundaries: nodes there have several unknowns by construction.
     geometry : "flat", "closest_point" or "normals"
@@ -208,7 +209,7 @@ def resolution_warnings(
 
 
 def fold_warnings(spread: NormalSpread, lattice: Lattice) -> Iterator[str]:
-    """Yield a warning where the manifold is thin, folded or creased on the lattice."""
+    """Yield a warning if much of the manifold is thin, folded or creased on the lattice."""
     if spread.unresolved_share > FOLDED_SHARE:
         yield (
             "Errors may be large, and fall slowly, where the manifold is thin, folded or creased on this lattice; use "

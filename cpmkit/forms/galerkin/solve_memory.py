@@ -22,7 +22,7 @@ from cpmkit.runtime import memory
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
 
-#: The part of a matrix that is factorised, beyond the coarsest level of multigrid.
+#: The parts of a matrix that are factorised, apart from the coarsest level of multigrid: none, all, or blocks.
 Factors = Literal["", "all", "blocks"]
 
 #: Bytes per unknown at the peak of a solve, by the dimension of the manifold: matrix, coarser matrices and tables
@@ -79,7 +79,7 @@ class GalerkinWork:
     Attributes
     ----------
     unknowns, samples, patches : int
-        Of the function space.
+        Numbers of unknowns, samples and patches of the function space.
     closest_point_queries : int
         Number of closest points computed, of the manifold and its boundaries.
     nonzeros : int
@@ -101,7 +101,7 @@ class GalerkinWork:
 
 
 class SceneExtras(NamedTuple):
-    """Parts of a scene that need memory in addition to the surface: the number of boundaries, and steps in time."""
+    """Parts of a scene that need memory in addition to its manifold: the number of boundaries, and steps in time."""
 
     boundaries: int
     in_time: bool
@@ -111,14 +111,14 @@ NO_EXTRAS = SceneExtras(0, False)
 
 
 def scene_extras(scene: Scene) -> SceneExtras:
-    """Return the parts of a scene that need memory in addition to its surface."""
+    """Return the parts of a scene that need memory in addition to its manifold."""
     return SceneExtras(len(scene.boundaries), isinstance(scene.problem, Evolution))
 
 
 def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> None:
-    """Refuse a spacing whose samples and matrices need more memory than there is, or whose nodes cannot be numbered.
+    """Raise if samples and matrices at a spacing need more memory than there is, or nodes cannot be numbered.
 
-    The manifold is measured only where one that is much folded in its bounding box would not fit.
+    The manifold is measured only if a manifold much folded in the same bounding box would not fit.
 
     Raises
     ------
@@ -134,7 +134,7 @@ def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> 
 
 
 def factorised_share(scene: Scene, solver: str) -> Factors:
-    """Return what a solver factorises: the matrices, blocks of them where there is a velocity, or nothing."""
+    """Return the part of matrices that a solver factorises: "all", "blocks" where there is a velocity, "" for none."""
     if solver == "direct":
         return "all"
     return "blocks" if solver == "multigrid" and scene.problem.terms().velocity is not None else ""
@@ -148,7 +148,7 @@ def check_unknowns_fit(
     factors: Factors = "",
     degree: int = 2,
 ) -> None:
-    """Refuse a solve of so many unknowns by a solver if it needs more memory than there is.
+    """Raise if a solve of so many unknowns by a solver needs more memory than there is.
 
     Raises
     ------
@@ -167,10 +167,10 @@ def check_unknowns_fit(
 
 
 def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2, counted: int = COUNTED_BLOCKS) -> float:
-    """Return about how many unknowns there are at a spacing: as many as a closest point band of this degree has.
+    """Return the approximate number of unknowns at a spacing: that of a closest point band of the same degree.
 
-    Counted by ``counted`` blocks or more. Of degree 2 they are 1.00 of them on a sphere, .98 on a circle, .94 on
-    Dziuk's surface, .88 on Spot and .66 on a knot in space (measured).
+    The band is counted by ``counted`` blocks or more. Unknowns of degree 2 are 1.00 of it on a sphere, .98 on a circle,
+    .94 on Dziuk's surface, .88 on Spot and .66 on a knot in space (measured).
     """
     return unknowns_at_one(surface, degree, counted) / spacing**surface.largest_dim
 
@@ -183,7 +183,7 @@ def peak_bytes(
     degree: int = 2,
     extras: SceneExtras = NO_EXTRAS,
 ) -> float:
-    """Return about how many bytes a solve of so many unknowns needs at its peak, with ``samples`` if they are known."""
+    """Return the approximate bytes at the peak of a solve; ``samples`` is their number, by default the usual number."""
     m, usual = manifold_dim, SAMPLES_PER_UNKNOWN[degree] * unknowns
     count = usual if samples is None else samples
     used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count
@@ -193,20 +193,20 @@ def peak_bytes(
 
 
 def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> float:
-    """Return the bytes of matrices, factors and tables."""
+    """Return the bytes of matrices, factors and tables on a manifold of dimension ``m``."""
     if factors != "all":
         return unknowns * (BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m] + (BLOCK_BYTES[m] if factors else 0.0))
     return unknowns * BYTES_FACTOR[degree] * TABLE_BYTES_WITH_FACTORS[m] + _factors_bytes(unknowns, m, degree)
 
 
 def _factors_bytes(unknowns: float, m: int, degree: int) -> float:
-    """Return the bytes of one matrix's factors; those of a curve's are counted with its tables."""
+    """Return the bytes of the factors of one matrix; on a curve 0, as they are counted with its tables."""
     fill = ENTRY_BYTES * FILL_FACTOR * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
     return unknowns * fill
 
 
 def _extra_bytes(unknowns: float, m: int, factors: Factors, degree: int, extras: SceneExtras) -> float:
-    """Return the bytes of boundaries and of steps in time."""
+    """Return the estimated bytes that boundaries and time stepping add to a solve."""
     used = extras.boundaries * min(BOUNDARY_BYTES_PER_UNKNOWN * unknowns, MOST_BOUNDARY_BYTES[m])
     if extras.boundaries and factors != "all":
         used += BYTES_PER_UNKNOWN_WITH_BOUNDARIES[m] * unknowns
@@ -218,7 +218,7 @@ def _extra_bytes(unknowns: float, m: int, factors: Factors, degree: int, extras:
 
 
 def fitting_spacing(surface: LocalSource, available: int, factors: Factors = "", degree: int = 2) -> float:
-    """Return a spacing, rounded up to two digits, at which a solve fits into so many bytes."""
+    """Return the smallest spacing, rounded up to two digits, at which a solve fits into ``available`` bytes."""
     m, room = surface.largest_dim, (1 - SPARE_MEMORY_SHARE) * max(available, 1)
     unknowns = 1.0
     for _ in range(FITTING_ROUNDS):
