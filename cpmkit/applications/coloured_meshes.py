@@ -40,7 +40,10 @@ def with_colours(solution: Solution, colours: Floats) -> ColouredSolution:
 def with_triangles(
     solution: ColouredSolution, points: Floats, triangles: Ints, normals: Floats, colour: Any
 ) -> ColouredSolution:
-    """Return ``solution`` with ``triangles`` (t, 3) of ``points`` (v, 3) in one colour added, lit by ``normals``."""
+    """Return ``solution`` with ``triangles`` (t, 3) of ``points`` (v, 3) added to its display mesh.
+
+    They have one colour (3,) and are shaded by ``normals`` (v, 3).
+    """
     mesh = solution.mesh
     count, corners = len(mesh.points), max(mesh.cells.shape[1], 3)
     cells = np.full((len(mesh.cells) + len(triangles), corners), -1)
@@ -65,12 +68,12 @@ OUTLINE = np.array(
 TRIANGLES = np.array([[0, 1, 8], [8, 1, 7], [1, 2, 7], [7, 2, 6], [3, 4, 5]])
 #: Height of arrows above the surface, over their length.
 LIFT_SHARE = 0.08
-#: Distance of the centres of arrows, over their length.
+#: Least distance of the centres of arrows, over their length.
 APART_LENGTHS = 0.95
 
 
 def spread_points(points: Floats, distance: float) -> Ints:
-    """Return the numbers of points, chosen at random, of which no two are nearer than ``distance``."""
+    """Return the indices of randomly chosen points, no two of which are nearer to each other than ``distance``."""
     from scipy.spatial import cKDTree
 
     neighbours = cKDTree(points).query_ball_point(points, distance)
@@ -85,7 +88,7 @@ def spread_points(points: Floats, distance: float) -> Ints:
 def arrow_triangles(
     surface: ClosestPointSource, centres: Floats, directions: Floats, length: float
 ) -> tuple[Floats, Ints, Floats]:
-    """Return vertices (v, 3), triangles (t, 3) and normals (v, 3) of arrows that follow a surface, on both its sides.
+    """Return vertices (v, 3), triangles (t, 3) and normals (v, 3) of arrows along a surface, on both its sides.
 
     Each corner is projected on the surface and then moved off it along the normal.
     """

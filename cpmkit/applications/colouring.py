@@ -36,7 +36,7 @@ class ColouredSurface(Result):
     solution : Solution
         Red, green and blue as computed: at tips and crossings of curves some hundredths beyond the prescribed colours.
     ends : (2, 3) float64
-        The least and the largest prescribed red, green and blue, to which computed colours are clipped.
+        The least and the largest prescribed red, green and blue, between which computed colours are clipped.
     """
 
     ends: Floats
@@ -55,7 +55,7 @@ class ColouredSurface(Result):
         return np.asarray(np.clip(colours, *self.ends))
 
     def drawable(self) -> Solution:
-        """Return the solution with its display mesh in these colours."""
+        """Return the solution with the clipped colours as values of its display mesh."""
         return with_colours(self.solution, self.clip(self.solution.display_mesh().values))
 
 
@@ -116,7 +116,7 @@ def diffusion_curves(
 
 
 def _check_every_piece_coloured(solution: Solution) -> None:
-    """Refuse a solution with pieces on which the colour is undetermined, as no side of a curve there has a colour."""
+    """Raise a SceneError if no side of a curve on some piece of the manifold has a colour: it is undetermined there."""
     free = [imbalance for imbalance in solution.imbalances if imbalance.of == "data"]
     if free:
         where, share = ", ".join(f"{x:.3g}" for x in free[0].near), 100 * free[0].share
@@ -127,6 +127,7 @@ def _check_every_piece_coloured(solution: Solution) -> None:
 
 
 def _boundary(name: str, pair: Any) -> ck.Boundary:
+    """Return the boundary of a curve with the conditions of its colours; an InputError if ``pair`` is not accepted."""
     if not isinstance(pair, (tuple, list)) or len(pair) != 2 or not isinstance(pair[0], ClosestPointSource):
         raise InputError(f"{name} must be a pair (source of a curve, its colours), got {shown(pair)}.")
     curve, colours = pair
@@ -143,4 +144,5 @@ def _boundary(name: str, pair: Any) -> ck.Boundary:
 
 
 def _condition(colours: Any, along: ArcLengthShare, label: str) -> Any:
+    """Return the condition of one side of a curve: the colours as Dirichlet data, zero flux if there are none."""
     return ck.Neumann(0.0) if colours is None else ck.Dirichlet(colour_data(colours, along, label))

@@ -20,9 +20,9 @@ from cpmkit.types import Floats, Ints
 
 #: Files of colours along a curve.
 COLOUR_SUFFIXES = (".npy", ".csv")
-#: Number of pieces by which places along a curve are found, over the size of its bounding box.
+#: Size of a curve's bounding box over the longest piece in the search for places along the curve.
 PIECES_OVER_SIZE = 2000
-#: What colours of a side are accepted, in words.
+#: The accepted forms of the colours of a side, in words.
 ACCEPTED = (
     "a colour (a name, '#rrggbb' or three numbers from 0 to 1), colours along the curve as (k, 3), or (k, 4) with the "
     "share of the length first, the name of a .npy or .csv file of these, a function of points, or None where nothing "
@@ -55,6 +55,7 @@ class ArcLengthShare:
 
     @cached_property
     def _pieces(self) -> _Pieces:
+        """Short pieces of the curves, in the direction of each; an InputError if the source is no curve with a mesh."""
         if not isinstance(self.curve, HasMesh) or self.curve.manifold_dim != 1:
             raise InputError(
                 f"colours along a curve need its mesh, and {type(self.curve).__name__} is no curve with one; give a "
@@ -70,6 +71,7 @@ class ArcLengthShare:
 
     @cached_property
     def _tree(self) -> Any:
+        """Search tree of the middles of the pieces."""
         from scipy.spatial import cKDTree
 
         pieces = self._pieces
@@ -92,7 +94,7 @@ def _vertex_chains(segments: Ints, count: int) -> list[Ints]:
     Raises
     ------
     InputError
-        If two segments begin at one vertex.
+        If two segments begin, or two end, at one vertex.
     """
     after = np.full(count, -1)
     after[segments[:, 0]] = segments[:, 1]
@@ -128,7 +130,7 @@ def _pieces(vertices: Floats, chains: list[Ints], longest: float) -> _Pieces:
 
 
 def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
-    """Return the Dirichlet datum of three channels for the colours of a side; ``label`` names it in errors.
+    """Return the Dirichlet datum with three channels for the colours of a side; ``label`` names them in errors.
 
     Raises
     ------
@@ -162,7 +164,7 @@ class _Stops:
 
 @dataclass(frozen=True, eq=False)
 class Ramp:
-    """A function of points of a curve, linear in the arc length between stops."""
+    """Colours as a function of points of a curve, linear in the arc length between stops."""
 
     stops: _Stops
     along: ArcLengthShare
@@ -202,6 +204,7 @@ def _check_colours(function: Callable[..., Any], label: str) -> Callable[[Floats
 
 
 def _read_colours(name: Path, label: str) -> Floats:
+    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file of colours; an InputError if it holds other data."""
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)
@@ -230,8 +233,9 @@ def dirichlet_along_curve(name: str, curve: ClosestPointSource, values: Callable
 def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
     """Return the least and the largest value of three channels that Dirichlet conditions prescribe, (2, 3), in [0, 1].
 
-    By the maximum principle a harmonic function stays between them if all other conditions are zero fluxes. 0 and 1 are
-    returned if one is not, or prescribes a function on a curve without a mesh. Functions are sampled ``spacing`` apart.
+    By the maximum principle a harmonic function stays between them if all other conditions are zero fluxes. The result
+    is 0 and 1 if another condition is no zero flux, or if a function is prescribed on a curve without a mesh. Functions
+    are sampled ``spacing`` apart.
     """
     samples = [np.clip(values, 0.0, 1.0) for values in _prescribed_values(scene, spacing)]
     if not samples:
@@ -241,7 +245,7 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
 
 
 def _prescribed_values(scene: ck.Scene, spacing: float) -> Iterator[Floats]:
-    """Yield the values (k, 3) that each condition prescribes, 0 and 1 where they are not known."""
+    """Yield the values (k, 3) that each condition prescribes, rows of 0 and of 1 where they are not known."""
     for boundary in scene.boundaries:
         for side in ("left", "right"):
             yield _values_of(boundary.condition(side), boundary.source, spacing)
@@ -250,6 +254,11 @@ def _prescribed_values(scene: ck.Scene, spacing: float) -> Iterator[Floats]:
 
 
 def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
+    """Return the values (k, 3) that a condition prescribes, none for zero flux.
+
+    They are rows of 0 and of 1 where they are not known. A function is evaluated at the vertices of the mesh of
+    ``curve``.
+    """
     unknown = np.array([[0.0] * 3, [1.0] * 3])
     datum = condition.data()[0][1] if len(condition.data()) == 1 else None
     if condition.kind == "neumann":

@@ -31,7 +31,7 @@ from cpmkit.runtime.arrays import as_points, whole
 from cpmkit.runtime.messages import warn_each
 from cpmkit.types import Bools, Floats, Ints
 
-#: Artificial diffusion of the transport over the spacing: a cell Peclet number just below one.
+#: Artificial diffusion of the transport over the spacing, for a cell Peclet number just below one.
 DIFFUSION_SPACINGS = 1.05
 #: Within so many spacings of an origin the straight distance is prescribed, by a penalty of PENALTY over the spacing.
 PRESCRIBED_SPACINGS, PENALTY = 3.0, 10.0
@@ -43,7 +43,7 @@ METHODS = ("transport", "heat")
 
 
 def transport_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene for rounds of transport: less exact solves, which share the first preconditioner."""
+    """Return the prepared scene for transport: solves to a larger residual, with one preconditioner for all rounds."""
     solver = prepared.solver
     if solver.solver_tolerance is None:
         prepared = prepared.solved_by(solver.solver, solver_tolerance=DISTANCE_RESIDUAL, **solver.further)
@@ -129,7 +129,7 @@ class Distance(Measured):
         Raises
         ------
         ResolutionError
-            If a path does not arrive because it is caught at a barrier.
+            If a point is on a piece without an origin, or a path is caught at a barrier.
         """
         points = np.atleast_2d(np.asarray(start, dtype=np.float64))
         return descend(self, as_points(points, self.solution.scene.surface.dim))
@@ -219,7 +219,10 @@ class _Nearest(NamedTuple):
 
 
 def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[_Nearest, Bools]:
-    """Return the nearest origins, infinitely far if on another piece, and which pieces (count,) have an origin."""
+    """Return the nearest origin of each of ``points`` (p, d), and which pieces (count,) have an origin.
+
+    An origin on another piece than the point is infinitely far.
+    """
     form = prepared.discretized
     straight, number = origins.distances(points)
     if pieces.count == 1:
@@ -233,7 +236,7 @@ def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, point
 
 
 def _warn_unreached(phi: Solution, reached: Bools) -> Solution:
-    """Return ``phi`` with a warning on pieces without an origin, and issue the warning."""
+    """Return ``phi``, with a warning if pieces have no origin, which is also issued."""
     if reached.all():
         return phi
     text = (
@@ -247,7 +250,10 @@ def _warn_unreached(phi: Solution, reached: Bools) -> Solution:
 def _distance_by_heat(
     prepared: Prepared, origins: Origins, nearest: _Nearest, pieces: Pieces
 ) -> tuple[ck.Field, Solution]:
-    """Return X (p, d), the directions away from the origins, and the distance of the heat method."""
+    """Return X (p, d), the unit directions away from the origins, and the distance by the heat method.
+
+    A constant is added to the distance on each piece so that it is the straight distance beside the origins.
+    """
     field = heat_directions(prepared, origins, everywhere=False)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     shifts = np.zeros(pieces.count)
@@ -259,7 +265,9 @@ def _distance_by_heat(
 
 
 def _shift_at_origins(phi: Solution, nearest: _Nearest, piece: Ints) -> float:
-    """Return the constant to add to ``phi`` on a ``piece`` (its points) so that it is the straight distance at origins.
+    """Return the constant by which ``phi`` differs from the straight distance beside the origins of a piece.
+
+    ``piece`` (k,) are the indices of its points.
 
     Raises
     ------
@@ -284,7 +292,10 @@ def _shift_at_origins(phi: Solution, nearest: _Nearest, piece: Ints) -> float:
 def _transport_round(
     prepared: Prepared, nearest: _Nearest, unreached: Bools, field: ck.Field, previous: Solution
 ) -> Solution:
-    """Return the distance transported along ``field``: straight near the origins, zero where ``unreached`` (p,)."""
+    """Return the distance after one round of transport along ``field``.
+
+    Near the origins, it is the straight distance, and zero at the points that are ``unreached`` (p,).
+    """
     h = prepared.discretized.spacing
     # The previous distance along the manifold must be small, too: the opposite side of a thin part is not prescribed.
     near_origin = np.maximum(prepared.field(previous).values, nearest.straight) < PRESCRIBED_SPACINGS * h

@@ -49,9 +49,9 @@ class _State:
     Attributes
     ----------
     points : Field
-        Images on the target (p, k).
+        Images (p, k) on the target of the points of the prepared scene.
     normal : (p, k) float64
-        The normal part of Lap u there.
+        Part of Lap u normal to the target, at the images.
     energy : float
         The Dirichlet energy.
     solution : Solution or None
@@ -76,10 +76,10 @@ def implicit_flow(
     rest: float,
     covering: float,
 ) -> tuple[Solution, list[float], bool]:
-    """Take implicit steps until the energy rests, short steps first.
+    """Take implicit steps, short ones first, until the energy is at rest.
 
-    A step that raises the energy or tears the map is repeated with half its length, but for the first step where
-    conditions are prescribed, which the initial map need not fulfil.
+    A step that raises the energy or tears the map is repeated with half its length. The first step is not where
+    conditions are prescribed, since the initial map need not satisfy them.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def implicit_flow(
 
 
 def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: float) -> _State:
-    """Return the map after one step of backward Euler and a projection."""
+    """Return the map after one step of backward Euler, of length ``step``, and a projection on the target."""
     f = prepared.field(state.points.values / step + state.normal)
     solution = prepared.solve(problem=ck.ScreenedPoisson(f, c=1 / step), guess=state.solution)
     unprojected = prepared.field(solution)
@@ -150,14 +150,14 @@ def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> 
 
 #: The explicit step over the spacing squared, and the largest stable one.
 EXPLICIT_STEP_SHARE, LARGEST_STEP_SHARE = 0.1, 1 / 6
-#: The energy is integrated after so many explicit steps, and its mean decrease a step is compared.
+#: The energy is integrated after so many explicit steps, and its mean decrease per step is compared with ``rest``.
 STEPS_PER_ENERGY = 50
 
 
 def explicit_flow(
     prepared: Prepared, target: ClosestPointSource, start: Floats, step: float | None, most_steps: int, rest: float
 ) -> tuple[Solution, list[float], bool]:
-    """Take the explicit steps u_next = cp(u + step Lap u) of King et al. (2024), eq. 24, until the energy rests.
+    """Take the explicit steps u_next = cp(u + step Lap u) of King et al. (2024), eq. 24, until the energy is at rest.
 
     Arguments and results are those of :func:`implicit_flow`. Stable steps are bounded by the spacing squared.
 
@@ -188,6 +188,6 @@ def explicit_flow(
 
 
 def _energy(solution: Solution) -> float:
-    """Return the integral of |grad u|^2 / 2."""
+    """Return the Dirichlet energy, the integral of |grad u|^2 / 2 over all channels."""
     integral = solution.integrate(lambda points, _: 0.5 * (solution.gradient(points) ** 2).sum(axis=(1, 2)))
     return float(np.sum(integral))

@@ -61,6 +61,7 @@ def covered_area(
 def _degree_and_area(
     surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
 ) -> tuple[int, float]:
+    """Return the degree of a map and the area of the target; arguments and errors as of :func:`degree_of_map`."""
     from scipy.spatial import cKDTree
 
     vertices, faces = _closed_mesh(surface, 0.5 * spacing)
@@ -77,13 +78,13 @@ def _degree_and_area(
 
 
 def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return (f, 3) the normals of triangles, as long as their areas."""
+    """Return normals (f, 3) of triangles, as long as the areas of the triangles."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.asarray(0.5 * np.cross(b - a, c - a))
 
 
 def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles of a closed surface, oriented with normals outwards."""
+    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; an InputError if it is not closed."""
     if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
         raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
     vertices, faces = surface.mesh(spacing)
@@ -152,6 +153,7 @@ class SurfaceMap(Result):
 
     @property
     def _details(self) -> str:
+        """Words for ``repr`` beside those of the solution: the target and the energy."""
         return f" to {self.target!r}, energy {self.energy[-1]:.6g} {'at' if self.at_rest else 'not at'} rest"
 
     def picture(self, path: Any, texture: Any = None, **options: Unpack[LookKeywords]) -> Any:
@@ -180,6 +182,7 @@ class SurfaceMap(Result):
         return with_colours(self.solution, colours)
 
     def _coordinates_as_colours(self, points: Floats) -> Floats:
+        """Return colours (n, 3) from 0 to 1: the coordinates of the target's points, relative to its bounds."""
         low, high = self.target.bounds
         share = (points - low) / np.where(high > low, high - low, 1.0)
         return np.pad(share, ((0, 0), (0, 3 - share.shape[1])), constant_values=0.5)
@@ -267,7 +270,7 @@ def harmonic_map(
 
 
 def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
-    """Return the area that the initial map covers, a lower bound of the energy of its homotopy class; 0 if unknown."""
+    """Return the area that the initial map covers, a lower bound of its homotopy class's energy; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
     try:
         return covered_area(
@@ -278,7 +281,10 @@ def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> f
 
 
 def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
-    """Return the images (p, k), on the target, of the points of the prepared scene under the initial map."""
+    """Return the images (p, k), on the target, of the points of the prepared scene under the initial map.
+
+    An InputError if ``initial`` is not accepted.
+    """
     if isinstance(initial, str) and initial == "nearest":
         if prepared.scene.surface.dim != target.dim:
             raise InputError("nearest points are those of a target in the same space; give the initial map.")
@@ -289,7 +295,7 @@ def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floa
 
 
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
-    """Return the scene of the flow with landmarks as boundaries."""
+    """Return the scene of the flow, with landmarks as boundaries; an InputError if landmarks are not accepted."""
     problem = ck.ScreenedPoisson([0.0] * target.dim)
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, problem)
     if target.manifold_dim not in (1, 2):
@@ -312,7 +318,7 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
 
 
 def _on_target(target: ClosestPointSource, image: Any) -> Callable[[Floats], Floats]:
-    """Return the function ``image`` of points of a curve, with values projected on the target."""
+    """Return a function of points of a curve whose values are those of ``image``, projected on the target."""
     if not callable(image):
         raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
     return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

@@ -27,12 +27,12 @@ VECTOR_HEAT_RESIDUAL = 1e-12
 MOST_FACTORISED = 60_000
 #: Time of the heat step over the spacing squared, and the factor by which it grows until heat arrives everywhere.
 HEAT_TIME, TIME_GROWTH = 0.5, 4.0
-#: Below this share of its largest value the heat that an iterative solver gives is noise.
+#: Heat below this share of its largest value is noise if an iterative solver computed it.
 NOISE_SHARE = 1e-9
-#: Share of points that may stay without a direction where heat underflows: a longer time would blur all others.
+#: Share of points that may remain without a direction where heat underflows; a longer time would blur all directions.
 UNDERFLOW_SHARE = 1e-2
-#: Penalty of normal components, times h^2: at 1 directions are 18 times less exact on a sphere, at 100 iterations
-#: double.
+#: Penalty of normal components, times h^2: with 1, directions are 18 times less exact on a sphere; with 100, twice as
+#: many iterations are needed.
 TANGENTIAL_PENALTY = 25.0
 
 
@@ -46,7 +46,7 @@ def manifold_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ClosestPoi
 
 
 def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return a source, a scene or a prepared scene as a prepared scene whose boundaries are barriers.
+    """Return the prepared scene of a source or a scene, whose boundaries are barriers, or a prepared scene itself.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any
 
 
 def barriers(surface: ClosestPointSource | ck.Scene) -> ck.Scene:
-    """Return the scene of a manifold with its barriers and without data.
+    """Return the scene of a manifold with its barriers and with f = 0.
 
     Raises
     ------
@@ -76,6 +76,7 @@ def barriers(surface: ClosestPointSource | ck.Scene) -> ck.Scene:
 
 
 def _check_barriers(scene: ck.Scene) -> None:
+    """Raise an InputError if a condition of a boundary or the edge is not of the kind Neumann."""
     for condition in scene.conditions:
         if condition.kind != "neumann":
             raise InputError(
@@ -127,20 +128,20 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
 
 
 def only_underflow(heat: Floats, cold: Bools) -> bool:
-    """Return whether the ``cold`` points (p,) are few, and their heat (p,) is noise of rounding.
+    """Return whether the ``cold`` points (p,) are few and the heat (p,) of none of them is exactly zero.
 
-    On a piece without an origin the heat is exactly zero.
+    It is zero on a piece without an origin; elsewhere it is small by underflow or rounding.
     """
     return bool(cold.mean() <= UNDERFLOW_SHARE and heat[cold].all())
 
 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
-    """Refuse a manifold that heat does not reach everywhere.
+    """Raise if heat does not reach all points of a manifold.
 
     Raises
     ------
     SceneError
-        With the number of points that are ``cold`` (p,).
+        If any point is ``cold`` (p,); the message has their number.
     """
     if cold.any():
         raise SceneError(
@@ -152,7 +153,7 @@ def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
 def vector_heat_directions(
     prepared: Prepared, coupling: ck.Field, source: ck.PointSource, shortest: float
 ) -> tuple[Floats, Solution]:
-    """Return the directions of vectors that diffuse from a source, each after the shortest time in which it arrives.
+    """Return the directions of vectors that diffuse from points, each after the shortest time in which heat arrives.
 
     Parameters
     ----------
@@ -194,8 +195,9 @@ def vector_heat_directions(
 def tangential_coupling(prepared: Prepared, parallel: bool) -> ck.Field:
     """Return the zeroth-order coefficient of the system for the components of tangential vectors.
 
-    It is (s / h^2) n n', n the normal and s TANGENTIAL_PENALTY, which penalises normal components; less S^2, S the
-    shape operator, where vectors are transported in ``parallel``. A field of nine channels, a 3 x 3 matrix a point.
+    It is (s / h^2) n n', with the normal n and s = TANGENTIAL_PENALTY, which penalises normal components; less S^2,
+    with the shape operator S, if vectors are transported in ``parallel``. The field has nine channels, a 3 x 3 matrix
+    per point.
     """
     normals = ck.normals_at(prepared.scene.surface, prepared.points)
     projector = np.einsum("pi,pj->pij", normals, normals)
@@ -207,7 +209,10 @@ def tangential_coupling(prepared: Prepared, parallel: bool) -> ck.Field:
 
 
 def _shape_operator(prepared: Prepared, projector: Floats) -> Floats:
-    """Return S (p, 3, 3), of either sign, from n n' (p, 3, 3): with n . n = 1, grad(n n') n = grad n."""
+    """Return the shape operator S (p, 3, 3), of either sign, from the projectors n n' (p, 3, 3) on normals.
+
+    Since n . n = 1, grad(n n') n = grad n.
+    """
     column = np.einsum("pii->pi", projector).argmax(axis=1)
     normal = unit(projector[np.arange(len(projector)), :, column])
     shape = np.zeros_like(projector)

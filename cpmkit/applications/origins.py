@@ -16,7 +16,7 @@ from cpmkit.plugin import ClosestPointSource, Discretized, HasGivenMesh, Terms, 
 from cpmkit.preparing import Prepared
 from cpmkit.types import Bools, Floats, Ints
 
-#: Up to so many points are searched one after the other: a tree takes five times as long.
+#: Up to so many points are searched one after the other, which is five times as fast as a tree.
 MOST_SEARCHED_POINTS = 4
 
 
@@ -39,9 +39,10 @@ class Origins:
     curves: Sequence[ClosestPointSource]
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
-        """Return the straight distance (n,) from ``points`` (n, d) to the nearest origin, its place, its number.
+        """Return the distances (n,) of ``points`` (n, d) from the nearest origins, the places, and the numbers (n,).
 
-        Points are numbered first, then curves.
+        Distances are straight; the places (n, d) are those of the origins nearest to the points. Origins that are
+        points are numbered first, then curves.
         """
         count = len(self.points)
         best, number = self._nearest_point(points)
@@ -54,14 +55,14 @@ class Origins:
         return best, places, number
 
     def distances(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return the distance (n,) and the number (n,) of :meth:`closest` alone, which is faster."""
+        """Return only the distances (n,) and the numbers (n,) of :meth:`closest`, which is faster."""
         if self.curves:
             best, _, number = self.closest(points)
             return best, number
         return self._nearest_point(points)
 
     def _nearest_point(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return the distance (n,) to the nearest of the points, infinity where there is none, and its number."""
+        """Return the distances (n,) from the nearest of the points, infinite if there are none, and its number (n,)."""
         if len(self.points) > MOST_SEARCHED_POINTS:
             best, number = self._tree.query(points)
             return best, number
@@ -73,7 +74,7 @@ class Origins:
         return best, number
 
     def samples(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return points (k, d) on all origins, about a ``spacing`` apart on curves, and the number (k,) of each."""
+        """Return points (k, d) on all origins, about a ``spacing`` apart on curves, and their origins' numbers (k,)."""
         at, owner = [self.points], [np.arange(len(self.points))]
         for number, curve in enumerate(self.curves, len(self.points)):
             at.append(ck.boundary_points(curve, self.surface, spacing).points)
@@ -84,8 +85,8 @@ class Origins:
         """Return heat sources on all origins: of strength 1 per spacing on curves, and stronger at points.
 
         Heat of time t = reach^2 from a curve decays as exp(-s / reach), heat from a point as the Bessel function
-        K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. Points are as much stronger that both are
-        equal where s is a quarter of the manifold's size: ridges between points and curves then lie half way, up to a
+        K0(s / reach) / pi, which is sqrt(2 reach / (pi s)) / 2 as large. The strength of points makes both equal at a
+        distance s of a quarter of the manifold's size: ridges between points and curves then lie half way, up to a
         fraction of the reach.
         """
         far = 0.25 * float(np.ptp(self.surface.bounds, axis=0).max())
@@ -99,6 +100,7 @@ class Origins:
 
     @cached_property
     def _tree(self) -> Any:
+        """Search tree of the points."""
         from scipy.spatial import cKDTree
 
         return cKDTree(self.points)
@@ -110,7 +112,7 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     Raises
     ------
     InputError
-        If there are none, or an entry is none of these.
+        If there are no origins, or an entry is none of these.
     """
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
@@ -147,6 +149,7 @@ def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
 
 
 def _as_list(origins: Any) -> list[Any]:
+    """Return the entries of a sequence that has sources among them; other origins as a single entry."""
     if isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins):
         return list(origins)
     return [origins]
@@ -163,7 +166,7 @@ class Pieces:
     of_unknown : (n,) int64
         The number of the piece of each unknown.
     of_point : (p,) int64
-        The number of the piece of each point in use.
+        The number of the piece of each point of the prepared scene.
     """
 
     count: int
@@ -171,23 +174,23 @@ class Pieces:
     of_point: Ints
 
     def numbers_at(self, form: Discretized, points: Floats) -> Ints:
-        """Return the numbers (k,) of the pieces on which ``points`` (k, d) are evaluated."""
+        """Return the numbers (k,) of the pieces to which ``points`` (k, d) belong."""
         if self.count == 1 or not len(points):
             return np.zeros(len(points), dtype=np.int64)
         numbers: Ints = np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
         return numbers
 
     def any_of(self, at_point: Bools) -> Bools:
-        """Return for each piece whether a condition is true at any of its points, from ``at_point`` (p,)."""
+        """Return for each piece (count,) whether ``at_point`` (p,) is true at any of its points."""
         return np.bincount(self.of_point, at_point, self.count) > 0
 
 
-#: The pieces of discretised scenes, kept for the next call.
+#: Cache of :func:`pieces_of` by discretised scene.
 _CACHE: WeakKeyDictionary[Discretized, Pieces] = WeakKeyDictionary()
 
 
 def pieces_of(prepared: Prepared) -> Pieces:
-    """Return the connected pieces of a prepared scene whose boundaries are barriers, cached."""
+    """Return the connected pieces of a prepared scene whose boundaries are barriers; computed once per scene."""
     form = prepared.discretized
     if form not in _CACHE:
         border = form.free_constants(form.stiffness(Terms()))

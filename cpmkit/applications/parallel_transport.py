@@ -33,8 +33,8 @@ from cpmkit.types import Floats
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
 
-#: Time of the heat of vectors over the spacing squared: at 16 directions are half as exact on Spot; at 1 they are a
-#: tenth more exact there, and less exact on a sphere.
+#: Time of the heat of vectors over the spacing squared: with 16, directions are half as exact on Spot; with 1, they are
+#: a tenth more exact there, and less exact on a sphere.
 HEAT_TIME = 2.0
 #: Time of the heat of lengths over the spacing squared: lengths are averaged over its square root, in spacings.
 AVERAGING_TIME = 16.0
@@ -239,7 +239,7 @@ def logarithmic_map(
 
 
 def _prepare(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the surface as a prepared scene whose boundaries are barriers."""
+    """Return the prepared scene of a surface with barriers; an InputError if the manifold is no surface in space."""
     if isinstance(surface, Prepared):
         if spacing is not None or options:
             raise InputError("spacing and options are those of the prepared scene; leave them out.")
@@ -255,7 +255,7 @@ def _prepare(surface: Any, spacing: float | None, options: dict[str, Any]) -> Pr
 def _transport(
     prepared: Prepared, coupling: ck.Field, at: Floats, vectors: Floats, lengths: Floats
 ) -> TransportedField:
-    """Return the transport of ``vectors`` (k, 3) of ``lengths`` (k,) from the points ``at`` (k, 3)."""
+    """Return the transport of ``vectors`` (k, 3) with ``lengths`` (k,) from the points ``at`` (k, 3) to everywhere."""
     directions = vector_heat_directions(prepared, coupling, ck.PointSource(at, vectors), HEAT_TIME)[1]
     numbers = ck.PointSource(at, np.stack([lengths, np.ones(len(at))], axis=1))
     c = 1 / (AVERAGING_TIME * prepared.discretized.spacing**2)

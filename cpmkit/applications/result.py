@@ -60,7 +60,7 @@ class Result:
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
 class Measured(Result):
-    """A quantity that several solves give, the last of which is its solution.
+    """A result of several linear solves, whose error is estimated from the same solves at twice the spacing.
 
     Attributes
     ----------
@@ -88,6 +88,7 @@ class Measured(Result):
 
     @cached_property
     def _error(self) -> ErrorEstimate:
+        """The error estimate of :attr:`error`, computed from the result at twice the spacing."""
         assert self.recompute is not None
         estimate: ErrorEstimate = ck.estimate_error_by(self.recompute, self.solution, order=ORDER)
         return estimate
@@ -112,14 +113,14 @@ MeasuredResult = TypeVar("MeasuredResult", bound=Measured)
 def measure_to_target(
     surface: Any, spacing: float | None, options: dict[str, Any], measure: Callable[[Prepared], MeasuredResult]
 ) -> MeasuredResult:
-    """Compute a quantity at a spacing, or at one that reaches the accuracy target among the options.
+    """Compute a quantity at a spacing, or at the spacing that reaches the accuracy target, and return the result.
 
     Parameters
     ----------
     surface : ClosestPointSource, Scene or Prepared
         The manifold.
     spacing : float or None
-        Of the lattice.
+        Spacing of the lattice.
     options : dict
         Options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place of a spacing.
     measure : callable
@@ -128,7 +129,7 @@ def measure_to_target(
     Raises
     ------
     CpmkitError
-        If an option is not accepted, or as ``measure`` does.
+        If an option is not accepted, or ``measure`` raises it.
     """
     target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
     if not target or spacing is not None or isinstance(surface, Prepared):
@@ -147,7 +148,10 @@ def measure_to_target(
 
 
 def _recompute_like(prepared: Prepared, measure: Callable[[Prepared], Measured]) -> Callable[[float, Any], Solution]:
-    """Return a function that measures at another spacing, with the options that a scene was prepared with."""
+    """Return a function of a spacing and an origin that measures there and returns the solution.
+
+    It uses the options with which ``prepared`` was prepared.
+    """
     options = prepared.options
     every = {} if options is None else options.as_dict()
     others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}

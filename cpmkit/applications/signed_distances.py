@@ -161,7 +161,7 @@ def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
 
 
 def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[BoundaryPoints]) -> ck.Field:
-    """Return X (p, 3), the unit directions in which the distance grows."""
+    """Return X (p, 3), the unit directions in which the distance grows, from heat of the curves' conormals."""
     h = prepared.discretized.spacing
     strength = np.concatenate([curve.weights[:, None] / h * curve.conormals for curve in samples])
     source = ck.PointSource(np.concatenate([curve.points for curve in samples]), strength)
@@ -174,7 +174,10 @@ def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[
 
 
 def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return the straight distance (p,) to the nearest curve, and its signed value, NaN beside and past ends."""
+    """Return straight distances (p,) of points (p, 3) from the nearest curves, and the same with signs.
+
+    The signed distance is NaN where the nearest point is the end of a curve.
+    """
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):
@@ -189,7 +192,10 @@ def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, 
 def _transport_round(
     prepared: Prepared, straight: Floats, signed: Floats, field: ck.Field, previous: Solution
 ) -> Solution:
-    """Return the distance transported along ``field``: straight beside curves, ``previous`` in gaps of curves."""
+    """Return the signed distance after one round of transport along ``field``.
+
+    Beside curves the straight distance is prescribed, and in gaps of curves the ``previous`` distance.
+    """
     values = prepared.field(previous).values
     reach = PRESCRIBED_SPACINGS * prepared.discretized.spacing
     across = np.isfinite(signed)

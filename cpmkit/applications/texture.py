@@ -67,7 +67,7 @@ class Texture:
         return f"Texture of {width} x {height} pixels, {self.covered.mean():.0%} of them in triangles"
 
     def save(self, path: str | Path) -> Path:
-        """Write it as a PNG file, eight bits a channel."""
+        """Write the image as a PNG file with eight bits per channel, and return its path."""
         return write_png(path, self.colours)
 
 
@@ -126,7 +126,10 @@ def bake(
 
 
 def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
-    """Return the triangles (m, 3, 2) in pixels of the image, downwards, with pixel centres at whole numbers."""
+    """Return the triangles (m, 3, 2) in pixels of the image: columns, and lines downwards.
+
+    Centres of pixels are at whole numbers. An InputError if texture coordinates are missing or outside of the image.
+    """
     outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
     if len(mesh.corners) != len(mesh.faces):
         raise InputError(f"a textured mesh has corners for each of {len(mesh.faces)} faces, got {len(mesh.corners)}.")
@@ -140,7 +143,10 @@ def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
 
 
 def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
-    """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), the number of overlaps."""
+    """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), and the number of overlaps.
+
+    Pixels are numbered line by line; an overlap is a pixel that is inside of several triangles.
+    """
     shown, local = np.full(height * width, -1), np.zeros((height * width, 3))
     times = np.zeros(height * width, dtype=np.int64)
     limit = np.array([width, height]) - 1
@@ -161,7 +167,11 @@ def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats
 
 
 def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return triangle, column and line of all pixels in the bounding boxes of triangles."""
+    """Return the triangle (n,), the column (n,) and the line (n,) of all pixels in the bounding boxes of triangles.
+
+    ``rows`` (r,) are the triangles, ``low`` (r, 2) the first column and line of each box, and ``size`` (r, 2) its width
+    and height.
+    """
     count = size.prod(axis=1)
     which = np.repeat(np.arange(len(rows)), count)
     place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
@@ -170,7 +180,7 @@ def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _barycentric(triangles: Floats, points: Ints) -> Floats:
-    """Return barycentric coordinates (n, 3) of points in triangles (n, 3, 2) of the plane; -1 if the area is zero."""
+    """Return barycentric coordinates (n, 3) of points (n, 2) in triangles (n, 3, 2); -1 in triangles without area."""
     a, b, c = (triangles[:, k] for k in range(3))
 
     def twice_area(o: Floats, q: Floats, r: Floats) -> Floats:

@@ -76,7 +76,7 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     vectors : (v, 3) float64
         The field.
     normals : (v, 3) float64, optional
-        At the vertices; those of the triangles if not given, and on a surface that is not orientable.
+        Unit normals at the vertices; by default, and where triangles are not consistently oriented, from the triangles.
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -122,7 +122,11 @@ def _perpendicular(normals: Floats) -> Floats:
 
 
 def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
-    """Return the angle (f,) of the first axis of a corner's plane after transport to the plane of the next corner."""
+    """Return the angle (f,) in the next corner's plane of the first axis of a corner's plane after transport there.
+
+    ``planes`` (f, 3, 3) are the normals at the corners, ``first`` and ``second`` (f, 3, 3) the axes of their tangent
+    planes.
+    """
     after = (corner + 1) % 3
     n, m, axis = planes[:, corner], planes[:, after], first[:, corner]
     cosine = np.einsum("fd,fd->f", n, m)[:, None]
@@ -279,7 +283,7 @@ def vector_field(
 
 
 def check_surface(surface: ClosestPointSource) -> None:
-    """Refuse manifolds other than surfaces in space.
+    """Raise unless a manifold is a surface in space.
 
     Raises
     ------
@@ -291,7 +295,10 @@ def check_surface(surface: ClosestPointSource) -> None:
 
 
 def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
-    """Return the boundaries with the directions of one pair (place, directions) as Dirichlet data."""
+    """Return the boundaries with the directions of ``pair`` (place, directions) as Dirichlet data.
+
+    An InputError if the pair is not accepted; ``number`` names its boundaries.
+    """
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"directions are pairs (where, which), got {shown(pair)}.")
     where, which = pair
@@ -312,7 +319,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
-    """Return the unit directions along a curve as a function of points on it."""
+    """Return a function of points (k, 3) of a curve: the unit directions (k, 3) there; an InputError for others."""
     if isinstance(which, str):
         if which not in NAMED:
             raise InputError(f"a direction along a curve is {', '.join(NAMED)}, got {shown(which)}.")

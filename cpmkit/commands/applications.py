@@ -37,17 +37,17 @@ class CommandArguments:
     Attributes
     ----------
     command : str
-        The name of the command, by which the scene is read.
+        The name of the command, which determines how the scene file is read.
     scene : Path
         The scene file.
     spacing : float or None
-        Spacing in place of the file's.
+        Spacing in place of that of the file.
     output : Path or None
-        Folder in place of the file's.
+        Folder of results in place of that of the file.
     look : tuple of str
         Options of the picture, KEY=VALUE each.
     as_json, quiet : bool
-        Print JSON; print no summary.
+        Whether to print JSON, and whether to print no summary.
     accuracy : dict
         Accuracy target in place of a spacing.
     """
@@ -85,7 +85,7 @@ class ApplicationResult:
 
 
 def application_options(command: Command) -> Command:
-    """Add the scene and the options of all commands of applications to a command."""
+    """Return the command with the scene as argument and the options that all commands of applications have."""
     options: list[Callable[[Any], Any]] = [
         scene_argument,
         spacing_option,
@@ -146,6 +146,7 @@ def run_application(target: CommandArguments, solve: Callable[[dict[str, Any]], 
 
 
 def _lines(result: ApplicationResult, summary: dict[str, Any], folder: Path) -> Iterable[str]:
+    """Yield the printed lines of a result: unknowns, seconds, error, way to the accuracy target, values and files."""
     solution, seconds = result.solution, summary["seconds"]
     stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
     files = [*summary["files"], *([summary["picture"]["file"]] if summary["picture"] else [])]
@@ -158,6 +159,7 @@ def _lines(result: ApplicationResult, summary: dict[str, Any], folder: Path) -> 
 
 
 def _warn(sentences: Iterable[str], err: bool = False) -> None:
+    """Print sentences as warnings, on standard error if ``err``."""
     for sentence in sentences:
         click.echo(f"warning    {sentence}", err=err)
 
@@ -175,6 +177,7 @@ def map_to_target(**keys: Any) -> None:
 
 
 def _solve_map(arguments: dict[str, Any]) -> ApplicationResult:
+    """Return the harmonic map that :func:`map_to_target` computes, with its energy and, if it has one, its degree."""
     from cpmkit.applications import harmonic_map
     from cpmkit.errors import CpmkitError
 
@@ -214,6 +217,7 @@ def paint(
 
 
 def _solve_paint(estimate: bool | None, arguments: dict[str, Any]) -> ApplicationResult:
+    """Return the colours that :func:`paint` computes, with an error estimate if it is requested or by default made."""
     from cpmkit.applications import diffusion_curves
 
     solution = with_error(diffusion_curves(**arguments).solution, estimate)
@@ -232,6 +236,7 @@ def vectors(**keys: Any) -> None:
 
 
 def _solve_vectors(arguments: dict[str, Any]) -> ApplicationResult:
+    """Return the field that :func:`vectors` computes, with its singularities on a surface with triangles."""
     from cpmkit.applications import vector_field
     from cpmkit.errors import CpmkitError
 

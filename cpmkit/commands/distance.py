@@ -114,7 +114,10 @@ def distance(
 
 
 def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
-    """Return the scene with the barriers alone, and the origins: an array of points and the sources of boundaries."""
+    """Return the scene with only the boundaries that are no origins, and the origins.
+
+    The origins are an array (k, d) of points, a list of sources of boundaries, or both in a list.
+    """
     import numpy as np
 
     from cpmkit.scene.equations import Poisson
@@ -129,7 +132,7 @@ def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
 
 
 def _point(text: str, dim: int) -> list[float]:
-    """Return the coordinates in a text such as ``0,0,1``."""
+    """Return the ``dim`` coordinates in a text such as ``0,0,1``; an InputError for other texts."""
     from cpmkit.errors import InputError
 
     try:

@@ -28,7 +28,7 @@ ENVIRONMENT_VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What was found.
+    """The versions and kinds that are installed, the machine, and whether a scene loads.
 
     Attributes
     ----------
@@ -41,13 +41,13 @@ class Diagnosis:
     processors : int
         Processors that this process may use.
     memory : str
-        How much memory this process may have, and who sets that limit.
+        The memory that this process may use, and the origin of the limit, in words.
     variables : mapping
         Environment variables that are set and change what cpmkit does.
     scene : str or None
-        What keeps the scene from loading, empty where it loads; ``None`` if none was given.
+        The error that loading the scene raises, empty if it loads; ``None`` if no scene was given.
     advice : tuple of str
-        What a scene warns of as it is read, and what to do, most useful first.
+        Warnings of the scene, and what to install, in sentences.
     """
 
     system: str
@@ -76,7 +76,7 @@ class Diagnosis:
 
 
 def diagnose(scene: str | Path | None = None) -> Diagnosis:
-    """Look at what is installed, and whether a scene file loads.
+    """Return what is installed, what the machine offers, and whether a scene file loads.
 
     Plugins are listed without being imported; those that ``scene`` names are imported.
     """
@@ -97,6 +97,7 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
 
 
 def _loading(scene: str | Path) -> str:
+    """Return the message of the error that loading a scene file raises; empty if it loads."""
     from cpmkit.scenefile.scene_files import load_scene
 
     try:
@@ -107,6 +108,7 @@ def _loading(scene: str | Path) -> str:
 
 
 def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
+    """Return sentences on what to install: plugins if there are none, and libraries of pictures and files."""
     advice = []
     if not kinds:
         advice.append(f"No plugin is installed, so no scene can name a shape: {install_command('all')} adds them.")

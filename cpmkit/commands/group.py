@@ -32,22 +32,25 @@ class UnexpectedError(click.ClickException):
 class CommandGroup(click.Group):
     """The built-in commands in their own order, then those of plugins, which are imported when called.
 
-    However a command ends, one sentence says so: with exit code 1 for an error that cpmkit raises on purpose, or where
-    memory or the system fails; with 3 for any other, which is a defect; with 130 for an interruption.
+    An error of a command is printed as one sentence. The exit code is 1 for an error that cpmkit raises on purpose and
+    for failures of memory or the system, 3 for other errors, which are defects, and 130 for an interruption.
     """
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 - click's signature
-        """Return all names, importing nothing."""
+        """Return the names of all commands, without importing plugins."""
         return [*self.commands, *(name for name in _plugin_commands() if name not in self.commands)]
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Return a command; a plugin's is imported here."""
+        """Return the command of a name, None if there is none; a plugin's command is imported here."""
         built_in = super().get_command(ctx, cmd_name)
         point = _plugin_commands().get(cmd_name)
         return built_in if built_in or point is None else _load(point)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the commands; of a plugin's, which is not imported for this, only where it comes from."""
+        """List the built-in commands with their help, and the commands of plugins with their distributions.
+
+        Plugins are not imported for this.
+        """
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
         plugged = [
@@ -58,7 +61,7 @@ class CommandGroup(click.Group):
                 formatter.write_dl(plugged)
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run a command."""
+        """Run a command; an error is turned into a sentence and an exit code."""
         try:
             return super().invoke(ctx)
         except (click.ClickException, click.exceptions.Exit, click.Abort):
@@ -77,7 +80,7 @@ class CommandGroup(click.Group):
 
 
 def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickException:
-    """Return the sentence for an error."""
+    """Return the exception of click that prints an error as one sentence and has its exit code."""
     if isinstance(error, CpmkitError):
         return click.ClickException(str(error))
     if is_out_of_memory(error):
@@ -93,6 +96,7 @@ def _error_sentence(ctx: click.Context, error: Exception) -> click.ClickExceptio
 
 
 def _at_stage(ctx: click.Context) -> str:
+    """Return the stage and the file of the running command in words; empty if neither is known."""
     stage, file = ctx.meta.get(STAGE_KEY), ctx.meta.get(FILE_KEY)
     if stage:
         return f" during the stage {stage!r}" + (f" of {file}" if file else "")
@@ -100,13 +104,14 @@ def _at_stage(ctx: click.Context) -> str:
 
 
 def _note_traceback(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Note in the context of click whether tracebacks are shown: the callback of the option."""
     del parameter
     if value:
         ctx.meta[TRACEBACK_KEY] = True
 
 
 def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Let a command take ``--traceback``."""
+    """Return the command with the option ``--traceback``."""
     add = click.option(
         "--traceback",
         is_flag=True,
@@ -138,14 +143,17 @@ def progress_callback(file: Path, quiet: bool = False) -> Iterator[Callable[[str
 
 
 def _plugin_commands() -> Mapping[str, EntryPoint]:
+    """Return the entry points of the commands of plugins, by name and in the order of names."""
     return {point.name: point for point in sorted(entry_points(group=COMMANDS_GROUP), key=lambda point: point.name)}
 
 
 def _origin(point: EntryPoint) -> str:
+    """Return the distribution of a plugin's command, or its module, in words."""
     return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
 
 
 def _load(point: EntryPoint) -> click.Command:
+    """Return the command of a plugin; a PluginError if it does not import or is no command of click."""
     try:
         command = point.load()
     except Exception as error:

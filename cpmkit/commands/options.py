@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from cpmkit.scenefile.scene_files import SceneFile
 
 Command = TypeVar("Command", bound=Callable[..., Any])
-#: By default the error is estimated if the solve took at least so many seconds; the estimate takes a third of them.
+#: By default the error is estimated if the solve took at least so many seconds; the estimate takes a third as long.
 ESTIMATED_SECONDS = 1.0
 
 
 def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """Return the value of an option; click's BadParameter if it is not finite."""
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
     return value
@@ -42,7 +43,7 @@ json_option = click.option(
 
 
 def accuracy_options(command: Command) -> Command:
-    """Add the options of an accuracy target, which replace a spacing, and of the error estimate to a command."""
+    """Return the command with the options of an accuracy target, which replace a spacing, and of the error estimate."""
     positive = click.FloatRange(min=0, min_open=True)
     options = [
         click.option(
@@ -81,7 +82,11 @@ def accuracy_options(command: Command) -> Command:
 
 
 def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
-    """Return the spacing and the options of ``solve``; the command line takes precedence over the file."""
+    """Return the spacing, None with an accuracy target in its place, and the options of ``solve``.
+
+    ``target`` has the accuracy target of the command line, which takes precedence over the scene file, as ``spacing``
+    does.
+    """
     from cpmkit.forms.accuracy_target import AccuracyTarget
     from cpmkit.runtime.options import declared_options
 
@@ -95,7 +100,7 @@ def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[f
 
 
 def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
-    """Return a solution with an error estimate if it is ``wanted``, or by default if it is drawn or the solve was long.
+    """Return a solution with an error estimate if ``wanted``, or by default if it is drawn or the solve took long.
 
     By default an error that cannot be estimated is left out, so that the solution is not lost.
     """
@@ -116,12 +121,12 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
 
 
 def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
-    """Return what is to be written, with a picture of ``field`` and of the ``look``, KEY=VALUE each, if these are said.
+    """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
 
     Raises
     ------
     InputError
-        If there is no picture, it shows an error that is not to be estimated, or something is not what is accepted.
+        If there is no picture, it shows an error that is not to be estimated, or a key or value is not accepted.
     """
     from dataclasses import replace
 
@@ -141,7 +146,7 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
 
 
 def _key_and_value(text: str) -> tuple[str, Any]:
-    """Return what ``KEY=VALUE`` says: the value as scene files write it, or else as text."""
+    """Return the key and the value in ``KEY=VALUE``: a value of TOML, else text; an InputError without =."""
     from cpmkit.errors import InputError, shown
 
     key, sign, value = text.partition("=")

@@ -28,7 +28,7 @@ DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, Overflo
 
 
 def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
-    """Read an ``.npy`` file of numbers.
+    """Return the array of numbers in an ``.npy`` file.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def read_bytes(path: Path) -> bytes:
 def read_arrays(
     path: Path, names: Container[str], label: str, check: Callable[[str, tuple[int, ...], np.dtype[Any]], None]
 ) -> dict[str, np.ndarray]:
-    """Read those arrays of an ``.npz`` file whose names are in ``names``.
+    """Return those arrays of an ``.npz`` file whose names are in ``names``, by name.
 
     Other arrays are not read. ``label`` describes the expected file in errors, such as "a saved solution". ``check`` is
     called with the name, shape and type in each array's header before any array is read, and may raise.
@@ -96,6 +96,7 @@ def read_arrays(
 
 
 def _check_size(needed: int, name: str) -> None:
+    """Raise an InputError if the ``needed`` bytes of a file exceed the available memory."""
     available = available_bytes()
     if needed > available:
         raise InputError(
@@ -104,7 +105,10 @@ def _check_size(needed: int, name: str) -> None:
 
 
 def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
-    """Read an array of ``length`` bytes, header included."""
+    """Return the array in a stream of ``length`` bytes, header included.
+
+    An InputError if its type is not among ``kinds``, or the stream is damaged or shorter than the header says.
+    """
     try:
         shape, fortran, dtype, header = _header(opened)
     except DAMAGE_ERRORS as error:
@@ -122,7 +126,7 @@ def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -
 
 
 def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], int]:
-    """Return the shape, whether the order is Fortran's, the type, and the bytes of a header."""
+    """Return the shape, whether the order is Fortran's, the type, and the length in bytes of an array's header."""
     version = np.lib.format.read_magic(opened)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
     shape, fortran, dtype = readers[version](opened)
@@ -133,14 +137,14 @@ def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], in
 
 #: Type to which arrays of each kind of NumPy type are converted.
 DTYPE_OF_KIND = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
-#: Most bytes of a text.
+#: Most bytes of an array of text.
 MOST_TEXT_BYTES = 1 << 26
 KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
 
 
 @dataclass(frozen=True)
 class SavedArray:
-    """One array of a file.
+    """The name, types and shape that an array of a file must have.
 
     Attributes
     ----------
@@ -148,7 +152,7 @@ class SavedArray:
     kinds : str
         Kinds of NumPy types that it may have, such as ``"f"``.
     shape : tuple of str or int
-        Sizes; a name is one size wherever it appears in the table.
+        Sizes; a name stands for the same size in all arrays of a table.
     needed : bool
         Whether the file is refused without it.
     """
@@ -162,7 +166,7 @@ class SavedArray:
 def read_saved(
     path: Path, table: Iterable[SavedArray], label: str, sizes: Mapping[str, int] | None = None
 ) -> dict[str, np.ndarray]:
-    """Read the arrays that ``table`` names from an ``.npz`` file, floats as float64 and whole numbers as int64.
+    """Return the arrays of an ``.npz`` file that ``table`` names, floats as float64 and whole numbers as int64.
 
     Shapes are compared before an array is read: with the known ``sizes``, and with each other.
 
@@ -175,6 +179,7 @@ def read_saved(
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 
     def check(name: str, shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+        """Compare the shape and type in the header of an array with its row of the table, and note the new sizes."""
         row = rows[name]
         expected = tuple(known.get(size, size) if isinstance(size, str) else size for size in row.shape)
         fits = len(shape) == len(expected) and all(

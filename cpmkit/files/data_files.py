@@ -30,12 +30,12 @@ def cache_folder() -> Path:
 
 
 def existing_file(path: Any, label: str = "file") -> Path:
-    """Return ``path`` if it is the path of a file.
+    """Return ``path`` as a Path if there is a file of this name.
 
     Raises
     ------
     InputError
-        If it is not; ``label`` names its key in the error.
+        If there is no such file; ``label`` names the key in the error.
     """
     if not isinstance(path, (str, Path)):
         raise InputError(f"{label} must be the path of a file, got {shown(path)}.")
@@ -94,7 +94,10 @@ def _folder_text(folder: Path) -> str:
 
 
 def _fetch(name: str) -> Path | None:
-    """Return an example mesh, downloaded into the cache; None if that is not possible."""
+    """Return the path of an example mesh, downloaded into the cache; None if that is not possible.
+
+    An InputError if the checksum is wrong.
+    """
     try:
         import pooch
     except ImportError:

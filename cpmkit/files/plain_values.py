@@ -18,7 +18,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of values.
+    """A kind of plain values, defined by a check.
 
     Attributes
     ----------
@@ -86,12 +86,12 @@ def table_of(kind: Kind) -> Kind:
 def check_fields(
     table: Any, needed: Mapping[str, Kind], where: str, optional: Mapping[str, Kind] | None = None
 ) -> Mapping[str, Any]:
-    """Return ``table`` if it has the fields ``needed``, and these and the ``optional`` ones are of their kinds.
+    """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
     Raises
     ------
     InputError
-        With ``where`` and the first field that is missing or not of its kind.
+        If a field is missing or not of its kind; the message names ``where`` and the field.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -104,7 +104,7 @@ def check_fields(
 
 
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
-    """Return a dataclass of plain fields from the table that it was saved as; unknown keys are ignored.
+    """Return an object of a dataclass with plain fields from the table as which it was saved; unknown keys are ignored.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> Kind:
-    """Return the kind of values of a type annotation."""
+    """Return the kind of plain values that a type annotation accepts; a TypeError for other annotations."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
@@ -142,6 +142,7 @@ def _kind(hint: Any) -> Kind:
 
 
 def _range(least: float, most: float) -> str:
+    """Return the bounds of a kind of numbers in words, without infinite bounds."""
     low = f" of at least {least:g}" if math.isfinite(least) else ""
     return f"{low}{' and' if low and math.isfinite(most) else ''}{f' at most {most:g}' if math.isfinite(most) else ''}"
 
@@ -174,7 +175,7 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
     ------
     SceneError
         If the file is missing, too large or does not parse, nests tables too deeply, holds a control character or a
-        whole number beyond 64 bits, or of ``make``.
+        whole number beyond 64 bits, or ``make`` raises it.
     """
     path = Path(path)
     tables = _tables(path, label, like)
@@ -186,6 +187,7 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
 
 
 def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
+    """Return the tables of a TOML file; a SceneError if it is missing, too large or does not parse."""
     try:
         if not path.is_file():
             raise SceneError(f"no {label} {shown(str(path))}; give the path of a TOML file{like}.")
@@ -206,7 +208,10 @@ def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
 
 
 def _check_values(tables: dict[str, Any]) -> None:
-    """Refuse values that no key accepts."""
+    """Raise a SceneError for values that no key accepts.
+
+    These are tables nested too deeply, whole numbers beyond 64 bits, and control characters.
+    """
     waiting: list[tuple[str, Any, int]] = [("the file", tables, 0)]
     while waiting:
         where, value, depth = waiting.pop()
@@ -220,7 +225,7 @@ def _check_values(tables: dict[str, Any]) -> None:
 
 
 def _entries(value: Any, where: str) -> Iterator[tuple[str, Any]]:
-    """Yield the name and the value of each entry of a table or list."""
+    """Yield the entries of a table or list, each with the words that name it in errors; none for other values."""
     if isinstance(value, dict):
         for key, entry in value.items():
             _check_text(key, f"a key of {where}")
@@ -231,7 +236,7 @@ def _entries(value: Any, where: str) -> Iterator[tuple[str, Any]]:
 
 
 def _check_text(text: str, where: str) -> None:
-    """Refuse control characters: they could steer a terminal, and end names of files."""
+    """Raise a SceneError for control characters: they could steer a terminal, or end the name of a file."""
     if text.isprintable():
         return
     control = next((letter for letter in text if unicodedata.category(letter) == "Cc" and letter not in "\n\t"), None)

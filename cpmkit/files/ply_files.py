@@ -1,4 +1,4 @@
-"""PLY files: what they say of themselves is compared with what there is, and no file that they name is opened."""
+"""PLY files: sizes in their headers are compared with their data, and no file that they name is opened."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ PLY_TYPES = {
     "int64": "i8", "uint64": "u8", "float32": "f4", "float64": "f8",
 }  # fmt: skip
 PLY_ENCODINGS = ("ascii", "binary_little_endian", "binary_big_endian")
-#: Entries that a list may have.
+#: Most entries of a list.
 MOST_LIST_ENTRIES = 1 << 40
-#: What is said of a file that is too short.
+#: The error about a file that is too short.
 CUT_OFF_SENTENCE = "it says that it has {count} rows of {name}, and ends before: it is cut off or damaged."
 #: Bytes in which a header must end.
 MOST_HEADER_BYTES = 1 << 20
@@ -27,7 +27,7 @@ MOST_HEADER_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Property:
-    """A number, or a list of them: then ``length`` is the type of the list's length."""
+    """A property of an element: a number, or a list of numbers whose length is of the type ``length``."""
 
     name: str
     type: str
@@ -36,7 +36,7 @@ class Property:
 
 @dataclass(frozen=True)
 class Element:
-    """``count`` rows of the same properties."""
+    """An element of a PLY file: ``count`` rows with the same properties."""
 
     name: str
     count: int
@@ -45,7 +45,7 @@ class Element:
 
 @dataclass(frozen=True, eq=False)
 class PlyLists:
-    """One list a row: their lengths (n,) and all entries, those of one row after those of another."""
+    """The lists of a property: the length (n,) of each row's list, and the entries of all lists, row after row."""
 
     counts: Ints
     entries: np.ndarray
@@ -61,7 +61,7 @@ def read_ply(data: bytes) -> dict[str, Table]:
     Raises
     ------
     InputError
-        If it is none, is cut off, goes on after its end, or holds something else than numbers.
+        If the data are no PLY file, are cut off, go on after the end, or hold other things than numbers.
     """
     form, elements, body = _header(data)
     if form == "ascii":  # the same rows in binary, every number in eight bytes
@@ -75,12 +75,12 @@ def read_ply(data: bytes) -> dict[str, Table]:
 
 
 def ply_vertices(tables: dict[str, Table]) -> Floats:
-    """Return (n, 3) the vertices in the tables of a PLY file.
+    """Return the vertices (n, 3) in the tables of a PLY file.
 
     Raises
     ------
     InputError
-        If there are none, or they lack a coordinate.
+        If there are no vertices, or they lack a coordinate.
     """
     columns = [tables.get("vertex", {}).get(axis) for axis in "xyz"]
     if any(not isinstance(column, np.ndarray) for column in columns):
@@ -89,6 +89,7 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
 
 
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
+    """Return the encoding, the elements, and the data after the header; an InputError if the header is damaged."""
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")
     end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
@@ -117,6 +118,7 @@ def _header(data: bytes) -> tuple[str, list[Element], bytes]:
 
 
 def _property(words: list[str]) -> Property | None:
+    """Return the property in the words of a line of the header; None if the line is damaged."""
     if len(words) == 3 and words[1] in PLY_TYPES:
         return Property(words[2], PLY_TYPES[words[1]])
     if len(words) == 5 and words[1] == "list" and words[2] in PLY_TYPES and words[3] in PLY_TYPES:
@@ -125,6 +127,7 @@ def _property(words: list[str]) -> Property | None:
 
 
 def _numbers(body: bytes) -> Floats:
+    """Return the numbers in a text, separated by blanks, as float64; an InputError for other words."""
     words = body.split()
     try:
         if b"_" not in body:
@@ -135,12 +138,13 @@ def _numbers(body: bytes) -> Floats:
 
 
 def _of_doubles(element: Element) -> Element:
+    """Return the element with all numbers and lengths of lists of the type float64."""
     doubles = [Property(item.name, "f8", item.length and "f8") for item in element.properties]
     return Element(element.name, element.count, doubles)
 
 
 def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
-    """Return the table of rows that were read one by one."""
+    """Return the table of ``rows`` that were read one by one; each row has an array for each property."""
     table: Table = {}
     for place, one in enumerate(element.properties):
         parts = [row[place] for row in rows]
@@ -151,24 +155,25 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
 
 
 def _length(value: Any) -> int:
+    """Return the length of a list as an int; an InputError if it is not a whole number or too large."""
     if not 0 <= value <= MOST_LIST_ENTRIES or value != int(value):
         raise InputError("it holds a list whose length is no whole number.")
     return int(value)
 
 
 class _Stream:
-    """Rows of elements in bytes, read one after the other."""
+    """The rows of elements in binary data, read in order from ``place`` on; ``order`` is the byte order."""
 
     def __init__(self, data: bytes, order: str) -> None:
         self.data, self.order, self.place = data, order, 0
 
     @property
     def left(self) -> int:
-        """Bytes that are left."""
+        """Number of bytes that are not read yet."""
         return len(self.data) - self.place
 
     def table(self, element: Element) -> Table:
-        """Return the rows of the next element."""
+        """Return the table of the next element, a column for each property; an InputError if the data are cut off."""
         if not element.properties:
             return {}
         if element.count > self.left:
@@ -178,7 +183,7 @@ class _Stream:
         return _joined(element, [self._row(element) for _ in range(element.count)])
 
     def _alike(self, element: Element) -> Table | None:
-        """Return the table where all rows have lists as long as the first's, None where they have not."""
+        """Return the next element's table if lists have one length in all rows; else read nothing and return None."""
         start = self.place
         first = self._row(element)
         self.place = start
@@ -198,7 +203,7 @@ class _Stream:
         return table
 
     def _record(self, element: Element, first: list[np.ndarray]) -> np.dtype[Any]:
-        """Return the type of a row whose lists are as long as those of the ``first``."""
+        """Return the NumPy type of a row whose lists are as long as those of the ``first`` row."""
         fields: list[Any] = []
         for place, (one, part) in enumerate(zip(element.properties, first, strict=True)):
             if one.length:
@@ -207,6 +212,7 @@ class _Stream:
         return np.dtype(fields)
 
     def _row(self, element: Element) -> list[np.ndarray]:
+        """Return the next row of an element: an array for each property."""
         row = []
         for item in element.properties:
             count = _length(self._take(1, item.length, element)[0]) if item.length else 1
@@ -214,6 +220,7 @@ class _Stream:
         return row
 
     def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
+        """Return the next ``count`` numbers of type ``kind``; an InputError if the data end before."""
         dtype = np.dtype(self.order + kind)
         if count * dtype.itemsize > self.left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))

@@ -18,7 +18,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 
-#: Most bytes of a folder's and of a file's name: unfinished files and frames of a series have longer names.
+#: Most bytes in the name of a folder and of a file; names of unfinished files and frames of a series are longer.
 MOST_FOLDER_BYTES, MOST_FILE_NAME_BYTES = 255, 200
 #: Most bytes of a path.
 MOST_PATH_BYTES = 4000
@@ -91,7 +91,7 @@ def _runs(process: int) -> bool:
 
 
 def check_place(path: Path) -> None:
-    """Check that a file ``path`` can be written and its folders created, without leaving anything.
+    """Raise if a file ``path`` cannot be written or its folders cannot be created; nothing is left behind.
 
     Raises
     ------
@@ -110,7 +110,7 @@ def check_place(path: Path) -> None:
 
 
 def check_name(path: Path) -> None:
-    """Check the names of a file and of its folders.
+    """Raise if the name of a file or of one of its folders is not valid.
 
     Raises
     ------
@@ -130,7 +130,7 @@ def check_name(path: Path) -> None:
 
 
 def check_encoding(path: Path) -> None:
-    """Check that the encoding of file names has the characters of ``path``.
+    """Raise if the encoding of file names lacks characters of ``path``.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def check_encoding(path: Path) -> None:
 
 #: First bytes of a PNG file.
 SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Header of a PNG file: eight bits a channel, red, green and blue, default compression, no interlacing.
+#: Header of a PNG file: eight bits per channel, red, green and blue, default compression, no interlacing.
 FORMAT = bytes([8, 2, 0, 0, 0])
 
 
@@ -176,4 +176,5 @@ def write_png(path: str | Path, colours: Any) -> Path:
 
 
 def _chunk(name: bytes, data: bytes) -> bytes:
+    """Return a chunk of a PNG file: the length of the data, the name, the data and the checksum."""
     return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))

@@ -53,15 +53,15 @@ def save(
               three channels, ``rgb``, and, where the error was estimated, ``error``, in the unit of u
     ``.vtu``  the same as an unstructured grid
     ``.ply``  its triangles and all its vertices, with a property ``u`` (of several channels ``u0``, ``u1``, ...) and a
-              colour a vertex: the three channels, or the first in viridis
+              colour per vertex: the three channels, or the first in viridis
     ``.obj``  its vertices, each with a colour, triangles and lines
-    ``.csv``  one line a vertex: ``x,y,z,u``
+    ``.csv``  one line per vertex: ``x,y,z,u``
     ``.npz``  arrays ``points``, ``cells``, ``values``, ``original`` of that mesh and, where it was
               estimated, ``error``, the lattice and its unknowns under names that begin with
               ``lattice_``, and ``summary`` and ``format``; :func:`cpmkit.load` reads it
     ``.json`` the summary: the problem, its cost and its result
     ``.html`` one page that shows the solution in any browser, to be turned and zoomed
-    ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` a frame in a
+    ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` per frame in a
               folder beside it
     ``.gif``  the frames as a film; ``.mp4`` likewise
     ========= ==================================================================================
@@ -111,7 +111,7 @@ def save(
 
 
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
-    """Check, before anything is solved, that a solution on ``surface`` can be saved as ``path``.
+    """Raise, before anything is solved, if a solution on ``surface`` cannot be saved as ``path``.
 
     Raises
     ------
@@ -148,16 +148,19 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
 
 
 def _mesh_and_error(solution: SolutionRecord, vertices: str, path: Path) -> tuple[DisplayMesh, Path, Floats | None]:
+    """Return the arguments of a mesh writer: the mesh, ``path``, and the error at the vertices of the display mesh."""
     if vertices == "own":
         return own_mesh(solution), path, None
     return solution.display_mesh(), path, _known_error(solution)
 
 
 def _write_json(summary: Mapping[str, Any], path: Path) -> None:
+    """Write a summary as indented JSON."""
     path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def _save_npz(solution: SolutionRecord, path: Path) -> None:
+    """Write an .npz file: lattice and unknowns, the summary and, if the surface has a mesh, the display mesh."""
     arrays = {f"lattice_{name}": array for name, array in solution.arrays().items()}
     arrays |= {"format": np.array(FORMAT_VERSION), "summary": np.array(json.dumps(solution.summary()))}
     if isinstance(solution.scene.surface, HasMesh):
@@ -178,7 +181,7 @@ FRAMES_SUFFIX = "_frames"
 
 
 def save_series(solution: SolutionRecord, path: Path) -> None:
-    """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp a frame.
+    """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp file per frame.
 
     All frames are written before the first one is moved to its place, and the index is written last, so that all files
     of an index exist. Surplus frames of an earlier series are removed.
@@ -212,7 +215,7 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
 
 
 def frames_folder(path: Path) -> Path:
-    """Return the folder beside the index ``path`` that holds the frames."""
+    """Return the folder of frames beside the index ``path``."""
     return path.with_name(path.stem + FRAMES_SUFFIX)
 
 
@@ -233,12 +236,13 @@ def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
 
 
 def _numbered_path(path: Path, number: int, count: int) -> Path:
-    """Return ``path`` with a number of at least four digits, and as many as ``count`` - 1 has."""
+    """Return ``path`` with a number before its suffix: four digits, or as many as ``count`` - 1 has."""
     digits = max(4, len(str(count - 1)))
     return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")
 
 
 def _index(times: list[float], files: list[str]) -> str:
+    """Return the text of a ParaView collection (.pvd) that lists ``files`` with their ``times``."""
     entries = [
         f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>'
         for time, file in zip(times, files, strict=True)

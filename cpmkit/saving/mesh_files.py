@@ -22,19 +22,19 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: The colour of vertices without a value.
+#: The grey of vertices without a value, from 0 to 1.
 NO_VALUE = 0.6
 
 
 def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write a mesh with its values, and the estimated error (v, channels) of these, for ParaView."""
+    """Write a .vtp file for ParaView: a mesh with its values and, if given, their estimated error (v, channels)."""
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
     path.write_bytes(_by_vtk(vtkXMLPolyDataWriter(), poly_data(mesh, error)))
 
 
 def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write the same as an unstructured grid."""
+    """Write a .vtu file for ParaView: the contents of :func:`write_vtp` as an unstructured grid."""
     from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridWriter
 
     grid = poly_data(mesh, error).cast_to_unstructured_grid()
@@ -42,7 +42,7 @@ def write_vtu(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write vertices, each with its values and a colour, and the triangles: a binary PLY file."""
+    """Write a binary PLY file: vertices, each with its values and a colour, and triangles."""
     columns = value_columns(mesh, error)
     names = ["x", "y", "z", *columns]
     colours = ("red", "green", "blue")
@@ -66,7 +66,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
-    """Write vertices with colours after their coordinates, triangles and segments: an OBJ file."""
+    """Write an OBJ file: vertices with their colours, triangles and segments."""
     rows = np.hstack([in_space(mesh.points), colours_of(mesh)])
     lines = [f"v {x!r} {y!r} {z!r} {r:.4f} {g:.4f} {b:.4f}" for x, y, z, r, g, b in rows.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (mesh.triangles + 1).tolist()]
@@ -75,7 +75,7 @@ def write_obj(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> No
 
 
 def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write one line a vertex: its coordinates and values, under a line of names."""
+    """Write a CSV file: a line of names, and for each vertex a line with its coordinates and values."""
     columns = value_columns(mesh, error)
     rows = np.column_stack([mesh.points, *columns.values()])
     names = ",".join([*"xyz"[: mesh.points.shape[1]], *columns])
@@ -84,7 +84,7 @@ def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
 
 
 def write_npz(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write arrays ``points``, ``cells``, ``values`` and, where it is known, ``error``."""
+    """Write an .npz file with arrays ``points``, ``cells``, ``values`` and, if given, ``error``."""
     arrays: dict[str, Any] = {"points": mesh.points, "cells": mesh.cells, "values": mesh.values}
     np.savez_compressed(path, **arrays | ({} if error is None else {"error": error}))
 
@@ -101,7 +101,7 @@ MESH_WRITERS: dict[str, Callable[[DisplayMesh, Path, Floats | None], None]] = {
 
 
 def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, Floats]:
-    """Return the values by name: ``u``, of several channels ``u0``, ``u1``, ...; and ``error`` likewise."""
+    """Return the columns (v,) of the values by name, ``u`` or ``u0``, ``u1``, ...; those of ``error`` likewise."""
     named = {"u": mesh.values} | ({} if error is None else {"error": error})
     return {
         name if array.shape[1] == 1 else f"{name}{channel}": array[:, channel]
@@ -111,7 +111,10 @@ def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, F
 
 
 def colours_of(mesh: DisplayMesh) -> Floats:
-    """Return a colour (v, 3) a vertex: its three channels, or the first in viridis; grey without a value."""
+    """Return the colours (v, 3) of the vertices, from 0 to 1.
+
+    They are the values if there are three channels, else the first channel in viridis; grey without a value.
+    """
     known = np.flatnonzero(np.isfinite(mesh.values).all(axis=1))
     colours = np.full((len(mesh.values), 3), NO_VALUE)
     values = mesh.values[known]
@@ -152,7 +155,10 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
 
 
 def _by_vtk(writer: Any, data: Any) -> bytes:
-    """Return the bytes of a file of VTK. VTK does not write it: on a full disk it leaves half a file in silence."""
+    """Return the bytes of the file that a ``writer`` of VTK makes of ``data``.
+
+    VTK does not write the file itself, since it would leave half a file on a full disk without an error.
+    """
     writer.SetInputData(data)
     writer.SetDataModeToBinary()
     writer.WriteToOutputStringOn()
@@ -165,7 +171,7 @@ def _bytes(colours: Any) -> Any:
 
 
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a ``pyvista.PolyData`` with point data ``u``."""
+    """Return the mesh as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
     return poly_data(_mesh(solution, vertices))
 
 
@@ -195,7 +201,7 @@ def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str = "display") -> Any:
-    """Register the mesh with polyscope, with its values as quantities, and return it; ``polyscope.show()`` draws.
+    """Register the mesh and its values with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it.
 
     Raises
     ------
@@ -214,16 +220,19 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
 
 
 def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
+    """Return the display mesh, or the mesh that the surface was made from if ``vertices`` is ``own``."""
     check_vertices(vertices)
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
 
 def _check_triangles(mesh: DisplayMesh, name: str) -> None:
+    """Raise an InputError that names the library if the mesh has no triangles."""
     if not len(mesh.triangles):
         raise InputError(f"{name} takes triangles, and the mesh has none; use to_pyvista or to_meshio.")
 
 
 def _imported(name: str) -> Any:
+    """Return the module of a library; a MissingDependencyError if it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:

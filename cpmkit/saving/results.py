@@ -1,4 +1,4 @@
-"""The files of a scene file's [output]: solutions, the picture, and last the summary that lists them."""
+"""The files that [output] of a scene file requests: solutions, the picture, and last the summary that lists them."""
 
 from __future__ import annotations
 
@@ -33,10 +33,10 @@ class WrittenResults:
     Attributes
     ----------
     summary : dict
-        Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of others),
-        ``picture`` (its file and the description of its camera), and the seconds of writing.
+        Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of
+        others), ``picture`` (its file and the description of its camera), and the seconds of writing.
     failures : mapping
-        The exception of each file that could not be written.
+        The exceptions of the files that could not be written, by the names of the files.
     """
 
     summary: dict[str, Any]
@@ -48,7 +48,8 @@ class WrittenResults:
         Raises
         ------
         InputError
-            With the missing files, the reasons, and the written files. A defect of cpmkit is raised unchanged.
+            If a file is missing; the message names the missing files with reasons, and the written files. An exception
+            that is a defect of cpmkit is raised unchanged.
         """
         for error in self.failures.values():
             if not isinstance(error, (CpmkitError, MemoryError)):
@@ -64,7 +65,7 @@ class WrittenResults:
 def check_request(
     request: OutputRequest, surface: ClosestPointSource, folder: Path, channels: int | None = None
 ) -> None:
-    """Check, before anything is solved, that all requested files can be written into ``folder``.
+    """Raise, before anything is solved, if a requested file cannot be written into ``folder``.
 
     Parameters
     ----------
@@ -97,7 +98,7 @@ def check_request(
 
 
 def solution_channels(scene: Scene) -> int:
-    """Return the number of channels of a solution of the scene; of an eigenvalue problem the number of modes."""
+    """Return the number of channels of a solution of the scene; for an eigenvalue problem the number of modes."""
     return scene.problem.count if isinstance(scene.problem, Eigen) else scene.channels
 
 
@@ -152,7 +153,7 @@ def write_results(
 
 @contextmanager
 def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[None]:
-    """Collect the exception of the block, so that the failure of a file does not prevent others."""
+    """Put an exception of the block into ``failures`` under the name of the file, so that the others are written."""
     try:
         yield
     except Exception as error:
@@ -160,23 +161,25 @@ def _collecting_failures(failures: dict[str, Exception], file: str) -> Iterator[
 
 
 def _sentence(file: Path, error: Exception) -> str:
+    """Return the sentence that explains why a file could not be written."""
     if isinstance(error, MemoryError):
         return f"{file} cannot be written: memory ran out."
     return str(error) if isinstance(error, CpmkitError) else f"{file} cannot be written: {type(error).__name__}."
 
 
 def _vertices_of(file: str, request: OutputRequest) -> str:
-    """Return the mesh of a file: only mesh files have the choice of ``request.vertices``."""
+    """Return which mesh a file holds: for mesh files that of ``request.vertices``, else the display mesh."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
 
 
 def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
-    """Return the look of a film or a page: that of the picture, if there is one."""
+    """Return the options of a film or a page: those of the picture, if there is one; none for other files."""
     drawn = Path(file).suffix.lower() in (*FILMS, PAGE) and request.picture is not None
     return request.picture.look if drawn and request.picture is not None else {}
 
 
 def _draw(solution: SolutionRecord, target: PictureRequest, folder: Path) -> dict[str, Any]:
+    """Draw the picture and, if requested, one of each frame; return the entry of the summary."""
     file = _with_folder(folder / target.file)
     drawn = picture(solution, file, **target.look)
     entry = {"file": target.file, "camera": drawn.camera}

@@ -51,7 +51,7 @@ FAMILY_ARRAYS = (
 )
 #: An option of the lattice, checked by its own check; an option that is not in the file has its default.
 OPTION_ARRAY = SavedArray("", "bifU", needed=False)
-#: Keys of a summary that are read.
+#: Kinds of the keys of a summary that are read.
 ANY_TABLE = table_of(ANYTHING)
 SUMMARY_KEYS = {"discretization": ANY_TABLE}
 REBUILT_KEYS = {
@@ -73,12 +73,12 @@ SCENE_KEYS = {"problem": PROBLEM_TABLE, "boundaries": list_of(BOUNDARY_TABLE)}
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the arrays of a file that cpmkit wrote, with all arrays of the lattice or none, and its summary.
+    """Return the arrays and the summary of a file that cpmkit wrote, with all arrays of the lattice or none.
 
     Raises
     ------
     InputError
-        If it is no such file, is damaged or of another format, or an array is not of the expected kind.
+        If there is no such file, it is damaged or of another format, or an array is not of the expected kind.
     """
     try:
         exists = path.is_file()
@@ -114,16 +114,21 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 def other_scene_error(path: Path, differs: str) -> InputError:
-    """Return the error of a file that was saved from another scene; ``differs`` describes the difference."""
+    """Return the error about a file that was saved from another scene; ``differs`` describes the difference."""
     return InputError(
         f"{shown(path.name)} was saved from another scene than the one given: {differs}; give the one that was solved."
     )
 
 
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
-    """Refuse a scene whose equation, boundaries or edge differ from the saved ones, as far as these are plain values.
+    """Raise if a scene's equation, boundaries or edge differ from the ``saved`` ones, as far as these are plain values.
 
-    Files from before the edge was saved hold only the kinds of conditions.
+    Of files from before the edge was saved, only the kinds of conditions are compared.
+
+    Raises
+    ------
+    InputError
+        If they differ; the message has the first difference.
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:

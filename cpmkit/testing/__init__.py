@@ -1,4 +1,4 @@
-"""The laws of closest point sources, for plugin authors to check in one line.
+"""Conformance tests of closest point sources for authors of plugins: the laws that every source obeys.
 
 >>> from cpmkit.testing import ConformanceCase, parametrize_with_laws
 >>> @parametrize_with_laws([ConformanceCase("mine.blob", "unit blob", make_blob)])  # doctest: +SKIP

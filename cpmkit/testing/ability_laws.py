@@ -147,6 +147,7 @@ def check_translation(subject: Subject) -> None:
     require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
 
     def check(x: Floats) -> None:
+        """Compare the distances and feet of queries ``x`` (n, d) before and after the translation."""
         original, translated = subject.feet(x), moved.closest_point(x + offset)
         allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
         apart = np.abs(translated.distance - original.distance)
@@ -168,6 +169,7 @@ def check_left(subject: Subject) -> None:
     """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
 
     def check(x: Floats) -> None:
+        """Require that left vectors at the feet of queries ``x`` (n, d) are unit vectors perpendicular to the curve."""
         feet = subject.source.closest_point(x)
         feet = feet.take(certain(feet))
         left = subject.source.leftward(feet)
@@ -220,6 +222,7 @@ def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
 
 
 def _require_unit(vectors: Floats, points: Floats) -> None:
+    """Require that vectors are of the shape (n, d) of ``points``, of type float64 and of length one."""
     require(vectors.shape == points.shape, f"There are {vectors.shape} vectors for {points.shape} feet.")
     require(vectors.dtype == np.float64, f"Vectors are {vectors.dtype}, not float64.")
     length = np.linalg.norm(vectors, axis=1)
@@ -227,6 +230,7 @@ def _require_unit(vectors: Floats, points: Floats) -> None:
 
 
 def _require_agreement(first: Floats, second: Floats, points: Floats, message: str) -> None:
+    """Require that ``first`` and ``second`` (n, d) enclose an acute angle at half of the ``points`` at least."""
     opposite = np.einsum("nd,nd->n", first, second) <= 0
     if len(points) and opposite.mean() > 0.5:
         require_rows(~opposite, points, message)

@@ -146,6 +146,7 @@ def check_nearest(subject: Subject) -> None:
     known = subject.known_points()
 
     def check(x: Floats) -> None:
+        """Require that neither a known point nor a foot is nearer to a query of ``x`` (n, d) than its distance."""
         feet = subject.feet(x)
         others = feet.points if known is None else np.concatenate([feet.points, known])
         nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
@@ -164,6 +165,7 @@ def check_foot(subject: Subject) -> None:
     """
 
     def check(x: Floats) -> None:
+        """Require that the feet of queries ``x`` (n, d) are at most (1 + turning angle) times the distance away."""
         feet = subject.feet(x)
         allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
         excess = np.linalg.norm(x - feet.points, axis=1) - allowed
@@ -195,6 +197,7 @@ def check_bounds(subject: Subject) -> None:
     known = subject.known_points()
 
     def check(x: Floats) -> None:
+        """Require that the feet of queries ``x`` (n, d) and the known points lie in the bounds."""
         points = subject.feet(x).points
         points = points if known is None else np.concatenate([points, known])
         beyond = np.maximum(lower - points, points - upper).max(axis=1)
@@ -204,6 +207,7 @@ def check_bounds(subject: Subject) -> None:
 
 
 def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
+    """Require the shapes and types of all arrays of an answer to queries ``x`` (n, d)."""
     n, dim = x.shape
     expected = {
         "points": ((n, dim), np.float64),
@@ -223,6 +227,7 @@ def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
 
 
 def _require_refusal(source: ClosestPointSource, x: Floats, fault: str) -> None:
+    """Require that queries ``x`` with a ``fault``, in words, raise InputError."""
     try:
         source.closest_point(x)
     except InputError:

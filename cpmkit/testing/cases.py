@@ -15,16 +15,16 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True)
 class ConformanceCase:
-    """One example of a kind.
+    """One example of a kind of source, on which the laws are checked.
 
     Attributes
     ----------
     kind : str
         The kind in scene files, ``family.shape``.
     name : str
-        Distinguishes the cases of a kind.
+        Name that distinguishes the cases of a kind.
     make : callable
-        Returns the source.
+        Function without arguments that returns the source.
     samples : callable, optional
         ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
         laws detect every foot that is not the nearest.
@@ -79,7 +79,7 @@ def kinds_without_case() -> list[str]:
 
 
 def _installed_plugins() -> Iterator[Any]:
-    """Yield each installed plugin once, whatever the number of its kinds."""
+    """Yield each installed plugin once, also if it offers several kinds."""
     seen: set[int] = set()
     for installed in plugins.installed_kinds():
         plugin = plugins.load(installed.kind)

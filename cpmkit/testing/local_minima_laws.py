@@ -93,10 +93,12 @@ def check_bad_radius(subject: Subject) -> None:
 
 
 def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
+    """Return the distances (k,) of feet from their queries, the rows ``rows`` (k,) of ``x``."""
     return np.asarray(np.linalg.norm(x[rows] - feet.points, axis=1))
 
 
 def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
+    """Require that ``rows`` (k,) are whole numbers that ascend, and the feet of each query are ordered by distance."""
     require(rows.dtype == np.int64 and rows.shape == (len(feet),), f"{rows.dtype} {rows.shape} rows of {len(feet)}.")
     step = np.diff(rows)
     require((step >= 0).all(), "The rows do not ascend.")
@@ -107,13 +109,13 @@ def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints)
 
 
 def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
-    """Yield each member of a union, or the source itself, with the numbers of its feet."""
+    """Yield each member of a union, or the source itself, with the indices of its feet."""
     for number, member in enumerate(members_of(source)):
         yield member, np.flatnonzero(feet.element == number) if isinstance(source, HasMembers) else np.arange(len(feet))
 
 
 def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
-    """Require that no two feet of a row coincide: neighbours in lexicographic order are compared."""
+    """Require that no two feet of a query coincide; ``rows`` (k,) are the queries of the feet."""
     order = np.lexsort((*feet.points.T, rows))
     ahead = np.roll(order, -1)
     apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
@@ -122,7 +124,7 @@ def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subje
 
 
 def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, subject: Subject) -> None:
-    """Require that of two opposite points around each foot one at least is no nearer to the query.
+    """Require that, of two opposite points beside each foot, at least one is no nearer to the query.
 
     The other may be nearer where the foot is beside the edge of a facet.
     """

@@ -1,4 +1,4 @@
-"""What makes a function a law, and the queries on which laws are checked: drawn by hypothesis around the bounds."""
+"""The decorators of laws, and the queries on which laws are checked, which hypothesis draws around the bounds."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ class Subject:
     case : ConformanceCase
         The case that made the source.
     source : ClosestPointSource
-        Returned by ``case.make``.
+        The source that ``case.make`` returned.
     centre : (d,) float64
-        Centre of its bounds.
+        Centre of the source's bounds.
     size : float
-        Diagonal of its bounds; of a single point, its largest coordinate, or 1 at the origin.
+        Diagonal of the bounds; for a single point its largest coordinate, or 1 at the origin.
     answers : dict
         Answers of the source by the bytes of their queries.
     """
@@ -60,20 +60,23 @@ class Subject:
         return self.answers[key]
 
     def query_together(self, batches: Sequence[Floats]) -> None:
-        """Query all batches at once, which is faster; another law checks that no answer depends on its batch."""
+        """Store the answers to all ``batches`` from one call, which is faster.
+
+        Another law checks that answers do not depend on the batch.
+        """
         rows = np.split(np.arange(sum(map(len, batches))), np.cumsum([len(x) for x in batches])[:-1])
         together = np.concatenate(batches)
         self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
         self.answers.update({x.tobytes(): feet.take(chosen) for x, chosen in zip(batches, rows, strict=True)})
 
     def known_points(self, count: int = 256) -> Floats | None:
-        """Return points (count, d) of the manifold that the case itself supplies."""
+        """Return points (count, d) of the manifold from the case's ``samples``; None if it has none."""
         return None if self.case.samples is None else self.case.samples(np.random.default_rng(0), count)
 
 
 @lru_cache(maxsize=1)
 def subject(case: ConformanceCase) -> Subject:
-    """Return the subject of a case; laws that run one after the other share it."""
+    """Return the subject of a case; the last one is cached, so that laws which are checked in turn share it."""
     source = case.make()
     lower, upper = np.asarray(source.bounds, dtype=np.float64)
     diagonal = float(np.linalg.norm(upper - lower))
@@ -89,7 +92,7 @@ def for_queries(
     Parameters
     ----------
     subject : Subject
-        Around which the queries lie: near its bounds, far out, and on it.
+        The source, around which the queries lie: near its bounds, far out, and on the manifold.
     check : callable
         Raises AssertionError if the law is broken.
     within_radius : bool
@@ -109,7 +112,7 @@ def for_queries(
 
 @lru_cache(maxsize=2)
 def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
-    """Return the batches that hypothesis draws for a law that is obeyed; drawing and querying take long."""
+    """Return the batches (n, d) that hypothesis draws if none fails; cached, since drawing and querying take long."""
     drawn: list[Floats] = []
     _generate(subject, near, drawn.append)
     subject.query_together(drawn)
@@ -117,6 +120,10 @@ def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
 
 
 def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> None:
+    """Call ``hold`` with batches (n, d) of queries that hypothesis draws; a batch that fails is reduced to a small one.
+
+    ``near`` limits them to the case's radius.
+    """
     draws = _anywhere(subject) if subject.case.radius is None or not near else _tube(subject, subject.case.radius)
 
     @settings(
@@ -149,7 +156,7 @@ def symmetric_points(subject: Subject) -> Floats:
 
 
 def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Draw a few points of hypothesis's choice, and many random ones, some of them on the manifold."""
+    """Return a strategy for batches (n, d): a few points of hypothesis's choice and random ones, some on the source."""
     dim, known = subject.source.dim, subject.known_points()
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
@@ -168,7 +175,7 @@ def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
 
 
 def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
-    """Draw points up to ``radius`` from the manifold."""
+    """Return a strategy for batches (n, d) of points up to ``radius`` from the manifold."""
 
     def batch(count: int, seed: int) -> Floats:
         rng = np.random.default_rng(seed)
@@ -182,7 +189,7 @@ def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
 
 
 def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
-    """Return a decorator that turns a check of a subject into a law; sources without the ability obey it."""
+    """Return a decorator that turns a check of a subject into a law, which sources without ``ability`` obey."""
 
     def decorate(check: Callable[[Subject], None]) -> Law:
         @wraps(check)
@@ -236,7 +243,7 @@ def require(condition: Any, message: str) -> None:
 
 
 def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] | None = None) -> None:
-    """Raise AssertionError with the first query of ``x`` (n, d) where ``condition`` (n,) is false, and its value."""
+    """Raise AssertionError with the first query of ``x`` (n, d) whose ``condition`` (n,) is false, and its value."""
     failing = np.flatnonzero(~condition)
     if len(failing):
         first = failing[0]
@@ -245,5 +252,5 @@ def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] |
 
 
 def certain(feet: ClosestPoints) -> Bools:
-    """Return (n,) True for the feet that are not doubtful."""
+    """Return a mask (n,) of the feet that are not doubtful."""
     return np.ones(len(feet), dtype=np.bool_) if feet.doubtful is None else ~feet.doubtful
