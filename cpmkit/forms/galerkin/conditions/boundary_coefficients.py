@@ -198,7 +198,8 @@ def conormal_flux(
     """Return the conormal flux for a tensor diffusivity at boundary samples, on the side of their cells.
 
     The mean over tangents is evaluated by :func:`extrapolated_value`. The tensor divided by this mean is evaluated at
-    the same two points, and extrapolated to the boundary if the result is definite.
+    the same two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer
+    point, which is then used.
 
     Parameters
     ----------

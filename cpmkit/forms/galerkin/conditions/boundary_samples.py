@@ -168,7 +168,7 @@ def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
 
 
 def _select_corner(values: Floats, which: Ints) -> Floats:
-    """Return for each cell point number ``which`` (n,) of its points ``values`` (n, k, d), as (n, 1, d)."""
+    """Return for each cell the point (n, 1, d) with number ``which`` (n,) among its points ``values`` (n, k, d)."""
     return np.take_along_axis(values, which[:, None, None], axis=1)
 
 

@@ -105,7 +105,7 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
 
 
 def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
-    """Return two labels (n,) of half facets: of their side of a piece of a boundary, and of this connected piece.
+    """Return two labels (n,) of half facets: of one side of a connected piece of a boundary, and of this piece.
 
     Facets of one boundary are connected at vertices where exactly two facets of boundaries meet.
     """
@@ -136,7 +136,7 @@ def _renumber(labels: Ints) -> Ints:
 
 
 def _has_other_cell(half: HalfFacets) -> Bools:
-    """Return whether the facet of each half facet (n,) is on a boundary and belongs to another cell too."""
+    """Return for each half facet (n,), a facet of one cell, whether it is on a boundary with another cell beyond it."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)
     twice = np.zeros(len(half.cut), dtype=bool)

@@ -77,7 +77,7 @@ def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) ->
 
 
 def needs_rims(scene: Scene) -> bool:
-    """Return whether the edge of the manifold has conditions other than zero flux, or different ones by loop."""
+    """Return whether the scene gives the edge of the manifold conditions other than zero flux, or loop by loop."""
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
         is_zero_neumann(one.law) for one in scene.edge_conditions
     )
@@ -253,7 +253,7 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
 
 
 def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
-    """Return the condition that couples the cells across continuations of boundaries past their tips, in a list.
+    """Return a list with the condition that couples the cells across continuations of boundaries past their tips.
 
     Samples at the same point are coupled in pairs, each to the next. The list is empty without continuations.
     """
@@ -303,7 +303,7 @@ class StateFluxSamples:
     values : csr_array (k, n)
         Evaluates u at the samples.
     spacing : float
-        h of the lattice.
+        The spacing h of the lattice.
     """
 
     law: Nonlinear
@@ -332,7 +332,7 @@ class KnownValues:
     values: Floats
 
     def __call__(self, _points: Floats) -> Floats:
-        """Return the values (k,), whatever the points."""
+        """Return the values (k,) at the k samples; the points are not used."""
         return self.values
 
 

@@ -176,7 +176,9 @@ def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
 
 
 def gradients_at(space: SplineSpace, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
-    """Return the tangential gradients (k, channels, d) at ``points`` (k, d), each read in its patch ``patch`` (k,).
+    """Return the tangential gradients (k, channels, d) at ``points`` (k, d) by the splines of their patches (k,).
+
+    A patch is a connected part of the manifold in one lattice cell, on one side of boundaries.
 
     ``normals`` (k, c, d) are orthonormal bases of the normal space at the points; ``u`` (n, channels) are coefficients.
     """
@@ -242,10 +244,10 @@ def _summed_energy(
 
 
 def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation, data: Floats) -> None:
-    """Add the ghost penalty to the matrix entries ``data`` (z,).
+    """Add the ghost penalty, with coefficient ``a`` at the samples, to the matrix entries ``data`` (z,).
 
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
-    order degree along its short runs; m is the dimension of the manifold.
+    order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
     """
     means = space.means(mean_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
@@ -277,6 +279,7 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
 def _read_by_boundary_patches(space: SplineSpace) -> Bools:
     """Return whether each unknown (n,) is read by a patch with a sample on a boundary.
 
+    A patch is a connected part of the manifold in one lattice cell, and reads the unknowns of (degree + 1)^d splines.
     Samples on boundaries are those of weight zero.
     """
     is_read = np.zeros(space.dof_map.size, dtype=bool)
@@ -329,7 +332,7 @@ def _spline_counts(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]
 
 
 def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], Any, Ints]:
-    """Return the first arguments of `add_energy`: unknowns, spacing, tuple of splines, sample order and starts.
+    """Return the first arguments of `add_energy`: unknowns, spacing, splines, and the samples sorted by patch.
 
     The last two are those of :meth:`SplineSpace.samples_by_patch`.
     """

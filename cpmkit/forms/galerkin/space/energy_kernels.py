@@ -1,7 +1,9 @@
 """Kernels that sum energies over samples, patch by patch, directly into the rows of a sparse matrix.
 
 In the plane the third factor of every spline is 1, so that the same kernels serve plane and space (``kind`` is 0 in the
-plane and 1 in space). Inside a patch lengths are in spacings; x, y and z are coordinates in [0, 1] in its lattice cell.
+plane and 1 in space). A patch is a connected part of the manifold in one lattice cell, on which (degree + 1)^d
+splines are not zero: it reads their coefficients, the unknowns. Inside a patch lengths are in spacings; x, y and z are
+coordinates in [0, 1] in its lattice cell.
 A sample adds products of linear forms in the coefficients of u: the slopes along the axes times the tensor times these
 slopes, and squares of second and third derivatives along normals and of the value. Each product is a pair of rows
 of an array ``forms``: one row for each linear form, the second times tensor or weight, with one entry for each spline

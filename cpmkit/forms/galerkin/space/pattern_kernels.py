@@ -1,6 +1,7 @@
 """Kernels of the sparsity pattern: unknowns are coupled if one patch reads both, or if both are in one run.
 
-A run is a sequence of neighbouring unknowns along an axis.
+A patch, which is a connected part of the manifold in one lattice cell, reads the unknowns of the splines that are not
+zero there. A run is a sequence of neighbouring unknowns along an axis.
 """
 
 from __future__ import annotations

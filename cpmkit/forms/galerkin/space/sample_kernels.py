@@ -1,5 +1,8 @@
 """Compiled: loads summed over samples, and values and gradients of splines at samples.
 
+A patch is a connected part of the manifold in one lattice cell, on which (degree + 1)^d splines are not zero: it reads
+their coefficients, the unknowns.
+
 Tuples ``splines`` and ``third`` have the lengths of the numbers of splines that a patch reads along each of the first
 two axes and along the third, 1 in the plane: the compiler knows these lengths, and the entries are unused.
 """

@@ -62,7 +62,8 @@ def _evaluate(t: Floats, coefficients: Floats) -> Floats:
 def value_rows(dof_map: DofMap, patch: Ints, points: Floats) -> csr_array:
     """Return the matrix (k, n) that evaluates u at ``points`` (k, d), each by the splines of its ``patch`` (k,).
 
-    Points are relative to the origin of the lattice.
+    A patch is a connected part of the manifold in one lattice cell, and has (degree + 1)^d splines. Points are relative
+    to the origin of the lattice.
     """
     values = spline_values(_local(dof_map, patch, points), dof_map.degree)
     entries = values[:, 0]
