@@ -77,7 +77,7 @@ class FormOperators(ABC):
 
     @property
     def traits(self) -> FormTraits:
-        """Preferred solver, dispersion, and what saved files say of the form."""
+        """The preferred solver, the dispersion, the class of the work record, and the libraries of the form."""
         return FormTraits()
 
     def check(self, solver: str) -> None:
@@ -162,12 +162,12 @@ class FormOperators(ABC):
 
 
 class FormValues(FormOperators):
-    """Values at the points of a form and back to unknowns; evaluation anywhere on the manifold."""
+    """Conversion between unknowns and values at the points of a form, and evaluation anywhere on the manifold."""
 
     @property
     @abstractmethod
     def points(self) -> Floats:
-        """(p, d) the points where the form knows values, in the scene's coordinates; not to be written to."""
+        """(p, d) the points, read-only, at which the form evaluates u and data, in the scene's coordinates."""
 
     @property
     def point_weights(self) -> Floats | None:
@@ -301,7 +301,7 @@ class FormDiagnosis(FormValues):
         difference: float = 0.0,
         eigenvalues: bool = False,
     ) -> Diagnosis:
-        """Return how the error falls with the spacing, and what the lattice does not resolve.
+        """Return the order of the error, reasons for slow convergence, and the share that the lattice does not resolve.
 
         Parameters
         ----------
@@ -334,7 +334,7 @@ class FormDiagnosis(FormValues):
 
     @abstractmethod
     def describe(self) -> dict[str, Any]:
-        """Return the options of the discretisation as plain values."""
+        """Return the options of the discretisation as plain values, by name."""
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays by which a saved solution is recognised and rebuilt; empty where that is not possible."""

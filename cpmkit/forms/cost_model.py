@@ -61,7 +61,7 @@ class CostModel(ABC, Generic[Own]):
         Raises
         ------
         ResolutionError
-            With the spacing that would fit.
+            If it does; the message has a spacing that would fit.
         """
 
     @abstractmethod
@@ -78,7 +78,7 @@ class CostModel(ABC, Generic[Own]):
 
     @abstractmethod
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return the parts and counts by a dry run: the scene is discretised, if it is large at coarser spacings.
+        """Return the explanation of a solve, with counts from a dry run; large scenes are discretised more coarsely.
 
         Raises
         ------

@@ -94,7 +94,7 @@ class Field:
         return self.form.project(self.columns) if self.unknowns is None else self.unknowns
 
     def map(self, function: Callable[..., Any]) -> Field:
-        """Return the field of ``function(points, values)``, which returns (p,) or (p, channels)."""
+        """Return the field with the values ``function(points, values)``, (p,) or (p, channels)."""
         values = np.asarray(function(self.points, self.values), dtype=np.float64)
         return Field(self.form, values)
 
@@ -160,7 +160,7 @@ class Field:
         Raises
         ------
         InputError
-            In a form whose points have no quadrature weights, as ``collocation``.
+            If the points of the form have no quadrature weights, as in ``collocation``.
         """
         weights = self.form.point_weights
         if weights is None:

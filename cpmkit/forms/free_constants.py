@@ -59,9 +59,9 @@ class Imbalance:
     parts : int
         More than 1 where crossing boundaries cut the piece into so many parts, which are connected at the crossings.
     shift : tuple of float
-        Of "mean": what was added to u on the piece, for each channel.
+        Only of "mean": the constant that was added to u on the piece, for each channel.
     degree, functions : int
-        Of "fluxes": degree and number of the polynomials.
+        Only of "fluxes": degree and number of the polynomials.
     """
 
     of: Literal["data", "mean", "fluxes"]
@@ -191,7 +191,7 @@ class KnowsPoints(Protocol):
 
     @property
     def points(self) -> Floats:
-        """(p, d) the points where the form knows values."""
+        """(p, d) the points at which the form evaluates functions."""
 
     def at_points(self, u: Floats) -> Floats:
         """Return the values (p, channels) at :attr:`points` of the function with the unknowns ``u`` (n, channels)."""

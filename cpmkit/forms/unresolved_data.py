@@ -94,7 +94,7 @@ def _all_data(form: Discretized, conditions: Iterable[DataAtPoints]) -> Iterator
 
 
 def _rows_in_runs(count: int) -> Any:
-    """Return integers below ``count``: all of them, or of many some runs of consecutive integers, evenly spread."""
+    """Return all integers below ``count``; if these are many, only evenly spread runs of consecutive integers."""
     if count <= RUNS * RUN_LENGTH:
         return np.arange(count)
     starts = np.linspace(0, count - RUN_LENGTH, RUNS).astype(np.int64)

@@ -152,7 +152,7 @@ def add_advection(
         CONVECTIVE: the sum above. CONSERVATIVE: with -u v . grad phi as the first term. RATE: tau (v . grad phi)
         (c u - a Lap u) alone. STREAMLINES: tau (v . grad phi) (v . grad u) alone, where a = c = 0.
     matrix : (indptr, indices, data)
-        In CSR format, with the pattern of the space.
+        A matrix in CSR format, with the pattern of the space.
     """
     indptr, indices, data = matrix
     d = places.shape[1]

@@ -82,7 +82,7 @@ class SampleCoefficients:
 
     @cached_property
     def _samples_past_boundary(self) -> tuple[Ints, Floats]:
-        """The samples past the boundary beside their cell, and their mirror images; see the function of this name."""
+        """The samples past the boundary beside their cell, and their mirror images, for :meth:`_reading_points`."""
         return _samples_past_boundary(self.sampled, self.reader.locator.sides)
 
     def at_all_samples(self, data: Any, label: str) -> Floats:
@@ -159,7 +159,7 @@ class SampleCoefficients:
     # Advection
 
     def advection(self, terms: Terms) -> Advection:
-        """Return the advection by the velocity of ``terms`` at the samples; zero at those on boundaries."""
+        """Return the advection by the velocity of ``terms``, evaluated at the samples; zero at boundary samples."""
         assert terms.velocity is not None
         a, c = self.diffusivity(terms.diffusivity), self.at_all_samples(terms.c, "the factor c")
         rows, samples = slice(self.sampled.interior), self.sampled.samples

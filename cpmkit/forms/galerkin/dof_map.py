@@ -147,7 +147,7 @@ def dof_map_from_patches(
     Parameters
     ----------
     spacing, cells, touching, patch, degree
-        As of :class:`DofMap`.
+        The attributes of :class:`DofMap`.
     isolated : (p,) bool
         Whether each patch is on a piece of the manifold that has one unknown.
     """

@@ -37,7 +37,7 @@ class EquationAssembly:
     Attributes
     ----------
     scene : Scene
-        With the equation.
+        The scene with the equation.
     conditions : tuple of ImposedCondition
         The conditions with their laws, and the samples at which each is imposed.
     coefficients : SampleCoefficients
@@ -90,7 +90,7 @@ class EquationAssembly:
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S, S the stabilisation, with the upwinding of du/dt."""
+        """M + h^2 S with the upwinding of du/dt; M is the mass matrix, S the stabilisation."""
         upstream = None if self.advection is None else self.advection.rate_matrix()
         matrix = self.space.projection.matrix
         return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
@@ -194,8 +194,8 @@ class EquationAssembly:
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the rim or the whole rim.
 
-        By the residual of the weak form; None for rims without samples. Where the diffusivity A is a tensor, du/db
-        stands for the derivative along A b / (b . A b), b the conormal.
+        They follow from the residual of the weak form; None for rims without samples. Where the diffusivity A is a
+        tensor, du/db stands for the derivative along A b / (b . A b), b the conormal.
         """
         sampled, samples = self.sampled, self.sampled.boundary
         names = self.coefficients.reader.names
@@ -215,7 +215,7 @@ class EquationAssembly:
     # Loads
 
     def load(self, f: Data, time: float | None, channels: int) -> Floats:
-        """Return the integrals (n, channels) of f times each function, with upwinding where there is a velocity."""
+        """Return the integrals (n, channels) of f times each function, plus the upwinding where there is a velocity."""
         values = self.coefficients.at_points(f, "the right-hand side f", time, channels)
         loads = self.space.load(values)
         if self.advection is not None:

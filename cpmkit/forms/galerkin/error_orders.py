@@ -11,8 +11,8 @@ from cpmkit.forms.form_records import Dispersion
 from cpmkit.forms.galerkin.resolution import PERSISTING_AREA, Resolution
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE
 
-#: Divisors of the difference from a solution at twice the spacing, and the divisors at the root of two that go with
-#: them.
+#: Divisors of the difference from a solution at twice the spacing, and the corresponding divisors at the root of two
+#: times the spacing.
 FROM_TWO, FROM_ROOT = (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)
 #: Divisors by degree where cells follow a smooth source: at orders 3 and 4 differences are 7 and 15 times the error.
 #: For eigenvalues, at order 4, 15 times (measured: 13 to 17).

@@ -233,7 +233,7 @@ class Galerkin(Discretized):
 
     @property
     def points(self) -> Floats:
-        """(p, d) the samples of the manifold: one read-only array, which lives as long as it is referred to."""
+        """(p, d) the samples of the manifold in the scene's coordinates, read-only, cached while in use."""
         return self.coefficients.reader.points
 
     points_in_use = points
@@ -437,7 +437,7 @@ def _conditions_of(stiffness: Stiffness) -> Any:
 
 
 def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:
-    """Return the form of a sampled scene on a function space."""
+    """Return the Galerkin form of a ``sampled`` scene on a function space."""
     coefficients = SampleCoefficients(PointReader(sampled, space))
     resolution = LatticeResolution(sampled, space)
     return Galerkin(scene, options, sampled, space, sampled.conditions, coefficients, resolution)

@@ -127,7 +127,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
                 counts[name] = max(growth.at(options.spacing), fine)
         progress("dry run", 1.0)
         chosen = self.choose_solver(solver, counts["unknowns"])
-        if factorised_share(scene, chosen):  # what others need was checked before
+        if factorised_share(scene, chosen):  # the memory of other solvers was checked before
             self.check_fits(counts["unknowns"], chosen)
         left_out = [] if scene.boundaries else ["a cut (no boundary)"]
         left_out += ["right-hand side (Laplace)"] if scene.problem.kind == "laplace" else []

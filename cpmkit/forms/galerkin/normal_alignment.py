@@ -41,8 +41,8 @@ class NormalSpread:
 def normal_alignment(space: SplineSpace, mesh: Mesh, winding: Any = None) -> Floats:
     """Return the integrals (n, 1 + d) of each spline, and of its product with the oriented normal or tangent.
 
-    Cells are oriented consistently over common facets. One-sided components cannot be: splines near a facet where two
-    cells disagree have NaN for the normal.
+    Cells are oriented consistently over common facets. On one-sided components this is impossible: splines near a facet
+    where two cells disagree have NaN in place of the normal.
 
     Parameters
     ----------

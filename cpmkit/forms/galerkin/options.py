@@ -22,7 +22,7 @@ MOST_LEVELS = 4
 
 
 def _one_of(*names: str) -> Callable[[Any, str], str]:
-    """Return the check of an option whose value must be one of ``names``."""
+    """Return a function that checks an option whose value must be one of ``names``."""
 
     def check(value: Any, label: str) -> str:
         if not isinstance(value, str) or value not in names:
@@ -107,8 +107,8 @@ class GalerkinOptions(DeclaredOptions):
 
     @property
     def sampling(self) -> str:
-        """How samples are taken: as the option ``samples``; with singular unknowns "auto" means "clipped".
+        """The option ``samples``, in which "auto" becomes "clipped" beside singular unknowns.
 
-        Clipping leaves a third of the error there at h = 0.05 of a plate.
+        There clipping leaves a third of the error, at h = 0.05 of a plate.
         """
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples

@@ -248,7 +248,7 @@ class PatchLocator:
         return np.where(contains[rows, best], candidates[rows, best], patch)
 
     def _touch(self, first: Ints, second: Ints) -> Bools:
-        """Return whether samples of the patches ``first`` and ``second``, arrays of one shape, touch each other."""
+        """Return whether samples of the patches ``first`` and ``second``, two arrays that broadcast, touch."""
         count, codes = len(self.dof_map.cells), self._touching_codes
         code = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
         if not len(codes):

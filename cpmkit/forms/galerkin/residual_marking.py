@@ -69,7 +69,7 @@ def _slope(a: Any, points: Floats, spacing: float, axis: int) -> Floats:
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:
-    """Return (p, channels) the sum of the second derivatives along tangents of u (n, channels) at the samples."""
+    """Return (p, channels) Lap u at the samples: the sum of the second derivatives of u (n, channels) on tangents."""
     dof_map, samples = _refined_dof_map(form), form.sampled.samples
     coefficients, laplacian = form.space.to_coefficients(u), np.empty((form.sampled.interior, u.shape[1]))
     for start in range(0, len(laplacian), SAMPLES_AT_ONCE):

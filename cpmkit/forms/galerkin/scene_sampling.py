@@ -134,7 +134,7 @@ class InsertedScene:
     Attributes
     ----------
     lattice, surface, sources, oriented, geometry, warnings
-        As of :class:`SampledScene`.
+        The attributes of :class:`SampledScene`.
     mesh : Mesh
         A mesh of flat cells, not yet subdivided.
     points : mapping of int to (k,) int64
@@ -285,7 +285,7 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
     Raises
     ------
     SceneError
-        With the names of the boundaries.
+        If so; the message has the names of the boundaries.
     """
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:

@@ -1,4 +1,4 @@
-"""Warnings on solutions: jumps at points of the conditions' data, unresolved layers, pieces and folds."""
+"""Warnings on solutions: jumps between values given on boundaries, unresolved layers, pieces and folds."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
 
 
 def _meetings(mesh: Mesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
-    """Yield the pairs of boundaries that have a vertex in common, with one such vertex, in the scene's coordinates."""
+    """Yield each pair of boundaries with a common vertex, and such a vertex (d,) in the scene's coordinates."""
     seen: set[tuple[int, int]] = set()
     for vertex, owners in _shared_vertices(mesh):
         for first, second in combinations(owners, 2):
@@ -119,13 +119,13 @@ def _shared_vertices(mesh: Mesh) -> Iterator[tuple[int, list[int]]]:
 
 
 def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
-    """Return the largest difference between the given values of two boundaries at a point."""
+    """Return the largest difference between values given on one and on the other of two boundaries at a point (d,)."""
     first, second = (_values(scene, k, where[None]) for k in pair)
     return max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
 
 
 def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:
-    """Return the given values (k, channels) of each side of a boundary with a Dirichlet condition, at points (k, d).
+    """Return the values (k, channels) given on each side of a boundary with a Dirichlet condition, at ``where`` (k, d).
 
     In problems in time the values are those at the start.
     """

@@ -123,7 +123,7 @@ def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> 
     Raises
     ------
     ResolutionError
-        With the spacing that would fit.
+        If so; the message has a spacing that would fit.
     """
     check_numbered(surface.bounds, spacing)
     m = surface.largest_dim
@@ -153,7 +153,7 @@ def check_unknowns_fit(
     Raises
     ------
     ResolutionError
-        With the spacing that would fit, and the solver that needs less.
+        If it does; the message has a spacing that would fit, and the solver that needs less.
     """
     needed, limit = peak_bytes(unknowns, surface.largest_dim, factors, degree=degree), memory.memory_limit()
     if needed > limit.bytes:
@@ -183,7 +183,7 @@ def peak_bytes(
     degree: int = 2,
     extras: SceneExtras = NO_EXTRAS,
 ) -> float:
-    """Return the approximate bytes at the peak of a solve; ``samples`` is their number, by default the usual number."""
+    """Return the approximate bytes at the peak of a solve of so many ``unknowns`` and, if known, ``samples``."""
     m, usual = manifold_dim, SAMPLES_PER_UNKNOWN[degree] * unknowns
     count = usual if samples is None else samples
     used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count

@@ -60,7 +60,7 @@ class RefinedDofMap(DofMap):
 
     @property
     def places(self) -> Floats:
-        """(n, d) nodes of the unknowns on the manifold's lattices, relative to the origin of the lattice."""
+        """(n, d) the node of each unknown, not magnified, relative to the origin of the lattice."""
         level = self.node_levels[:, None]
         return np.asarray(0.5**level * self.spacing * self.nodes - shift_of(self.spacing, level))
 
@@ -168,7 +168,7 @@ class RefinedSpace(FunctionSpace):
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
 
     def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
-        """Return the integrals of a grad u . grad v + c u v over the splines, with stabilisation and floor."""
+        """Return the integrals (n, n) of a grad u . grad v + c u v of the active splines, stabilised and with floor."""
         assert scale is None
         return self.restrict_matrix(self._energy(a, c, self.stabilisation, 0, with_floor=True))
 
@@ -256,7 +256,7 @@ def build_refined_space(
     corners : (m, k) int
         The vertices of the mesh cells after cutting.
     levels, regions, stabilisation, passes
-        As of :class:`RefinedSpace`.
+        The attributes of :class:`RefinedSpace`.
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)

@@ -46,7 +46,7 @@ class Regions:
         return np.floor(2.0**level * (points / self.spacing + 0.5)).astype(np.int64)
 
     def levels(self, points: Floats) -> Ints:
-        """Return (q,) the level of the splines at ``points`` (q, d)."""
+        """Return (q,) the level of the splines at ``points`` (q, d), given relative to the lattice's origin."""
         level_of_point = np.zeros(len(points), dtype=np.int64)
         rows = np.arange(len(points))
         for level, codes in enumerate(self.subdivided):
@@ -107,7 +107,7 @@ def codes_of_cells(cells: Ints) -> Ints:
 
 
 def cells_of_codes(codes: Ints, dim: int) -> Ints:
-    """Return (k, d) the cells with these ``codes`` (k,)."""
+    """Return (k, d) the cells, in a space of dimension ``dim``, with the ``codes`` (k,)."""
     shifts = BITS * np.arange(dim - 1, -1, -1)
     return np.asarray((codes[:, None] >> shifts & (2 * HALF - 1)) - HALF)
 
