@@ -73,7 +73,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
 
 __version__ = "0.1.0"
 
-#: Public names and the modules that hold them, imported on first use.
+#: Public names and the modules that define them, imported on first use.
 _PUBLIC = {
     "Biharmonic": "scene.compound_equations",
     "Boundary": "scene.boundary",
@@ -137,8 +137,8 @@ _PUBLIC = {
 
 __all__ = sorted(_PUBLIC)
 
-#: What long work says of itself; silent unless the caller asks for it, as the logging of Python has it.
+#: Messages of long computations are not shown unless the caller configures Python's logging.
 logging.getLogger("cpmkit").addHandler(logging.NullHandler())
 
-if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a type checker
     __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, "cpmkit")

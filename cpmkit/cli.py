@@ -1,4 +1,4 @@
-"""The command ``cpmkit``; what a subcommand needs is imported when it runs."""
+"""The command ``cpmkit``; each subcommand imports the modules that it needs when it runs."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def main() -> None:
     Exit codes: 0 done; 1 the scene or its solution failed; 2 the command line is wrong; 3 a bug in cpmkit or
     in a plugin; 130 interrupted.
     """
-    for stream in (sys.stdout, sys.stderr):  # names may hold what the terminal's encoding does not
+    for stream in (sys.stdout, sys.stderr):  # names may have characters that the terminal's encoding lacks
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
 
@@ -149,12 +149,13 @@ def solve(
 
 
 def _warn(sentences: Iterable[str], err: bool = False) -> None:
+    """Print each sentence as a warning, to standard error if ``err``."""
     for sentence in sentences:
         click.echo(f"warning    {sentence}", err=err)
 
 
 def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
-    """Return the printed summary of a solve."""
+    """Return the text of the summary that is printed after a solve."""
     work, report, seconds = solution.work, solution.report, summary["seconds"]
     stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
     ghosts = f", of which ghosts {work.ghosts:,}" if hasattr(work, "ghosts") else ""

@@ -1,4 +1,4 @@
-"""From a scene and its options to a solution: the form that discretises, and the family of the equation that solves."""
+"""From a scene and its options to a solution: choice of the form that discretises and of the solver of the equation."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Progress, no_progress
 
-#: The module that solves each family of equations, and its function.
+#: The module and the function that solve each family of equations.
 FAMILIES = {
     "steady": ("cpmkit.families.steady", "solve_steady"),
     "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
@@ -43,12 +43,12 @@ def solve_scene(
     progress: Progress = no_progress,
     **options: Any,
 ) -> SolutionRecord:
-    """Solve a scene as :func:`cpmkit.solve` does, without its warnings being issued: the solution holds them."""
+    """Solve a scene as :func:`cpmkit.solve` does, but without issuing the warnings, which the solution has."""
     checkpointing, rest = split_options(Checkpointing, options)
     checkpointing.check_for(scene.problem)
     started = time.perf_counter()
     discretize, solver, target = resolve_options(backend, scene, spacing, progress, rest)
-    with explain_memory_error(scene, target, solver.solver):  # no local holds the tables, should memory run out
+    with explain_memory_error(scene, target, solver.solver):  # no local may keep tables alive
         return solve_discretized(discretize(), solver, OperatorCache(), progress, checkpointing, started=started)
 
 
@@ -61,15 +61,15 @@ def solve_discretized(
     guess: Floats | None = None,
     started: float | None = None,
 ) -> SolutionRecord:
-    """Solve a discretised scene by the family of its equation.
+    """Solve a discretised scene by the solver of its equation's family, and return the solution.
 
     Parameters
     ----------
     form : Discretized
         The discretised scene.
     options : SolverOptions
-        How linear systems are solved.
-    cache : Kept
+        Options of the linear solver.
+    cache : OperatorCache
         Operators and factors of earlier solves on the same tables.
     progress : callable
         ``progress(stage, fraction)``.
@@ -101,7 +101,7 @@ def solve_discretized(
 
 
 def _solve_family(context: SolveContext) -> SolutionRecord:
-    """Solve by the family of the scene's equation, by Newton's method where fluxes depend on the solution."""
+    """Solve by the family of the scene's equation, with Newton's method around it if fluxes depend on the solution."""
     if context.scene.has_tensor:
         require(context.discretized, "diffusivity that is a tensor")
     module, function = FAMILIES[context.scene.problem.family]
@@ -116,16 +116,16 @@ def _solve_family(context: SolveContext) -> SolutionRecord:
 def resolve_options(
     backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
-    """Check all options of a solve, and return them by the part that uses them.
+    """Check all options of a solve, and return them divided by their use.
 
     Returns
     -------
     discretize : callable
-        Discretises the scene.
+        Function without arguments that discretises the scene.
     solver : SolverOptions
-        How linear systems are solved.
+        Options of the linear solver.
     target : Options or None
-        Options of the closest point method; None of another back end.
+        Options of the forms on a lattice; None for another back end.
 
     Raises
     ------
@@ -148,9 +148,14 @@ def resolve_options(
 def _resolve_plugin_options(
     backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
 ) -> tuple[Callable[[], Discretized], SolverOptions]:
-    """Return the function that discretises by a plugin's form, and the options of linear solvers.
+    """Return the function that discretises by a plugin's back end, and the options of the linear solver.
 
-    An option that the plugin lacks is refused with the list of those that it takes.
+    Raises
+    ------
+    InputError
+        If the plugin does not take an option.
+    PluginError
+        If no installed plugin offers the back end.
     """
     label = f"the back end {backend!r}"
     plugin: Backend = call(factory(backend, "cpmkit_backends"), label, {})

@@ -1,4 +1,4 @@
-"""Every error that cpmkit raises on purpose: one sentence with what was got, what is accepted, what to do."""
+"""The errors that cpmkit raises on purpose; a message gives the value received, the values accepted and a remedy."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ if TYPE_CHECKING:
     from cpmkit.linear.solve_report import SolveReport
 
 
-#: Characters of what was given that a message repeats.
+#: Largest number of characters of a given value that a message repeats.
 ECHOED_CHARACTERS = 200
-#: Entries of an array that a message repeats.
+#: Largest number of entries of an array that a message repeats.
 SHOWN_ENTRIES = 12
 
 
 class CpmkitError(Exception):
-    """Base of all errors that cpmkit raises on purpose; control characters in the message are written as escapes."""
+    """Base class of all errors that cpmkit raises on purpose; control characters in the message are escaped."""
 
     def __init__(self, message: str) -> None:
         super().__init__(printable(message))
 
 
 class CpmkitWarning(UserWarning):
-    """Category of the warnings that a solve gives beside its solution; filter them by it."""
+    """Category of the warnings that come with a solution, for Python's warning filters."""
 
 
 class InputError(CpmkitError, ValueError):
-    """An argument, an array or a file does not hold what is accepted."""
+    """An argument, an array or a file has a value that is not accepted."""
 
 
 class SceneError(InputError):
@@ -36,19 +36,19 @@ class SceneError(InputError):
 
 
 class PluginError(CpmkitError, LookupError):
-    """A kind that a scene names is offered by no installed plugin, or its plugin is broken."""
+    """No installed plugin offers a kind that a scene names, or the plugin is broken."""
 
 
 class ResolutionError(CpmkitError, ValueError):
-    """The spacing does not fit the scene or the machine; the message names one that does."""
+    """The spacing does not suit the scene or the machine; the message gives one that does."""
 
 
 class MissingDependencyError(CpmkitError, ImportError):
-    """An optional library is absent or cannot load; the message names what installs it."""
+    """An optional library is missing or cannot be loaded; the message gives the command that installs it."""
 
 
 class ConvergenceError(CpmkitError, ArithmeticError):
-    """A solver did not reach its tolerance; ``report`` says what was reached."""
+    """A solver did not reach its tolerance; ``report`` contains the residual that it reached."""
 
     def __init__(self, message: str, report: SolveReport) -> None:
         super().__init__(message)
@@ -56,14 +56,14 @@ class ConvergenceError(CpmkitError, ArithmeticError):
 
 
 def printable(text: str) -> str:
-    """Return ``text`` with control characters, which could steer a terminal, written as escapes; newlines stay."""
+    """Return ``text`` with control characters, which could change a terminal's state, escaped; newlines stay."""
     return "".join(letter if letter.isprintable() or letter == "\n" else ascii(letter)[1:-1] for letter in text)
 
 
 def shown(value: object) -> str:
-    """Return what was given as a message may repeat it: its repr in one line, cut after 200 characters.
+    """Return a value as text for messages: its repr on one line, cut after 200 characters.
 
-    Of an array, a column or a table of more than 12 entries the type and the shape.
+    For an array, a column or a table of more than 12 entries the text gives the type and the shape.
 
     Examples
     --------
@@ -85,7 +85,7 @@ def shown(value: object) -> str:
 
 
 def place(point: Iterable[float]) -> str:
-    """Return a point as a message names it: all coordinates to the fourth digit of the largest.
+    """Return a point as text for messages, with all coordinates to the fourth digit of the largest.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a solve builds and costs: an estimate in a second, or counts by a dry run, and seconds on this machine."""
+"""The size and cost of a solve: an estimate in a second, counts by a dry run, and the seconds on this machine."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress
 
-#: Without a dry run unknowns and bytes are within this factor of the truth (measured on ten scenes).
+#: Factor within which unknowns and bytes are correct without a dry run (measured on ten scenes).
 OFF_BY = 2.0
-#: Unknowns of the finer of two timed solves, about, and the least ratio of its spacing to the one explained.
+#: Approximate unknowns of the finer of the two timed solves, and the least ratio of its spacing to the given one.
 TIMED_UNKNOWNS, LEAST_RATIO = 8_000, 2.0
 #: Ratio of the spacings of the two timed solves.
 TIMED_RATIO = 2.0
@@ -46,28 +46,29 @@ def explain(
     progress: ShownProgress = None,
     **options: Unpack[PreparingKeywords],
 ) -> Explanation:
-    """Say what :func:`cpmkit.solve` with the same arguments will build, why, and at what cost.
+    """Return what :func:`cpmkit.solve` with the same arguments would build, for which reasons, and at what cost.
 
-    By default an estimate from the size of the surface and its boundaries, in a second, right within a factor of 2.
+    By default these are estimates from the size of the surface and its boundaries, made in a second and correct
+    within a factor of 2.
 
     Parameters
     ----------
     scene, spacing, progress
         As for :func:`cpmkit.solve`.
     dry_run : bool
-        Whether the scene is discretised on coarse lattices, up to three of them, so that counts are right to 10
-        percent, and warnings (creases, sheets that are too near, boundaries that meet) are found. Small scenes are
-        discretised at the spacing itself. It takes up to as long as a solve.
+        Whether the scene is discretised on up to three coarse lattices, so that counts are correct to 10 percent, and
+        warnings (creases, sheets that are too near, boundaries that meet) are found. Small scenes are discretised at
+        the spacing itself. It takes up to as long as a solve.
     seconds : bool
         Whether, after a dry run, the scene is also solved on two coarse lattices to time this machine: ``seconds`` of
-        the explanation are then how long a solve takes, to about a factor of two.
+        the explanation are then the duration of a solve, to about a factor of two.
     **options
         As for :func:`cpmkit.solve`.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        As ``solve`` would: without a dry run as far as this can be seen before anything is built.
+        As ``solve`` would; without a dry run only what can be found before anything is built.
     """
     with shown_progress(progress) as shown:
         target, rest = options_of(scene, spacing, options)
@@ -82,7 +83,7 @@ def explain(
 
 
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
-    """Estimate what a solve builds, from cells or blocks of cells around the manifold and its boundaries.
+    """Return the size and cost of a solve, estimated from cells around the manifold and its boundaries.
 
     Nothing is discretised.
 
@@ -120,13 +121,14 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
 
 
 def _about(count: float) -> str:
+    """Return the text "about" with a count rounded to two digits."""
     return f"about {float(f'{count:.1g}' if count < 10 else f'{count:.2g}'):,.0f}"
 
 
 def _with_seconds(
     explained: Explanation, scene: Scene, spacing: float, progress: Progress, options: dict[str, Any]
 ) -> Explanation:
-    """Return an explanation with the seconds of a solve."""
+    """Return an explanation with the predicted seconds of a solve added, from two timed coarse solves."""
     given = {**options, "solver": explained.solver}
 
     def solve_timed(coarse: float) -> tuple[SolutionRecord, float]:
@@ -142,17 +144,17 @@ def _with_seconds(
 def extrapolated_cost(
     solve: Callable[[float], tuple[SolutionRecord, float]], spacing: float, unknowns: int, m: int
 ) -> float | None:
-    """Return the cost of a solve of so many unknowns, by a line in unknowns through two coarse solves.
+    """Return the cost of a solve with this number of unknowns, extrapolated linearly from two coarse solves.
 
-    None where the scene cannot be solved on coarse lattices. The coarser one is solved twice, as compiling and reading
-    in the first solve is no cost of later ones.
+    None if the scene cannot be solved on coarse lattices. The coarser solve is made twice, as the first includes the
+    cost of compiling and reading, which later solves do not have.
 
     Parameters
     ----------
     solve : callable
         Solves at a spacing; returns the solution and its cost.
     spacing, unknowns : float, int
-        Of the solve whose cost is returned.
+        Spacing and number of unknowns of the solve whose cost is returned.
     m : int
         Dimension of the manifold.
     """

@@ -1,4 +1,4 @@
-"""Solutions as users hold them: records with methods that save, draw and convert them and estimate their error."""
+"""Classes of solutions for users: records with methods that save, draw and convert them and estimate their error."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @user_class_of(SolutionRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(SolutionRecord):
-    """The solution of a scene: read it at any point, integrate it, save it, draw it; it knows its error.
+    """The solution of a scene, to be evaluated at points, integrated, saved and drawn, with an estimate of its error.
 
     Attributes
     ----------
@@ -40,18 +40,18 @@ class Solution(SolutionRecord):
     seconds : mapping
         Wall-clock seconds of each stage.
     warnings : tuple of str
-        Sentences on what may spoil the solution.
+        Sentences on possible causes of errors in the solution.
     imbalances : tuple of Imbalance
-        Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
-        solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
-        "mean" for each closed piece on which c times the mean of u was set to the mean of f; in place of these one of
-        "fluxes" where balanced fluxes were requested.
+        Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
+        solution is determined up to a constant (and has mean zero): the part of the data for which there is no
+        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f, or
+        one "fluxes" instead if balanced fluxes were requested.
     estimated : ErrorEstimate, optional
-        The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
+        The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
     solve_history : SolveHistory, optional
-        The solves that led to a requested error, time or memory.
+        The solves by which a requested error, time or memory was met.
     resonance : Resonance, optional
-        The eigenvalue of the operator nearest to zero, of steady problems that may have one near it: where c or a
+        The eigenvalue of the operator nearest to zero, for steady problems that may have one near it: where c or a
         condition makes the energy indefinite.
     """
 
@@ -60,19 +60,20 @@ class Solution(SolutionRecord):
 
     @property
     def error(self) -> ErrorEstimate:
-        """An estimate of the error: the one that :func:`cpmkit.solve` made, or one that is made on first use.
+        """The estimated error: the estimate that :func:`cpmkit.solve` made, or one computed on first use.
 
-        It is made by solving on a lattice of twice the spacing, for about a quarter of the cost of the solution.
+        It is computed by solving on a lattice of twice the spacing, for about a quarter of the cost of the solution.
 
         Raises
         ------
         CpmkitError
-            If the scene cannot be solved at twice the spacing, or the solution is not one on a lattice.
+            If the scene cannot be solved at twice the spacing, or the solution has no lattice.
         """
         return self.estimated or self._error
 
     @cached_property
     def _error(self) -> ErrorEstimate:
+        """The estimate that is computed on first use."""
         from cpmkit.accuracy.estimate import error_of
 
         return error_of(self)
@@ -94,15 +95,15 @@ class Solution(SolutionRecord):
         return picture(self, path, **options)
 
     def plot(self, axes: Any = None, **options: Unpack[LookKeywords]) -> Any:
-        """Draw the solution on axes of matplotlib, as :meth:`picture` does, and return them."""
+        """Draw the solution on matplotlib axes, with the options of :meth:`picture`, and return the axes."""
         from cpmkit.view.showing import plot
 
         return plot(self, axes, **options)
 
     def show(self, **options: Unpack[LookKeywords]) -> Page:
-        """Show the solution, to be turned and zoomed, in a window of the browser or in a notebook.
+        """Show the solution in a browser window or a notebook, where it can be turned and zoomed.
 
-        :func:`cpmkit.pick_line` shows it in a window in which lines are drawn on it.
+        :func:`cpmkit.pick_line` shows it in a window in which the user can draw lines on it.
         """
         from cpmkit.view.showing import show
 
@@ -141,29 +142,29 @@ class Solution(SolutionRecord):
 @user_class_of(EigenRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenSolution(Solution, EigenRecord):
-    """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
+    """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution.
 
-    Each has unit mean square over the manifold (in the collocation form over the nodes of the band, which is about the
-    same). Its sign is such that the first of the values of nearly the greatest size is positive. Those of one
-    eigenvalue are orthogonal.
+    Each eigenfunction has unit mean square over the manifold (in the collocation form over the nodes of the band, which
+    is about the same). Its sign is such that the first of its values of nearly the largest size is positive.
+    Eigenfunctions of a multiple eigenvalue are orthogonal.
 
     Attributes
     ----------
     eigenvalues : (count,) float64
-        Ascending; real parts where the discrete operator, which is not symmetric in the collocation form, has a complex
-        pair.
+        Eigenvalues in ascending order; real parts where the discrete operator, which is not symmetric in the
+        collocation form, has a pair of complex eigenvalues.
     imaginary : (count,) float64
-        Imaginary parts; zero but for such a pair, whose eigenfunctions are real and imaginary part.
+        Imaginary parts; zero except for such a pair, whose eigenfunctions are the real and the imaginary part.
     residuals : (count,) float64
-        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; about, where a
-        multigrid cycle stands for the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
+        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; approximate if a
+        multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
     """
 
 
 @user_class_of(QuasilinearRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearSolution(Solution, QuasilinearRecord):
-    """The solution of an equation whose diffusivity depends on it.
+    """The solution of an equation whose diffusivity depends on u.
 
     Attributes
     ----------
@@ -187,18 +188,18 @@ class BiharmonicSolution(Solution, BiharmonicRecord):
 @user_class_of(EvolvedRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EvolvedSolution(Solution, EvolvedRecord):
-    """The solution of a problem in time, at one time; read, saved and drawn as any other.
+    """The solution of an equation in time at one time, which is evaluated, saved and drawn like any other.
 
     Attributes
     ----------
     time : float
         Time of the solution.
     steps : int
-        Number of time steps up to it.
+        Number of time steps up to that time.
     energy : (channels,) float64, optional
-        Of a wave in a form with symmetric operators: kinetic and elastic energy, less the work of the load.
+        For a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the load.
     frames : tuple of EvolvedSolution
-        The solutions at the times that ``frames`` of the problem names, in order; they share all tables.
+        The solutions at the times in ``frames`` of the equation, in order; they share all tables.
     """
 
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)

@@ -1,4 +1,4 @@
-"""Solutions read from .npz files: with their scene whole solutions, without it the mesh with values."""
+"""Solutions read from .npz files: whole solutions if the scene is given, else the mesh with values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cpmkit.saving.saved_solutions import check_same_scene, other_scene_error, r
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
-#: Largest distance, in spacings, of inner nodes of a band from the bounds of the surface.
+#: Largest distance of a band's inner nodes from the bounds of the surface, in spacings.
 MOST_BAND_SPACINGS = 12
 
 
@@ -49,7 +49,7 @@ class SavedSolution:
     arrays: Mapping[str, Any]
 
     def evaluate(self, *_points: Any, **_side: Any) -> NoReturn:
-        """Raise an InputError: without its scene a solution is known only at the mesh's vertices."""
+        """Raise an InputError, as a solution without its scene is known only at the vertices of the mesh."""
         raise InputError("A solution loaded without its scene cannot be evaluated; give scene= to cpmkit.load.")
 
 
@@ -106,12 +106,20 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
 
 
 def _mesh_alone(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
+    """Return the mesh with values in the ``arrays`` of a file; empty arrays if the file has no mesh."""
     channels = summary["discretization"].get("channels", 1)
     none = {"points": np.zeros((0, 0)), "cells": np.zeros((0, 0), dtype=np.int64), "values": np.zeros((0, channels))}
     return SavedSolution(**{name: arrays.get(name, none[name]) for name in none}, summary=summary, arrays=arrays)
 
 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
+    """Return the solution in a file, with the scene discretised again.
+
+    Raises
+    ------
+    InputError
+        If the file is damaged, belongs to another scene, or is from a back end without a lattice.
+    """
     lattice = {name.removeprefix("lattice_"): array for name, array in arrays.items() if name.startswith("lattice_")}
     if "nodes" not in lattice:
         raise InputError(
@@ -126,7 +134,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     values = {
         RENAMED_OPTIONS.get(name, name): array.item() if array.ndim == 0 else array for name, array in lattice.items()
     }
-    if values.get("balance") == 0:  # of a release that had this option
+    if values.get("balance") == 0:  # saved by a release that had this option
         del values["balance"]
     try:
         options, _ = options_of(scene, values["spacing"], values)
@@ -152,7 +160,7 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
 
 
 def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
-    """Return whether the nodes lie around the scene's surface, before anything is built."""
+    """Return True if the saved nodes lie around the scene's surface; checked before the scene is discretised."""
     bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
     with np.errstate(over="ignore", invalid="ignore"):
         nodes = lattice["origin"] + spacing * lattice["nodes"]

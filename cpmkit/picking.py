@@ -1,4 +1,4 @@
-"""Lines that a user draws on a surface by clicks in a window."""
+"""Lines that a user draws on a surface by mouse clicks in a window."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from cpmkit.scene.surface_input import Surface, as_source
 from cpmkit.types import Floats
 from cpmkit.view.drawing import in_space
 
-#: Neighbouring points of a line that are farther apart, in steps, jump to another part of the surface.
+#: Largest distance of neighbouring points of a line, in steps; a longer gap is a jump to another part of the surface.
 LARGEST_GAP_STEPS = 4.0
-#: A click nearer to the last one than this share of a step is a repeated click.
+#: Largest distance, in steps, of a repeated click from the click before.
 SAME_CLICK_STEPS = 1e-6
 #: Files that the kind mesh.polyline reads.
 LINE_SUFFIXES = (".csv", ".obj", ".npy")
@@ -31,15 +31,16 @@ LINE_SUFFIXES = (".csv", ".obj", ".npy")
 
 @dataclass(frozen=True, eq=False)
 class DrawnLine:
-    """A line on a surface through the points of clicks, in order.
+    """A line on a surface through the clicked points, in order.
 
     Attributes
     ----------
     surface : ClosestPointSource
+        The surface.
     step : float
-        Largest distance of neighbouring points of the line where the surface is flat.
+        Largest distance between neighbouring points of the line where the surface is flat.
     clicks : (k, d) float64
-        Points of the surface.
+        The clicked points of the surface.
     closed : bool
         Whether the last click is connected to the first.
     """
@@ -51,7 +52,7 @@ class DrawnLine:
 
     @cached_property
     def points(self) -> Floats:
-        """(n, d) points on the surface, the clicks among them; of a closed line the first is also the last."""
+        """Points (n, d) of the line on the surface, including the clicks; a closed line ends with its first point."""
         ends = np.concatenate([self.clicks, self.clicks[:1]]) if self.closed and len(self.clicks) > 1 else self.clicks
         if len(ends) < 2:
             return ends
@@ -62,12 +63,14 @@ class DrawnLine:
         return np.concatenate([self.surface.closest_point(chords).points, ends[-1:]])
 
     def with_click(self, point: Floats) -> DrawnLine:
-        """Return the line with a further click, the surface point nearest to ``point`` (d,) or, in the plane, (3,).
+        """Return the line with one more click, the surface point closest to ``point`` (d,); in the plane (3,) too.
+
+        A click at the place of the last one changes nothing.
 
         Raises
         ------
         InputError
-            If the line from the last click to the new one leaves the surface, so that it would jump.
+            If the line from the last click to the new one would leave the surface and jump.
         """
         place = np.asarray(point, dtype=np.float64)[None, : self.surface.dim]
         foot = self.surface.closest_point(np.ascontiguousarray(place)).points
@@ -102,7 +105,7 @@ def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -
     Raises
     ------
     InputError
-        If it is no surface.
+        If ``surface`` is no surface but points, a curve or a solid.
     """
     if surface.manifold_dim not in (2, None):
         kind = {0: "points", 1: "a curve"}.get(surface.manifold_dim, "a solid")
@@ -111,7 +114,7 @@ def start_line(surface: ClosestPointSource, step: float, closed: bool = False) -
 
 
 def check_no_jump(line: DrawnLine) -> None:
-    """Refuse a line that jumps from one part of the surface to another."""
+    """Raise InputError if a line jumps from one part of the surface to another."""
     gaps = np.linalg.norm(np.diff(line.points, axis=0), axis=1)
     if len(gaps) and gaps.max() > LARGEST_GAP_STEPS * line.step:
         place = ", ".join(f"{x:.4g}" for x in line.points[int(gaps.argmax())])
@@ -121,12 +124,12 @@ def check_no_jump(line: DrawnLine) -> None:
 
 
 def check_line_file(path: str | Path, surface: ClosestPointSource) -> Path:
-    """Return the path of a file to which a line on ``surface`` can be written.
+    """Return ``path`` if a line on ``surface`` can be written to such a file.
 
     Raises
     ------
     InputError
-        If its suffix is none of those accepted, or it is an OBJ file and the surface is in the plane.
+        If the suffix is not accepted, or it is an OBJ file and the surface is in the plane.
     """
     path = Path(path)
     if path.suffix.lower() not in LINE_SUFFIXES:
@@ -153,7 +156,7 @@ def write_line(points: Floats, path: Path) -> None:
             unfinished.write_text(text, encoding="utf-8")
 
 
-#: Number of triangles of a shown source, and of steps of the line, along the longest side of the surface.
+#: Number of triangles of a displayed source, and of steps of the line, along the longest side of the surface.
 SHOWN_CELLS, LINE_STEPS = 100, 200
 #: Radius of the line in the window, in steps, and size of the clicks in pixels.
 TUBE_RADIUS_STEPS, POINT_SIZE = 0.8, 12
@@ -201,16 +204,18 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
 
 
 class Canvas:
-    """The window: a click adds a point to the line, and the line is drawn again.
+    """The window in which clicks add points to a line, which is then drawn again.
 
     Attributes
     ----------
     line : DrawnLine
         The line so far.
     plotter : pyvista.Plotter
+        The plotter of the window.
     """
 
     def __init__(self, line: DrawnLine, mesh: Any) -> None:
+        """Open the window with a mesh of pyvista and a line without clicks."""
         self.line = line
         self.plotter = _pyvista().Plotter()
         coloured = {"scalars": "rgb", "rgb": True} if "rgb" in mesh.point_data else {}
@@ -222,7 +227,7 @@ class Canvas:
         self.say(HELP)
 
     def click(self, point: Any) -> None:
-        """Add the surface point nearest to ``point`` (3,) under the mouse, or show why the line cannot go there."""
+        """Add the surface point closest to ``point`` (3,) under the mouse, or show why the line cannot go there."""
         try:
             self.line = self.line.with_click(point)
         except InputError as error:
@@ -230,12 +235,12 @@ class Canvas:
         self.draw()
 
     def remove_last(self) -> None:
-        """Remove the last point."""
+        """Remove the last click."""
         self.line = self.line.without_last()
         self.draw()
 
     def draw(self) -> None:
-        """Draw the line."""
+        """Draw the line and its clicks."""
         pyvista = _pyvista()
         self.plotter.remove_actor(["clicks", "line"])
         if len(self.line.clicks):
@@ -249,12 +254,12 @@ class Canvas:
         self.say(HELP)
 
     def say(self, sentence: str) -> None:
-        """Write a sentence at the window's upper edge."""
+        """Write a sentence at the upper edge of the window."""
         self.plotter.add_text(sentence, name="sentence", font_size=9, position="upper_left")
 
 
 def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
-    """Return the ``pyvista.PolyData`` of a solution, or of a surface alone.
+    """Return the ``pyvista.PolyData`` of a solution, or of a ``surface`` without a solution.
 
     Raises
     ------
@@ -268,16 +273,24 @@ def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
         raise InputError("the surface has no mesh, without which it cannot be shown.")
     points, cells = surface.mesh(_size(surface) / SHOWN_CELLS)
     triangles = with_corners(cells, 3)
-    if not len(triangles):  # a cloud
+    if not len(triangles):  # a point cloud
         return pyvista.PolyData(in_space(points))
     return pyvista.PolyData.from_regular_faces(in_space(points), triangles)
 
 
 def _size(surface: ClosestPointSource) -> float:
+    """Return the length of the longest side of the surface's bounds."""
     return float(np.ptp(surface.bounds, axis=0).max())
 
 
 def _pyvista() -> Any:
+    """Return the module pyvista.
+
+    Raises
+    ------
+    MissingDependencyError
+        If it does not import.
+    """
     try:
         return import_module("pyvista")
     except ImportError as error:

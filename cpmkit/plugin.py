@@ -1,7 +1,7 @@
-"""What a plugin imports of cpmkit: these names, and no other module.
+"""The names that a plugin may import from cpmkit; it imports no other module of cpmkit.
 
-They stand in :data:`GROUPS` by what they serve, and are imported on first use: a plugin that reads no file loads no
-reader. Everything else in cpmkit may change without notice. import-linter holds the plugins of the repository to it.
+They are listed by their use in :data:`GROUPS`, and imported on first use: a plugin that reads no file loads no reader.
+Everything else in cpmkit may change without notice. import-linter checks this rule for the plugins of the repository.
 """
 
 from __future__ import annotations
@@ -147,7 +147,7 @@ if TYPE_CHECKING:
     from cpmkit.types import Side as Side
     from cpmkit.types import no_progress as no_progress
 
-#: The names by what they serve, each with the module that holds it.
+#: The names by their use, each with the module that defines it.
 GROUPS: dict[str, dict[str, str]] = {
     "Types": {
         "Bools": "types",
@@ -316,7 +316,7 @@ GROUPS: dict[str, dict[str, str]] = {
 }
 _MODULES = {name: module for group in GROUPS.values() for name, module in group.items()}
 
-if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a type checker
     _lazy, __dir__ = lazy_names(__name__, _MODULES, "cpmkit", "; docs/reference/plugin-api.md has what it offers")
     _NEW_NAMES = {
         "support_of": "cpmkit.plugin.edge_support",

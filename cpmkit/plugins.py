@@ -1,4 +1,4 @@
-"""The installed plugins: their kinds are listed from metadata, and one is imported when a scene uses its kind."""
+"""The installed plugins: their kinds are listed from metadata, and a plugin is imported when a scene uses its kind."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cpmkit.types import Floats, Ints
 
 Product = TypeVar("Product")
-#: Groups of entry points: of kinds, one entry point each, and of commands.
+#: Groups of entry points: of kinds, with one entry point for each kind, and of commands.
 KINDS_GROUP, COMMANDS_GROUP = "cpmkit.kinds", "cpmkit.commands"
 #: Hooks that return factories of kinds.
 FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmkit_backends")
@@ -31,7 +31,7 @@ FACTORY_HOOKS = ("cpmkit_sources", "cpmkit_conditions", "cpmkit_solvers", "cpmki
 
 @dataclass(frozen=True)
 class InstalledKind:
-    """A kind and the distribution that declares it, read from metadata."""
+    """A kind and the distribution that declares it, read from the metadata of the distribution."""
 
     kind: str
     distribution: str
@@ -52,7 +52,7 @@ _manager: pluggy.PluginManager | None = None
 
 
 def installed_kinds() -> list[InstalledKind]:
-    """Return every kind that an installed distribution declares, sorted, without imports."""
+    """Return all kinds that installed distributions declare, sorted by name, without importing plugins."""
     kinds = []
     for point in entry_points(group=KINDS_GROUP):
         name, version = (point.dist.name, point.dist.version) if point.dist else ("?", "?")
@@ -61,6 +61,7 @@ def installed_kinds() -> list[InstalledKind]:
 
 
 def _unknown_kind_message(kind: str) -> str:
+    """Return the error message about a kind that no plugin provides, with suggestions."""
     kinds = [installed.kind for installed in installed_kinds()]
     missing = f"No plugin provides the kind {shown(kind)}"
     last_words = {name.rpartition(".")[2]: name for name in kinds}
@@ -98,7 +99,13 @@ def load(kind: str) -> Any:
 
 
 def _point(kind: str) -> EntryPoint:
-    """Return the entry point of ``kind``; the metadata of installed distributions are read at its first use only."""
+    """Return the entry point of ``kind``; the metadata are read at the first use of the kind only.
+
+    Raises
+    ------
+    PluginError
+        If no installed distribution declares the kind.
+    """
     if kind not in _points:
         point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
         if point is None:
@@ -111,12 +118,12 @@ _points: dict[str, EntryPoint] = {}
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
-    """Return the factory of ``kind`` from the hook ``hook`` of its plugin.
+    """Return the factory of ``kind`` that its plugin returns from the hook named ``hook``.
 
     Raises
     ------
     PluginError
-        If the kind is unknown, or not among the kinds that its plugin returns from this hook.
+        If the kind is unknown, or the plugin does not return it from this hook.
     """
     plugin = load(kind)
     others = [other for other in manager().get_plugins() if other is not plugin]
@@ -128,12 +135,12 @@ def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:
 
 
 def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
-    """Return the first hook from which the plugin of ``kind`` returns it, and its factory.
+    """Return the name of the first hook from which a plugin returns ``kind``, and the factory of the kind.
 
     Raises
     ------
     PluginError
-        If no such plugin is installed, or it returns the kind from no hook.
+        If the kind is unknown, or the plugin returns it from no hook.
     """
     load(kind)
     for hook in FACTORY_HOOKS:
@@ -143,14 +150,14 @@ def any_factory(kind: str) -> tuple[str, Callable[..., Any]]:
 
 
 def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> Product:
-    """Return the result of a factory for a table of keyword arguments, after a check of its keys and types.
+    """Return ``make(**table)``, after a check of the keys of the table and of the types of their values.
 
-    ``label`` names the table in messages.
+    ``label`` is the name of the table in messages.
 
     Raises
     ------
     SceneError
-        If a key is unknown, a required one is missing, or a value is not of the plain type that it declares.
+        If a key is unknown, a required key is missing, or a value does not have its declared plain type.
     """
     check_keys(make, label, table)
     accepted = _accepted_parameters(make)
@@ -162,18 +169,18 @@ def call(make: Callable[..., Product], label: str, table: Mapping[str, Any]) -> 
 
 
 def check_keys(make: Callable[..., Any], label: str, keys: Iterable[str], further_keys: Sequence[str] = ()) -> None:
-    """Refuse ``keys`` that a factory does not take; those of ``also`` are taken by whoever calls it.
+    """Raise if one of ``keys`` is neither a parameter of a factory nor among ``further_keys``.
 
     Raises
     ------
     SceneError
-        Naming the first, those accepted, and the one that may be meant.
+        For the first such key, with the accepted keys and a suggestion; ``label`` is the name of the table.
     """
     check_accepted(label, sorted(keys), (*further_keys, *_accepted_parameters(make)))
 
 
 def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> None:
-    """Refuse ``keys`` that are not ``accepted``, as :func:`check_keys` does."""
+    """Raise SceneError if one of ``keys`` is not ``accepted``, as :func:`check_keys` does."""
     unknown = next((key for key in keys if key not in accepted), None)
     if unknown is not None:
         raise SceneError(
@@ -183,12 +190,13 @@ def check_accepted(label: str, keys: Iterable[str], accepted: Sequence[str]) -> 
 
 
 def _accepted_parameters(make: Callable[..., Any]) -> dict[str, inspect.Parameter]:
+    """Return the parameters of a factory other than ``**keywords``, by name."""
     parameters = inspect.signature(make).parameters
     return {name: p for name, p in parameters.items() if p.kind is not p.VAR_KEYWORD}
 
 
 def takes(make: Callable[..., Any], key: str) -> bool:
-    """Return whether ``key`` is a parameter of a factory."""
+    """Return True if ``key`` is the name of a parameter of a factory."""
     return key in inspect.signature(make).parameters
 
 

@@ -1,4 +1,4 @@
-"""A scene discretised once, and solved for many equations and right-hand sides."""
+"""Scenes discretised once and solved for many equations and right-hand sides."""
 
 from __future__ import annotations
 
@@ -29,20 +29,20 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class Prepared(Generic[Family]):
-    """A scene on a form's unknowns, for many equations and right-hand sides; see :func:`prepare`.
+    """A scene discretised once, for many equations and right-hand sides; see :func:`prepare`.
 
     Attributes
     ----------
     discretized : Discretized
-        The scene with its tables.
+        The discretised scene with its tables.
     solver : SolverOptions
-        How linear systems are solved.
+        Options of the linear solver.
     progress : callable or bool, optional
         As for :func:`cpmkit.solve`.
     options : Options, optional
-        How it is discretised on a lattice; None of another back end.
+        Options of the discretisation on a lattice; None for another back end.
     cache : OperatorCache
-        Operators and factors that were used last.
+        The most recently used operators and factors.
     others : dict
         The same tables with other solvers; see :meth:`solved_by`.
     """
@@ -122,7 +122,7 @@ class Prepared(Generic[Family]):
         guess: SolutionRecord | None = None,
         **options: Any,
     ) -> Any:
-        """Solve an equation with the prepared tables.
+        """Solve an equation with the prepared tables, and return its solution.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Prepared(Generic[Family]):
             Conditions of the same kinds with other data, by boundary: ``{"cut": Dirichlet(2)}``, ``{"cut": {"left":
             ..., "right": ...}}``, and ``{"edge": ...}`` for the edge.
         guess : Solution, optional
-            Of the same tables; the initial guess of an iterative solver in steady problems.
+            A solution on the same tables; the initial guess of an iterative solver in steady problems.
         **options
             Other options are refused.
 
@@ -167,9 +167,9 @@ class Prepared(Generic[Family]):
         return solution
 
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
-        """Return the same tables with another solver, by its name and options.
+        """Return the same tables with another linear solver, given by its name and options.
 
-        Its factors and levels are kept for the next call.
+        Its factors and multigrid levels are cached for further calls.
 
         Raises
         ------
@@ -187,9 +187,9 @@ class Prepared(Generic[Family]):
     def sharing_preconditioner(self) -> Prepared[Family]:
         """Return the same tables for equations that differ a little, as those of an iteration do.
 
-        The preconditioner of the first equation with a velocity serves the following ones too, which then take a few
-        iterations more, and half of the time or less. An equation that does not converge with it gets its own. Direct
-        solvers, and equations without a velocity, are not affected.
+        The preconditioner of the first equation with a velocity is used for the following ones too, which then take a
+        few iterations more, but half of the time or less. An equation that does not converge with it gets its own.
+        Direct solvers, and equations without a velocity, are not affected.
         """
         return replace(self, cache=OperatorCache(shares_preconditioner=True), others={})
 
@@ -202,7 +202,7 @@ class Prepared(Generic[Family]):
 
     @property
     def points(self) -> Floats:
-        """(p, d) the points where the form knows values, in the scene's coordinates: samples, or closest points."""
+        """Points (p, d) where the form has values, in the scene's coordinates: quadrature samples or closest points."""
         return self.discretized.points.copy()
 
     def field(self, data: Any) -> Field:
@@ -217,7 +217,7 @@ class Prepared(Generic[Family]):
         return field_of(self.discretized, data)
 
     def _run(self, scene: Scene, checkpointing: Checkpointing, guess: Floats | None) -> SolutionRecord:
-        """Solve a scene that has another equation or other data than the prepared one."""
+        """Return the solution of a scene that has another equation or other data than the prepared scene."""
         started = time.perf_counter()
         form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
         with shown_progress(self.progress) as progress:

@@ -1,4 +1,4 @@
-"""The line from a scene to its solution: discretise, assemble, solve."""
+"""The functions that discretise and solve a scene."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from cpmkit.runtime.progress import ShownProgress, shown_progress
 from cpmkit.scene.equations import EigenFamily, TimeFamily
 from cpmkit.scene.scene import Scene
 
-#: Silent unless the caller asks for it.
+#: Shows nothing unless the caller configures logging.
 logger = logging.getLogger("cpmkit")
 
 
@@ -147,13 +147,13 @@ def solve(
     figures = scene.problem.kind, len(solution.values), solution.report.solver, sum(solution.seconds.values())
     logger.info("Solved %s: %d unknowns by %s in %.1f s.", *figures)
     warn_each(solution.warnings)
-    return cast("Solution", solution)  # the class that records are constructed as
+    return cast("Solution", solution)  # records are constructed as instances of this class
 
 
 def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, Any]:
-    """Return the options of a scene file that hold for every back end, not for the lattice or its solver alone.
+    """Return the options of a scene file that apply to every back end, not only to the lattice or its solver.
 
-    They are ``solver_tolerance``, and ``degree`` where the named ``backend`` has one.
+    These are ``solver_tolerance``, and ``degree`` if the named ``backend`` takes it.
     """
     has_degree = bool(backend) and takes(call(factory(backend, "cpmkit_backends"), backend, {}).discretize, "degree")
     shared = ("solver_tolerance", *(("degree",) if has_degree else ()))
@@ -164,14 +164,14 @@ def for_any_backend(options: Mapping[str, Any], backend: str = "") -> dict[str, 
 def discretize(
     scene: Scene, spacing: float, *, progress: ShownProgress = None, **options: Unpack[DiscretizingKeywords]
 ) -> Discretized:
-    """Discretise ``scene`` at ``spacing``.
+    """Return ``scene`` discretised at ``spacing``.
 
     Parameters
     ----------
     scene : Scene
         Surface, boundaries, edge, problem.
     spacing : float
-        Of the lattice, in the scene's unit.
+        Spacing of the lattice, in the scene's unit of length.
     progress : callable or bool, optional
         As for :func:`cpmkit.solve`.
     **options
@@ -180,7 +180,7 @@ def discretize(
     Raises
     ------
     InputError, SceneError, ResolutionError
-        If an argument, a boundary or the spacing does not fit.
+        If an argument, a boundary or the spacing is not accepted.
     """
     target, others = options_of(scene, spacing, options)
     if others:

@@ -1,4 +1,4 @@
-"""Types of arrays, of sides and of progress callbacks that the whole package uses."""
+"""Types of arrays, of sides and of progress callbacks used in the whole package."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Bools = NDArray[np.bool_]
 Side = Literal["left", "right"]
 #: The side of boundaries from which a solution is evaluated: one for all, or one for each by name.
 Sides = Side | Mapping[str, Side] | None
-#: The same, or both sides at once.
+#: A side of boundaries as above, or both sides at once.
 ReadSides = Sides | Literal["both"]
 #: Both sides of a boundary.
 SIDES: tuple[Side, Side] = ("left", "right")
@@ -24,4 +24,4 @@ Progress = Callable[[str, float], None]
 
 
 def no_progress(stage: str, fraction: float) -> None:
-    """Report no progress."""
+    """Do nothing; a progress callback that reports nothing."""

@@ -25,17 +25,17 @@ class ErrorEstimate:
     Attributes
     ----------
     rms, largest : (channels,) float64
-        Root mean square over the manifold, and largest error, as shares of the solution's range; of an eigenvalue
-        problem both are the relative error of each eigenvalue, infinite where a coarser lattice has no matching mode.
+        Root mean square of the error over the manifold, and largest error, as shares of the solution's range; for an
+        eigenvalue problem both are the relative error of each eigenvalue, infinite where a coarser lattice has no
+        matching mode.
     unit : (channels,) float64
-        The range, the size where a solution is constant, or each eigenvalue.
+        The range of the solution, its size where it is constant, or each eigenvalue.
     in_time : float
         The part of both that is due to the steps in time.
     floor : (channels,) float64
-        The error that the representation of the manifold leaves at any spacing, as a share; zero (unknown) for
-        eigenvalues.
+        The error due to the representation of the manifold, at any spacing, as a share; zero (unknown) for eigenvalues.
     at : (d,) float64
-        Where the solutions differ most, in the scene's coordinates.
+        The point where the solutions differ most, in the scene's coordinates.
     slow : str
         Why the error may fall slowly with the spacing; empty without a reason.
     solution : SolutionRecord
@@ -43,10 +43,9 @@ class ErrorEstimate:
     coarse_solutions : tuple of Solution
         Solutions at larger spacings with which it was compared, the coarsest last.
     order : float
-        The order at which errors are assumed to fall from the coarsest of these on.
+        The order at which errors are assumed to fall from the coarsest solution on.
     factor : (channels,) float64
-        Errors point by point are the difference from the coarsest solution times this: the largest error over that from
-        the coarse solutions alone.
+        Factor of errors at points: the largest error over the largest error estimated from the coarse solutions alone.
     """
 
     rms: Floats
@@ -108,6 +107,7 @@ class ErrorEstimate:
         return {**arrays, "in_time": self.in_time, "slow": self.slow, "held_against_spacings": spacings}
 
     def __str__(self) -> str:
+        """Return the error, its bound and its place in one sentence."""
         errors = ", ".join(f"{error:.2g}" for error in self.error)
         rms = ", ".join(f"{100 * share:.2g}" for share in self.rms)
         return (

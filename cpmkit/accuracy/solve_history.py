@@ -8,8 +8,8 @@ from typing import Any, Literal
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.runtime.deprecation import DeprecatedMember
 
-#: ``reached``: the estimate is below the tolerance. ``floor``: the source of the manifold leaves more than the
-#: tolerance, and the estimate is below that. ``within``: without a tolerance, time and memory were kept. ``not
+#: ``reached``: the estimate is below the tolerance. ``floor``: the error due to the source of the manifold is above the
+#: tolerance, and the estimate is below that error. ``within``: without a tolerance, time and memory were kept. ``not
 #: reached``: none of these.
 Status = Literal["reached", "floor", "within", "not reached"]
 Purpose = Literal["pilot", "companion", "answer", "correction"]
@@ -22,18 +22,19 @@ class SolveStep:
     Attributes
     ----------
     purpose : str
-        ``pilot``: shows how the error falls and what solves cost; ``companion``: a coarser solution to compare the
-        answer with; ``answer``; ``correction``: a finer answer, as the estimate of the first was above the tolerance.
+        ``pilot``: a coarse solve that shows how the error falls and what solves cost; ``companion``: a coarser solution
+        with which the answer is compared; ``answer``; ``correction``: a finer answer, as the estimate of the first was
+        above the tolerance.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     step : float
-        Step in time; 0 without one.
+        Step in time; 0 for equations without time.
     unknowns : int
-        Size of the system.
+        Number of unknowns.
     seconds : float
-        Duration.
+        Duration of the solve.
     error : float
-        The estimate, as a share of the range; NaN without a coarser solution to compare with.
+        The estimated error, as a share of the range; NaN without a coarser solution to compare with.
     """
 
     purpose: Purpose
@@ -59,13 +60,13 @@ class SolveHistory:
     predicted_bytes : float
         Predicted peak of memory of the last solve.
     seconds : float
-        Of all solves together.
+        Duration of all solves together.
     steps : tuple of SolveStep
-        Every solve, in order.
+        All solves, in order.
     summary : str
         The result, in a sentence.
     chosen : str
-        Options that were chosen beside the spacing, with the reason; empty without any.
+        Options that were chosen in addition to the spacing, with the reason; empty without any.
     """
 
     target: AccuracyTarget
@@ -89,6 +90,7 @@ class SolveHistory:
         return {**asdict(self), "cost_over_last_solve": self.cost_over_last_solve}
 
     def __str__(self) -> str:
+        """Return a line for each solve, then the options chosen and the result."""
         lines = [
             f"{step.purpose:<10} spacing {step.spacing:<8.3g} {step.unknowns:>9,} unknowns  {step.seconds:7.2f} s  "
             f"{'error not yet known' if step.error != step.error else f'error about {step.error:.2g}'}"

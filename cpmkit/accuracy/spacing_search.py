@@ -31,7 +31,7 @@ from cpmkit.solution.modes import EigenRecord
 #: the target, for less time beyond the last solve's, than with others.
 AIMED_SHARE, FIRST_AIMED_SHARE, FIRST_ORDER = 0.55, 0.45, 2.4
 #: Shares of the tolerance below which an estimate is accepted, later and at the first comparison: largest errors
-#: scatter more, and with one coarser solution nothing shows whether errors fall yet as they should.
+#: vary more, and with one coarser solution it is not known whether errors fall at their order already.
 ACCEPTED_SHARE, FIRST_ACCEPTED_SHARE = {"rms": 0.97, "max": 0.87}, {"rms": 0.93, "max": 0.75}
 #: Factor of these where errors may fall slowly: for slits with an exact solution the estimate was down to .49 of it.
 SLOW_SHARE = 0.55

@@ -102,7 +102,7 @@ class Boundary:
     Parameters
     ----------
     name : str
-        Its name in reports, and to choose a side where a solution is evaluated.
+        Name of the boundary in reports, and to choose a side where a solution is evaluated.
     source : ClosestPointSource, (k, d) array, or whole numbers
         The curve; or points, or numbers of vertices of the scene's surface, each of which is a boundary by itself.
     both, left, right : Condition, or number, text, sequence or function
@@ -110,8 +110,8 @@ class Boundary:
     across : Condition
         Instead of these, a condition that couples both sides, such as Transmission.
     left_of : (d,) array, optional
-        A point on the left, needed where the conditions differ and the surface has no normals of its own, or the
-        boundary no direction. By default the point that the source names, if it does.
+        A point on the left, needed where the conditions differ and the surface's source provides no normals, or the
+        boundary's source no direction. By default the source's point ``left_of``, if it has one.
 
     Raises
     ------

@@ -74,6 +74,7 @@ class Terms:
     lumped: bool = False
 
     def __str__(self) -> str:
+        """Return the equation as a formula."""
         a = self.diffusivity
         varies = callable(a) or np.ndim(a) > 0
         second = "-div(a grad u)" if varies else "-Lap u" if a == 1 else f"-{a:g} Lap u"

@@ -162,6 +162,7 @@ class PLaplacian(QuasilinearEquation):
     kind: ClassVar[str] = "p-laplacian"
 
     def __post_init__(self) -> None:
+        """Check p, the regularization, c and the method."""
         super().__post_init__()
         if number(self.p, "p of a p-Laplacian") < 1:
             raise InputError(f"p of a p-Laplacian must be at least 1, got {self.p:g}.")

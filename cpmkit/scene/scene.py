@@ -51,14 +51,14 @@ class Scene(Generic[Family]):
         The manifold: a source; or a mesh or point cloud of trimesh, pyvista, open3d or meshio, or a pair of arrays of
         vertices and faces.
     problem : Equation
-        Such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
+        The equation, such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
     boundaries : sequence of BoundarySet
         Points and curves inside the manifold, with conditions.
     edge : Condition, list or table, or number, text, sequence or function
         The condition on the rim of an open surface or at the ends of an open curve; or a list of pairs (condition,
-        where) with ``where`` a formula such as ``"x < 0"`` or a function of points, of which the first that holds
-        counts, with a condition alone at the end for the rest; or a table of either by the number of the loop. Data
-        are short for Dirichlet of them. The default is zero flux.
+        where), with ``where`` a formula such as ``"x < 0"`` or a function of points, of which the first pair that holds
+        at a point determines the condition, and a condition alone at the end for the rest; or a table of either by the
+        number of the edge loop. Data are short for Dirichlet of them. The default is zero flux.
 
     Raises
     ------
@@ -164,6 +164,7 @@ class Scene(Generic[Family]):
         return f"Scene of {self.problem.kind}, {self.problem}, boundaries {names}, edge {edge}\n  on {self.surface!r}"
 
     def _repr_html_(self) -> str:
+        """Return an HTML table of the equation, the surface, the boundaries and the edge."""
         rows = [("equation", f"{self.problem.kind}: {self.problem}"), ("surface", repr(self.surface))]
         for boundary in self.boundaries:
             left, right = (boundary.condition(side).kind for side in SIDES)

@@ -48,6 +48,7 @@ class VertexData:
     values: Any
 
     def __post_init__(self) -> None:
+        """Check that the source interpolates values, and convert the values to an array with one row per vertex."""
         if not isinstance(self.source, HasValues):
             raise InputError(
                 f"The source {type(self.source).__name__} carries no values; per-vertex data belong to a mesh, a "

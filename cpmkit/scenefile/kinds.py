@@ -44,6 +44,7 @@ class Kind:
     told = DeprecatedMember("summary")
 
     def __str__(self) -> str:
+        """Return the name, the sort and the summary of the kind, and a line for each key."""
         lines = [
             f"{self.name}: {self.sort} of {self.distribution}",
             f"  {self.summary}",

@@ -62,7 +62,7 @@ TENSOR_KEYS = ("diffusivity", "kappa")
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """A scene with the options and the output of its file.
+    """The contents of a scene file: the scene, the options of its solution, and the output.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class SceneFile:
     options : dict
         Further keyword arguments of ``solve``.
     output : OutputRequest
-        Files to write.
+        The files to be written.
     """
 
     scene: Scene

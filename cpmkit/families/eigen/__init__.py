@@ -1,1 +1,1 @@
-"""Eigenvalues: the pairs themselves, and how near a driven problem comes to one."""
+"""Solvers of eigenvalue problems."""

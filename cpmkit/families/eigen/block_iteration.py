@@ -1,9 +1,9 @@
-"""Eigenpairs without factorisation: a block of functions, improved by the preconditioned residuals (LOBPCG).
+"""Eigenpairs without factorisation: a block of functions, improved by preconditioned residuals (LOBPCG).
 
 Knyazev's LOBPCG is applied to ``B u = theta (A - sigma B) u``, sigma below all eigenvalues, for the largest theta;
-lambda is ``sigma + 1 / theta``. The inner product is thus that of A - sigma B, which is positive definite whatever B
-is: the mass matrix of splines is singular, and that of Steklov conditions lives on boundaries alone. Functions in the
-kernel of B have theta = 0, the far end of the spectrum.
+lambda is ``sigma + 1 / theta``. The inner product is that of A - sigma B, called the energy, which is positive definite
+for any B: the mass matrix of splines is singular, and that of Steklov conditions is zero away from boundaries.
+Functions in the kernel of B have theta = 0, the other end of the spectrum.
 """
 
 from __future__ import annotations
@@ -20,20 +20,20 @@ from cpmkit.types import Floats, Ints
 
 #: The largest number of rounds; 15 to 25 are usual.
 MOST_ROUNDS = 100
-#: The block is iterated until residuals are below this share of the tolerance, as they are computed anew at the end.
+#: The block is iterated until residuals are below this share of the tolerance, as they are recomputed at the end.
 ROUNDS_SHARE = 0.5
-#: Directions whose share of a block's energy is below this are rounding.
+#: Largest energy of a linearly dependent direction, as a share of the energy of its block: rounding.
 DEPENDENT_SHARE = 1e-12
-#: The iteration pays where the block is at most this share of the unknowns.
+#: Largest width of a block for which the iteration is used, as a share of the number of unknowns.
 MOST_BLOCK_SHARE = 0.1
-#: Number of blocks of functions in memory at the peak: three with their energies and images, copies of two of them, and
+#: Number of blocks of functions in memory at the peak: three with their products, copies of two of them, and
 #: the corrections.
 PEAK_BLOCKS = 17
 
 
 @dataclass(frozen=True, eq=False)
 class FunctionBlock:
-    """Functions S (n, k) with ``(A - sigma B) S`` and ``B S``."""
+    """Functions S (n, k), with the products ``energies`` = (A - sigma B) S and ``images`` = B S (n, k)."""
 
     functions: Floats
     energies: Floats
@@ -41,15 +41,15 @@ class FunctionBlock:
 
 
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
-    """Return the ``width`` eigenpairs next above the shift, ascending; those after the first ``count`` are less exact.
+    """Return the ``width`` eigenpairs next above the shift, ascending; only the first ``count`` have converged.
 
     Raises
     ------
     ResolutionError
         If the functions do not fit into the memory of this process.
     ConvergenceError
-        If a residual of the first ``count`` is above the tolerance after all rounds, or A - sigma B is not positive
-        definite.
+        If a residual of the first ``count`` pairs is above the tolerance after all rounds, or A - sigma B is not
+        positive definite.
     """
     _check_fits(iteration, count, width)
     target = ROUNDS_SHARE * iteration.context.tolerance
@@ -71,6 +71,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
 
 
 def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
+    """Raise ResolutionError if blocks of ``width`` functions do not fit into memory; ``count`` is for the message."""
     unknowns, limit = iteration.operator.size, memory.memory_limit()
     needed = 8.0 * PEAK_BLOCKS * width * unknowns
     if needed > limit.bytes:
@@ -81,25 +82,32 @@ def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
 
 
 def block_changes(iteration: InverseIteration, values: Floats, functions: Floats) -> Floats:
-    """Return the relative change (k,) of each eigenfunction (n, k) in one more preconditioned step."""
+    """Return the relative change (k,) of each eigenfunction (n, k) in one more preconditioned step.
+
+    ``values`` (k,) are the eigenvalues.
+    """
     theta, block = 1 / (values - iteration.shift), _block_of(iteration, functions)
     correction = iteration.apply_preconditioner(block.images - block.energies * theta)
     return _relative_changes(iteration, correction, theta, functions)
 
 
 def _relative_changes(iteration: InverseIteration, corrections: Floats, theta: Floats, functions: Floats) -> Floats:
+    """Return the norms of ``corrections`` (n, k) over those of ``functions`` (n, k) times abs(theta), (k,)."""
     form = iteration.context.discretized
     squares = [np.diag(form.inner(block, block)) for block in (corrections, functions)]
     return np.asarray(np.sqrt(squares[0] / squares[1]) / np.abs(theta))
 
 
 def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
+    """Return the block of ``functions`` (n, k) with its products."""
     iteration.products += functions.shape[1]
     return FunctionBlock(functions, iteration.operator.apply(functions), iteration.image(functions))
 
 
 def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
-    """Return functions of energy one, orthogonal to each other and to ``blocks``; twice, against rounding.
+    """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
+
+    m is less than k if functions are linearly dependent. Orthogonalisation is done twice, because of rounding.
 
     Raises
     ------
@@ -118,7 +126,7 @@ def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequenc
 
 
 def _energies(iteration: InverseIteration, functions: Floats) -> Floats:
-    """Return the energy of each function (n, k).
+    """Return the energy (k,) of each function (n, k), its square in the inner product of A - sigma B.
 
     Raises
     ------
@@ -133,7 +141,7 @@ def _energies(iteration: InverseIteration, functions: Floats) -> Floats:
 
 
 def _root_inverse(gram: Floats) -> Floats:
-    """Return R (k, m) with ``R' gram R = 1``, m less than k where functions depend on each other."""
+    """Return R (k, m) with ``R' gram R = 1``; m is less than k if the functions of ``gram`` (k, k) are dependent."""
     scale = 1 / np.sqrt(np.diag(gram))
     values, vectors = np.linalg.eigh(gram * scale * scale[:, None])
     independent = values > DEPENDENT_SHARE * values.max(initial=0.0)
@@ -141,10 +149,11 @@ def _root_inverse(gram: Floats) -> Floats:
 
 
 def _best(blocks: Sequence[FunctionBlock], width: int, active: Ints) -> tuple[Floats, FunctionBlock, FunctionBlock]:
-    """Return theta, the best functions in the span of the blocks, and their components outside the first block.
+    """Return theta, the best functions in the span of the blocks, and components of them outside the first block.
 
-    The components are those of the ``active`` functions, orthogonal to the best ones (Hetmaniuk and Lehoucq, J. Comput.
-    Phys. 218, 2006): the three blocks of the next round are then orthonormal, and its matrices never nearly singular.
+    The components are those of the ``active`` functions, made orthogonal to the best functions (Hetmaniuk and Lehoucq,
+    J. Comput. Phys. 218, 2006): the three blocks of the next round are then orthonormal, and its matrices never nearly
+    singular. ``width`` is the number of best functions.
     """
     from scipy.linalg import eigh
 
@@ -161,7 +170,7 @@ def _best(blocks: Sequence[FunctionBlock], width: int, active: Ints) -> tuple[Fl
 
 
 def _combine(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
-    """Return the linear combinations of all functions with ``weights`` (k, m)."""
+    """Return the linear combinations, with ``weights`` (k, m), of the k functions of all blocks together."""
     parts = np.split(weights, np.cumsum([block.functions.shape[1] for block in blocks])[:-1])
     pairs = list(zip(blocks, parts, strict=True))
     sums = {name: sum(getattr(block, name) @ part for block, part in pairs) for name in vars(blocks[0])}
@@ -169,12 +178,14 @@ def _combine(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
 
 
 def _indefinite(iteration: InverseIteration) -> ConvergenceError:
+    """Return the error of an operator A - sigma B that is not positive definite."""
     reason = f"there are eigenvalues below {iteration.shift:.6g}, above which the solver 'multigrid' seeks them"
     report = iteration.context.report(False, iteration.solves, iteration.products, np.inf, reason)
     return ConvergenceError(f"The eigenvalues did not converge: {reason}; use solver='direct'.", report)
 
 
 def _not_converged(iteration: InverseIteration, change: float) -> ConvergenceError:
+    """Return the error of functions that still change by ``change`` of their size after all rounds."""
     tolerance = iteration.context.tolerance
     reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
     report = iteration.context.report(False, iteration.solves, iteration.products, change, reason)

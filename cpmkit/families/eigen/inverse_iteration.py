@@ -1,8 +1,8 @@
-"""Inverse iteration, ``(A - sigma B)^-1 B``, for the eigenvalue problem ``A u = lambda B u``, and ARPACK on its steps.
+"""Inverse iteration, ``(A - sigma B)^-1 B``, for the eigenvalue problem ``A u = lambda B u``, with ARPACK.
 
-B is the mass matrix of the form, or that of Steklov conditions. Lanczos' iteration (on symmetric problems) or Arnoldi's
-finds the largest eigenvalues theta of a step; lambda is ``sigma + 1 / theta``. Spurious eigenvalues, of ghosts, of the
-stabilisation, of functions in the kernel of B, have theta near zero.
+B is the mass matrix of the form, or that of Steklov conditions. Lanczos' iteration (for symmetric problems) or
+Arnoldi's finds the eigenvalues theta of a step that are largest in size; lambda is ``sigma + 1 / theta``. Spurious
+eigenvalues, due to ghost nodes, stabilisation or functions in the kernel of B, have theta near zero.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.types import Floats
 
-#: Distance of the shift from the wanted number, in typical eigenvalues of a manifold of this size: below the spectrum,
-#: or beside a number inside it.
+#: Distance of the shift from the number that is sought, in units of a typical eigenvalue of a manifold of this size:
+#: below the spectrum, and next to a number inside it.
 SHIFT_BELOW_EIGENVALUES, SHIFT_BESIDE_EIGENVALUES = 1.0, 0.05
-#: How often the shift is lowered, by four times as much each time, where there are eigenvalues below it.
+#: How often the shift is lowered if there are eigenvalues below it, each time by four times as much.
 LOWERED_SHIFTS = 12
-#: Eigenvalues that differ by less than this share of the tolerance are equal.
+#: Eigenvalues that differ by less than this share of the tolerance count as equal.
 SAME_EIGENVALUE_TOLERANCES = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class EigenPairs:
-    """Eigenvalues (k,) and vectors (n, k), complex of unsymmetric problems, in any order."""
+    """Eigenvalues (k,) and eigenvectors (n, k) in any order; complex for unsymmetric problems."""
 
     values: Any
     vectors: Any
@@ -44,21 +44,21 @@ class InverseIteration:
     Attributes
     ----------
     context : SolveContext
-        With the discretised scene.
+        The context, with the discretised scene.
     operator : Operator
         A - sigma B.
     prepared : PreparedSolver
-        Solves systems with it.
+        Solver of systems with the operator.
     mass : Operator or None
-        B; None where it is the identity.
+        B; None for the identity.
     shift : float
         sigma.
     unit : float
         A typical eigenvalue of a manifold of this size.
     products : int
-        Products with the operator so far.
+        Number of products with the operator so far.
     solves : int
-        Linear solves so far.
+        Number of linear solves so far.
     """
 
     context: SolveContext
@@ -72,24 +72,24 @@ class InverseIteration:
 
     @property
     def symmetric(self) -> bool:
-        """Whether A and B are symmetric: eigenvalues are then real, and functions orthogonal."""
+        """Whether A and B are symmetric: eigenvalues are then real, and eigenfunctions orthogonal."""
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
     def preconditioner(self) -> Preconditioner | None:
-        """A cheap approximation of a solve; None where solves are cheap, or none is known."""
+        """The preconditioner that approximates a solve; None for unsymmetric problems and for direct solvers."""
         return self.prepared if self.symmetric and isinstance(self.prepared, Preconditioner) else None
 
     def image(self, v: Floats) -> Floats:
-        """Return B v."""
+        """Return B v for v (n,) or (n, k)."""
         return v if self.mass is None else np.asarray(self.mass.apply(v))
 
     def step(self, v: Floats) -> Floats:
-        """Return the step from v (n,) or (n, k)."""
+        """Return ``(A - sigma B)^-1 B v`` for v (n,) or (n, k)."""
         return self.apply_inverse(self.image(v))
 
     def apply_inverse(self, image: Floats) -> Floats:
-        """Return ``(A - sigma B)^-1`` times (n,) or (n, k)."""
+        """Return ``(A - sigma B)^-1`` times ``image`` (n,) or (n, k)."""
         columns = np.ascontiguousarray(image.reshape(len(image), -1))
         u, report = self.prepared.solve(columns, self.context.tolerance)
         self.products, self.solves = self.products + report.operator_applications, self.solves + 1
@@ -105,12 +105,20 @@ class InverseIteration:
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
     def _report_progress(self) -> None:
-        """Report progress: the number of solves is not known in advance."""
+        """Report progress; the share done is only a guess, as the number of solves is not known in advance."""
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
 
 
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
-    """Return inverse iteration about the number near which eigenvalues are sought."""
+    """Return inverse iteration for a problem, with a shift near the number near which eigenvalues are sought.
+
+    Without such a number the shift is below the spectrum.
+
+    Raises
+    ------
+    SceneError
+        If no shift below the spectrum is found, or a Steklov problem has a piece with Neumann conditions alone.
+    """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     length = float((bounds[1] - bounds[0]).max())
@@ -134,12 +142,14 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
 
 
 def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
-    """Return a number below all eigenvalues; conditions that add energy may bring some far below zero.
+    """Return a number below all eigenvalues, ``shift`` itself or lower.
+
+    Conditions that add energy may cause eigenvalues far below zero.
 
     Raises
     ------
     SceneError
-        If none is found.
+        If no such number is found.
     """
     for _ in range(LOWERED_SHIFTS):
         try:
@@ -157,17 +167,18 @@ def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) 
 def _prepare_shifted(
     context: SolveContext, stiffness: Stiffness, shift: float, mass: Any
 ) -> tuple[Operator, PreparedSolver]:
+    """Return A - shift B and the prepared solver of its systems."""
     operator = stiffness.minus_shifted_mass(shift, mass)
     return operator, context.prepare(operator)
 
 
 def _check_steklov(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:
-    """Refuse a Steklov problem with a piece of the manifold that has Neumann conditions alone.
+    """Raise if a Steklov problem has a piece of the manifold with Neumann conditions alone.
 
     Raises
     ------
     SceneError
-        If there is one: every lambda is an eigenvalue there.
+        In this case: every lambda is an eigenvalue there.
     """
     free = context.discretized.free_constants(stiffness)
     if free is not None and not mass.apply(free.indicator.toarray()).any(axis=0).all():
@@ -183,7 +194,7 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     Raises
     ------
     ConvergenceError
-        If a linear solve or the iteration misses the tolerance.
+        If a linear solve or the iteration does not reach the tolerance.
     """
     from scipy.sparse.linalg import ArpackNoConvergence
 
@@ -201,6 +212,7 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
 
 
 def _arnoldi(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
+    """Return the ``count`` eigenpairs nearest to the shift by Arnoldi's iteration, from the vector ``start`` (n,)."""
     from scipy.sparse.linalg import LinearOperator, eigs
 
     matrix = LinearOperator((len(start), len(start)), matvec=iteration.step, dtype=np.float64)
@@ -209,12 +221,15 @@ def _arnoldi(iteration: InverseIteration, count: int, start: Floats, tolerance: 
 
 
 def _lanczos(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
-    """Return the pairs in B's inner product; a singular B does no harm, as steps lie in its range."""
+    """Return the ``count`` eigenpairs nearest to the shift by Lanczos' iteration in B's inner product.
+
+    B may be singular, as all steps lie in the range of ``(A - sigma B)^-1 B``.
+    """
     from scipy.sparse.linalg import LinearOperator, eigsh
 
     shape = (len(start), len(start))
     inverse = LinearOperator(shape, matvec=iteration.apply_inverse, dtype=np.float64)
-    matrix = LinearOperator(shape, matvec=iteration.operator.apply, dtype=np.float64)  # not applied in this mode
+    matrix = LinearOperator(shape, matvec=iteration.operator.apply, dtype=np.float64)  # unused in this mode
     mass = None if iteration.mass is None else LinearOperator(shape, matvec=iteration.mass.apply, dtype=np.float64)
     values, vectors = eigsh(
         matrix, count, mass, sigma=iteration.shift, OPinv=inverse, v0=iteration.step(start), tol=tolerance

@@ -1,4 +1,4 @@
-"""The modes that a problem requests, out of more that were computed."""
+"""Selection of the modes that a problem requests among the modes that were computed."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.types import Floats
 
-#: Eigenvalues that differ by less than this share of their distance from the shift may be one multiple eigenvalue.
+#: Eigenvalues that differ by at most this share of their distance from the shift may be one multiple eigenvalue.
 ONE_EIGENVALUE_SHARE = 1e-3
-#: Part of the warning of :func:`split_multiplet_warning`, by which it is recognised.
+#: The words by which a warning of :func:`split_multiplet_warning` is recognised.
 SPLIT_MULTIPLET = "ends inside a multiplet"
 
 
 def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> list[str]:
-    """Return a warning where an eigenvalue that is left out is nearly equal to one that is returned.
+    """Return a warning in a list if an eigenvalue that is left out is nearly equal to a returned one; else [].
 
     Parameters
     ----------
     problem : Eigen
-        Its count of eigenvalues, and the number near which they are sought.
+        The problem, with the number of eigenvalues and the number near which they are sought.
     values : (k,) float64
         More eigenvalues than are requested, in any order.
     shift : float
-        The number from which distances are measured.
+        The shift, from which distances are measured.
     """
     about = shift if problem.near is None else problem.near
     ordered = values[np.argsort(np.abs(values - about), kind="stable")]
@@ -45,12 +45,12 @@ def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> lis
 
 
 def fewer_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
-    """Return a solution with the modes alone that ``scene`` requests, as if the scene had been solved."""
+    """Return the solution with only the modes that ``scene`` requests, as if that scene had been solved."""
     problem, values = scene.problem, solution.eigenvalues
     assert isinstance(problem, Eigen)
     if problem.count >= len(values):
         return solution
-    # without a number they were sought from below the spectrum: about zero, if none is below it
+    # without a number they were sought from below the spectrum: from about zero, if no eigenvalue is negative
     below = min(float(values.min()), 0.0)
     about = below if problem.near is None else problem.near
     chosen = np.sort(np.argsort(np.abs(values - about), kind="stable")[: problem.count])

@@ -1,7 +1,8 @@
-"""All eigenpairs of small problems: few unknowns, or a B with few, as Steklov conditions at the ends of a curve have.
+"""All eigenpairs of small problems, with few unknowns or a B of low rank (Steklov conditions at the ends of a curve).
 
-Lanczos' iteration needs more vectors than such a B has directions. With S the unknowns in the range of B and
-``G = S' (A - sigma B)^-1 S``, the eigenvalues of the small ``R' G R``, ``R R' = S' B S``, are ``1 / (lambda - sigma)``.
+Lanczos' iteration needs more vectors than the rank of such a B. With S the columns of the identity for the unknowns
+in the range of B, ``S' B S = R R'`` and ``G = S' (A - sigma B)^-1 S``, the eigenvalues of the small matrix ``R' G R``
+are ``1 / (lambda - sigma)``.
 """
 
 from __future__ import annotations
@@ -12,30 +13,30 @@ from cpmkit.errors import InputError
 from cpmkit.families.eigen.inverse_iteration import EigenPairs, InverseIteration
 from cpmkit.types import Ints
 
-#: A B with at most so many unknowns is small.
+#: Largest number of unknowns in the range of a small B.
 MOST_MASS_UNKNOWNS = 64
-#: Eigenvalues below this share of the largest are rounding.
+#: Largest eigenvalue that counts as zero, as a share of the largest of all: rounding.
 ROUNDING_SHARE = 1e-9
 
 
 def mass_unknowns(iteration: InverseIteration) -> Ints | None:
-    """Return the unknowns in the range of B if they are few and the problem is symmetric; else None."""
+    """Return the numbers of the unknowns in the range of B if they are few and the problem is symmetric; else None."""
     if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
         return None
     matrix = iteration.mass.to_csr()
-    if np.count_nonzero(matrix.data) > MOST_MASS_UNKNOWNS**2:  # spares a pass over a large matrix
+    if np.count_nonzero(matrix.data) > MOST_MASS_UNKNOWNS**2:  # avoids a pass over a large matrix
         return None
     unknowns = np.unique(matrix.indices[matrix.data != 0])
     return unknowns if len(unknowns) <= min(MOST_MASS_UNKNOWNS, matrix.shape[0] // 2) else None
 
 
 def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
-    """Return every eigenpair with a finite eigenvalue; ``unknowns`` are those in the range of B.
+    """Return all eigenpairs with finite eigenvalues; ``unknowns`` are the numbers of those in the range of B.
 
     Raises
     ------
     InputError
-        If there are fewer than ``count``.
+        If there are fewer than ``count`` pairs.
     """
     mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
     sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
@@ -56,12 +57,12 @@ def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int)
 
 
 def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
-    """Return every eigenpair with a finite eigenvalue of a problem with few unknowns, by a dense matrix.
+    """Return all eigenpairs with finite eigenvalues of a problem with few unknowns, by a dense matrix.
 
     Raises
     ------
     InputError
-        If there are fewer than ``count``.
+        If there are fewer than ``count`` pairs.
     """
     n = iteration.operator.size
     theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))

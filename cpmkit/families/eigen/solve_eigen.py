@@ -1,4 +1,4 @@
-"""Eigenvalue problems ``A u = lambda B u``: by inverse iteration, or by a block of functions without factorisation."""
+"""Eigenvalue problems ``A u = lambda B u``, by inverse iteration or by a block of functions without factorisation."""
 
 from __future__ import annotations
 
@@ -27,32 +27,32 @@ from cpmkit.scene.compound_equations import Eigen
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.types import Floats
 
-#: Further pairs that are computed, so that none of a multiple eigenvalue is missed; and the same as a share of those
+#: Number of further pairs computed so that no pair of a multiple eigenvalue is missed; and the same as a share of those
 #: requested where a block is iterated, as the last ones of a block converge slowly.
 SPARE_PAIRS, SPARE_SHARE = 6, 0.1
-#: Imaginary parts above this share of an eigenvalue's distance from the shift are no rounding.
+#: Largest imaginary part of a real eigenvalue, as a share of its distance from the shift: rounding.
 COMPLEX_SHARE = 1e-8
-#: An eigenvalue has the wrong sign if it lies below zero by more than this share of a typical eigenvalue.
+#: An eigenvalue has the wrong sign if it is below zero by more than this multiple of a typical eigenvalue.
 WRONG_SIGN_UNITS = 0.2
-#: Values of at least this share of the largest size count as the largest.
+#: Values count as the largest if their size is at least this share of the largest size.
 NEARLY_GREATEST_SHARE = 1 - 1e-3
-#: Number of modes that are read at the points at a time: all together would take more memory than their matrix.
+#: Number of modes evaluated at the points at a time: all together would need more memory than their matrix.
 READ_TOGETHER = 4
 
 
 def solve_eigen(context: SolveContext) -> EigenRecord:
-    """Compute the eigenvalues and functions that a problem requests.
+    """Return the eigenvalues and eigenfunctions that a problem requests, as its solution.
 
     Raises
     ------
     InputError
-        If there are fewer unknowns than eigenvalues are requested.
+        If more eigenvalues are requested than there are unknowns.
     SceneError
         If a Steklov problem has a piece of the manifold with Neumann conditions alone.
     ResolutionError
         If there is an eigenvalue of the wrong sign, or functions do not fit into memory.
     ConvergenceError
-        If a linear solve, the iteration, or the residual of a pair misses the tolerance.
+        If a linear solve, the iteration, or the residual of a pair does not reach the tolerance.
     """
     problem, form = context.scene.problem, context.discretized
     assert isinstance(problem, Eigen)
@@ -79,12 +79,12 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
 
 
 def _check_signs(form: Discretized, least: float, negligible: float) -> None:
-    """Refuse a smallest eigenvalue below ``-negligible`` where the continuous operator has none below zero.
+    """Raise if the ``least`` eigenvalue is below ``-negligible`` and the continuous operator has none below zero.
 
     Raises
     ------
     ResolutionError
-        If so.
+        In this case.
     """
     if least < -negligible and surely_positive(form):
         raise ResolutionError(
@@ -95,7 +95,7 @@ def _check_signs(form: Discretized, least: float, negligible: float) -> None:
 
 
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
-    """Return more eigenpairs than are requested, by the method that fits their number.
+    """Return more eigenpairs than are requested, if there are more, by the method that suits their number.
 
     Raises
     ------
@@ -106,7 +106,7 @@ def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
     if unknowns is not None:
         return pairs_of_small_mass(iteration, unknowns, problem.count)
     n, count = iteration.operator.size, problem.count + SPARE_PAIRS
-    if count > n - 2:  # iterations have no room
+    if count > n - 2:  # too many for an iteration
         return dense_pairs(iteration, problem.count)
     width = problem.count + max(SPARE_PAIRS, int(SPARE_SHARE * problem.count))
     if iteration.preconditioner is not None and width <= MOST_BLOCK_SHARE * n:
@@ -116,7 +116,7 @@ def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Eigenvalues (k,), complex, real eigenfunctions (n, k), and residuals (k,)."""
+    """Complex eigenvalues (k,), real eigenfunctions (n, k), and residuals (k,)."""
 
     values: Any
     functions: Floats
@@ -124,9 +124,9 @@ class Modes:
 
 
 def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs) -> Modes:
-    """Return the modes nearest to the number of the problem, ascending.
+    """Return the modes nearest to the number of the problem, in ascending order.
 
-    A complex pair gives two modes, the real and the imaginary part of the one eigenvector.
+    A pair of complex eigenvalues gives two modes, the real and the imaginary part of an eigenvector.
     """
     values, vectors = pairs.values, pairs.vectors
     chosen = np.flatnonzero(values.imag >= 0)
@@ -146,7 +146,10 @@ def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs
 
 
 def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floats) -> Floats:
-    """Return functions of unit mean square and fixed sign, orthogonal where ``values`` differ by at most ``equal``."""
+    """Return ``functions`` (n, k) scaled to unit mean square and with a definite sign.
+
+    Functions whose eigenvalues ``values`` (k,) differ by at most ``equal`` (k,) are made orthogonal.
+    """
     starts = np.flatnonzero(np.diff(values, prepend=-np.inf) > equal)
     groups = []
     for group in np.split(functions, starts[1:], axis=1):
@@ -167,7 +170,7 @@ def _signs(at_points: Floats) -> Floats:
 def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
     """Return the relative change (k,) of each eigenvector (n, k) in one more step of inverse iteration.
 
-    Where a block was iterated, a multigrid cycle replaces the step.
+    For pairs from a block iteration a preconditioned step is used instead.
     """
     if iteration.preconditioner is not None:
         return block_changes(iteration, values, vectors)
@@ -180,18 +183,18 @@ def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats
 
 
 def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
-    """Return the mean square of each function (n, k) over the manifold."""
+    """Return the mean square (k,) over the manifold of each complex function (n, k)."""
     form = iteration.context.discretized
     return np.asarray(sum(np.diag(form.inner(part, part)) for part in (vectors.real, vectors.imag)))
 
 
 def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
-    """Return the report.
+    """Return the report of the solve, whose residual is the largest of the modes.
 
     Raises
     ------
     ConvergenceError
-        If the residual of a pair is above the tolerance, and above the effect of rounding.
+        If the residual of a mode is above the tolerance, and above the effect of rounding.
     """
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
@@ -211,9 +214,9 @@ def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
 
 
 def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
-    """Return the relative change of an eigenfunction in a step that rounding may cause.
+    """Return the largest relative change of an eigenfunction in a step that rounding may cause.
 
-    The rounding of ``(A - sigma B) u`` is bounded entry by entry; signs are random.
+    The rounding of ``(A - sigma B) u`` is bounded entry by entry, with random signs.
     """
     functions = modes.functions
     distance = np.abs(modes.values - iteration.shift)
@@ -224,7 +227,7 @@ def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
 
 
 def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
-    """Return a warning where eigenvalues are complex beyond rounding."""
+    """Return a warning in a list if eigenvalues are complex beyond rounding; else []."""
     pairs = np.flatnonzero(modes.values.imag)
     if not len(pairs):
         return []

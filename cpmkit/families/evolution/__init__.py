@@ -1,1 +1,1 @@
-"""Problems in time: schedule, schemes, steps, checkpoints."""
+"""Equations in time: schedule of the steps, time stepping schemes, runs and checkpoints."""

@@ -1,4 +1,4 @@
-"""Checkpoints: the state of a run in time in a file, from which it continues as if it had not stopped."""
+"""Checkpoints: files with the state of a run in time, from which the run continues as without an interruption."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from cpmkit.files.plain_values import record_from_table
 from cpmkit.files.whole_files import written_whole
 from cpmkit.types import Floats
 
-#: Arrays of a moment.
+#: Names of the arrays of a moment.
 MOMENT_ARRAYS = ("u", "rate", "acceleration")
-#: The arrays of a checkpoint. ``digest`` identifies the run, ``contents`` all other arrays: no bit may differ.
+#: The arrays of a checkpoint. ``digest`` identifies the run; ``contents`` is a digest of all other arrays.
 CHECKPOINT_ARRAYS = (
     SavedArray("run", "U"),
     SavedArray("tally", "U"),
@@ -42,7 +42,7 @@ CHECKPOINT_WORDS = "a checkpoint of a run in time"
 
 
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
-    """Write ``state``, completely or not at all, with the digests that identify its run.
+    """Write ``state`` into a file, completely or not at all, with the digests that identify its run.
 
     Raises
     ------
@@ -71,13 +71,13 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTal
 
 
 def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
-    """Return the state in a file.
+    """Return the state of the run ``plan`` in a checkpoint, and the counts of its solves so far.
 
     Raises
     ------
     InputError
-        If it is no checkpoint, is damaged or was altered, or belongs to another run: scene, spacing, scheme, step and
-        frames so far must agree.
+        If the file is not a checkpoint, is damaged or altered, or belongs to another run: scene, spacing, scheme, step
+        and frames so far must agree.
     """
     (text,) = read_saved(path, CHECKPOINT_ARRAYS[:1], CHECKPOINT_WORDS).values()
     run = read_json_table(text, path, "run")
@@ -104,11 +104,12 @@ def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
 
 
 def _differs(path: Path) -> str:
+    """Return the beginning of the message about a checkpoint of another run."""
     return f"The checkpoint {path} is of another run"
 
 
 def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) -> None:
-    """Refuse steps that are not those of this run, and a state that does not belong to them."""
+    """Raise InputError if a checkpoint's steps are not those of this run, or its state does not belong to them."""
     ends, is_frame = arrays["ends"], arrays["kept"]
     done = plan.steps[: len(ends)]
     same = len(done) == len(ends) > 0 and np.array_equal(is_frame, [step.is_frame for step in done])
@@ -128,5 +129,6 @@ def _check_steps(path: Path, plan: RunPlan, arrays: Mapping[str, np.ndarray]) ->
 
 
 def _same_times(times: Floats, expected: Sequence[float], plan: RunPlan) -> bool:
+    """Return True if ``times`` (k,) are the ``expected`` times up to rounding."""
     rounding = ROUNDED_STEP_SHARE * plan.evolution.step
     return len(times) == len(expected) and bool(np.abs(times - expected).max() <= rounding)

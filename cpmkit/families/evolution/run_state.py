@@ -1,4 +1,4 @@
-"""A run in time: its plan, its state, and digests by which a checkpoint recognises it."""
+"""A run in time: its plan, its state, and digests that identify the run of a checkpoint."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ class RunPlan:
     Attributes
     ----------
     problem : SemiDiscrete
-        A and b(t).
+        The equation discretised in space.
     evolution : Evolution
         The equation, its scheme and its step.
     steps : sequence of Step
-        From the start to the end.
+        All steps from the start to the end.
     start : Moment
         The unknowns at the start.
     """
@@ -50,9 +50,9 @@ class RunState:
     history : tuple of Moment
         The last moments, the latest last.
     frames : tuple of (n, channels) float64
-        Values of the frames so far.
+        Values of the unknowns at the frames so far.
     energies : tuple of (channels,) float64
-        Of a wave: its energy at each frame, where it has one.
+        The energy of a wave at each frame, if it has an energy.
     """
 
     done: int
@@ -61,13 +61,13 @@ class RunState:
     energies: tuple[Floats, ...] = ()
 
     def with_frame(self, u: Floats, energy: Floats | None) -> RunState:
-        """Return the state with one more frame, and the energy of a wave."""
+        """Return the state with one more frame u (n, channels) and, for a wave, its energy (channels,)."""
         energies = self.energies if energy is None else (*self.energies, energy)
         return replace(self, frames=(*self.frames, u), energies=energies)
 
 
 def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Moment:
-    """Return a moment after the user's function that is called after each step, if there is one."""
+    """Return a moment with the user's function ``after_step`` applied, or unchanged if there is none."""
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
@@ -80,7 +80,8 @@ def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Momen
 def rate_of_change(form: Discretized, start: Moment, history: History) -> float:
     """Return the relative change of u in the last step, per unit of time; infinite before the first step.
 
-    In root mean squares over the manifold and all channels, relative to the size of u at the start or now.
+    The change is a root mean square over the manifold, summed over the channels, relative to the size of u at the start
+    or now, whichever is larger.
     """
     if len(history) < 2 or history[-1].length == 0:
         return float("inf")
@@ -90,7 +91,7 @@ def rate_of_change(form: Discretized, start: Moment, history: History) -> float:
 
 
 def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history: History) -> list[str]:
-    """Return a warning where a run that should come to rest did not."""
+    """Return a warning in a list if a run that should have come to rest did not; else []."""
     if evolution.rest is None:
         return []
     rate = rate_of_change(form, start, history)
@@ -103,11 +104,12 @@ def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history
 
 
 def _rms(form: Discretized, u: Floats) -> float:
+    """Return the root mean square of u (n, channels) over the manifold, with the channels' squares summed."""
     return float(np.sqrt(max(np.trace(form.inner(u, u)), 0.0)))
 
 
 def describe_run(plan: RunPlan) -> dict[str, Any]:
-    """Return the definition of a run as plain values that fit a sentence; ``until`` is not part of it."""
+    """Return the definition of a run as plain values by names for messages; ``until`` is not part of it."""
     form, evolution = plan.problem.form, plan.evolution
     return {
         "kind": evolution.kind,
@@ -123,7 +125,7 @@ def describe_run(plan: RunPlan) -> dict[str, Any]:
 
 
 def digest_run(plan: RunPlan, time: float) -> str:
-    """Return a digest of the tables, of the start, and of the data at the start and at ``time``."""
+    """Return a digest of the operators, the initial values, and the data at the start and at ``time``."""
     problem, start = plan.problem, plan.start
     probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
     tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]

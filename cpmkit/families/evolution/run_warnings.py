@@ -1,4 +1,4 @@
-"""Warnings of a run in time: heat that is lost, growth without a cause, and steps or waves that are not resolved."""
+"""Warnings of a run in time about lost heat, growth without a cause, and steps or waves that are not resolved."""
 
 from __future__ import annotations
 
@@ -17,37 +17,38 @@ from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 
-#: A drift is reported if it exceeds this share of the total heat and this share of the range of u.
+#: Least drift of the mean that is reported, as a share of the heat and as a share of the range of u.
 DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3
-#: A solution that exceeds its bound by this factor grows because of discretisation errors: the norm is that over the
+#: Factor by which a solution may exceed its growth bound; beyond it discretisation errors grow. The norm is over the
 #: band, whose nodes are not equally dense everywhere.
 UNSTABLE_GROWTH = 4.0
-#: Crank-Nicolson oscillates where its last step reverses more than this share of the one before, and both are more than
+#: Crank-Nicolson oscillates if its last step reverses more than the first share of the step before, and is more than
 #: the second share of the solution.
 RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
-#: Waves are unresolved where A u is more than this share of its largest eigenvalue times u. Of waves that grow it is
-#: 0.49, of a jump 0.3.
+#: Waves are unresolved if |A u| is more than this share of |u| times the largest eigenvalue. For waves that grow it is
+#: 0.49, for a jump 0.3.
 SHORTEST_WAVE_SHARE = 0.4
-#: With a mass matrix: where the phase turns by more than this over a spacing, a quarter of a wave.
+#: With a mass matrix waves are unresolved if their phase changes by more than this in a spacing: a quarter of a wave.
 SHORTEST_WAVE_PHASE = 0.5 * np.pi
 #: Error of a wave for each radian of advection, at r radians a step: ``factor r^order``, of its phase by BDF2 and
 #: Crank-Nicolson, of its size by backward Euler (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to
-#: .3). It is reported from the first share on, and a step is advised that leaves the second.
+#: .3). It is reported above the first share, and the step that is advised has the second.
 ADVECTION_ERRORS = {"bdf2": (1 / 3, 2), "crank-nicolson": (1 / 12, 2), "backward-euler": (1 / 2, 1)}
 REPORTED_ADVECTION_ERROR, ADVISED_ADVECTION_ERROR = 0.1, 0.02
-#: A run is at rest where its last step changed less than this share of the variation, and that is this share of the
-#: variation at the start.
+#: A run is at rest if its last step changed u by at most the first share of its variation, and that is the second share
+#: of the variation at the start.
 AT_REST_SHARE, STILL_VARIES_SHARE = 1e-3, 0.1
-#: Number of points at which the length of a pattern is measured, and the least variation as a share of u's size.
+#: Number of points at which the length of a pattern is computed, and least variation of a pattern as a share of u.
 PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
-#: The advised spacing, as a share of the largest that resolves the pattern.
+#: The advised spacing, as a share of the largest spacing that resolves the pattern.
 WELL_BELOW = 0.9
 
 
 def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
-    """Return a warning where heat was lost or gained in ``time`` on pieces that nothing flows out of, if c is zero.
+    """Return a warning if heat was lost or gained in ``time`` on pieces without outflow; only for c = 0.
 
-    There the mean of u grows by the mean of f times the time, in every scheme.
+    On such pieces the mean of u should grow by the mean of f times the time, in every scheme. ``start`` and ``u``
+    (n, channels) are the unknowns at the beginning and the end.
     """
     heat = scene.problem
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
@@ -75,9 +76,9 @@ def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, ti
 
 
 def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | None:
-    """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``; the forcing counts as a potential.
+    """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
-    None for heat, and where A is not symmetric. Where b does not depend on the time, the energy is conserved.
+    It is conserved if b does not depend on the time. None for equations other than waves, and if A is not symmetric.
     """
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
@@ -88,9 +89,9 @@ def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | 
 
 @dataclass(frozen=True)
 class GrowthBound:
-    """A bound of the norm of u: ``|u| <= start + rate t`` for heat, ``+ rate t + push t^2 / 2`` for waves.
+    """A bound of the norm of u: ``start + rate t`` for heat, ``start + rate t + push t^2 / 2`` for waves.
 
-    t runs from ``begin``. Where A has no eigenvalue below zero and the data do not depend on time, u grows no faster.
+    t is the time since ``begin``. It holds if A has no eigenvalue below zero and the data do not depend on time.
     """
 
     start: float
@@ -99,12 +100,12 @@ class GrowthBound:
     begin: float = 0.0
 
     def check(self, u: Floats, time: float) -> None:
-        """Refuse a solution that exceeds the bound.
+        """Raise if the norm of u (n, channels) exceeds the bound.
 
         Raises
         ------
         ResolutionError
-            If it does: that proves an eigenvalue of the wrong sign.
+            In this case, which proves an eigenvalue of the wrong sign.
         """
         elapsed = time - self.begin
         bound = self.start + self.rate * elapsed + 0.5 * self.push * elapsed**2
@@ -118,9 +119,10 @@ class GrowthBound:
 
 
 def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBound | None:
-    """Return the bound of a run; None for data that depend on time, an operator without a sign, or a mass matrix.
+    """Return the growth bound of a run; None if there is none.
 
-    With a mass matrix the norm of b says nothing of that of ``M^-1 b``.
+    There is none for data that depend on time, for an operator that may have negative eigenvalues, and with a mass
+    matrix, since the norm of b then does not bound that of ``M^-1 b``.
     """
     evolution, form = scene.problem, problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
@@ -147,9 +149,9 @@ def run_warnings(problem: SemiDiscrete, evolution: Evolution, start: Moment, his
 
 
 def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, history: History) -> list[str]:
-    """Return a warning where the error of advection in the scheme is large.
+    """Return a warning in a list if the error of advection in the scheme is large; else [].
 
-    Over the whole run, or over the time in which diffusion removes the variation of u.
+    It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
     """
     if evolution.velocity is None or len(history) < 2:
         return []
@@ -181,7 +183,10 @@ def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, hi
 
 
 def _is_at_rest(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
-    """Return whether the last step changed nothing of a solution that still varies: it is driven to a steady one."""
+    """Return True if the last step hardly changed a solution that still varies in space: it is nearly steady.
+
+    ``size`` (channels,) is the variation at the start; ``share`` (k,) are the weights of ``points`` (k, d).
+    """
     now, before = (problem.form.evaluate(moment.u, points) for moment in (history[-1], history[-2]))
     variation = np.sqrt(share @ (now - share @ now) ** 2)
     change = np.sqrt(share @ (now - before) ** 2)
@@ -189,7 +194,7 @@ def _is_at_rest(problem: SemiDiscrete, history: History, size: Floats, points: F
 
 
 def _short_pattern_warning(problem: SemiDiscrete, history: History) -> list[str]:
-    """Return a warning where the pattern of a reaction is so short that the lattice determines it."""
+    """Return a warning in a list if a reaction's pattern is so short that the lattice determines it; else []."""
     form = problem.form
     longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
     coarsest = form.traits.dispersion.coarsest
@@ -203,7 +208,7 @@ def _short_pattern_warning(problem: SemiDiscrete, history: History) -> list[str]
 
 
 def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
-    """Return |grad u| over |u - mean| (channels,), in root mean squares: of a wave its wavenumber; 0 of constants."""
+    """Return the rms of grad u over the rms of u - mean(u), (channels,): the wavenumber of a wave, 0 of constants."""
     form = problem.form
     points, share = _pattern_points(form)
     values, slopes = form.evaluate(u, points), form.gradient(u, points)
@@ -214,7 +219,7 @@ def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
 
 
 def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
-    """Return points (k, d) spread over the manifold, and the share of it (k,) that each represents."""
+    """Return points (k, d) spread over the manifold, and the share of the manifold (k,) that each represents."""
     every = slice(None, None, max(1, len(form.points) // PATTERN_POINTS))
     points, weights = form.points[every], form.point_weights
     share = np.full(len(points), 1.0) if weights is None else weights[every]
@@ -222,7 +227,10 @@ def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
 
 
 def _oscillation_warning(evolution: Evolution, history: History) -> list[str]:
-    """Return a warning where the last steps oscillate, in schemes that do not damp or have an explicit reaction."""
+    """Return a warning in a list if the last steps oscillate; else [].
+
+    Only schemes without damping, or with an explicit reaction, are checked.
+    """
     if evolution.scheme not in ("crank-nicolson", "sbdf2", "euler") or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
@@ -243,7 +251,7 @@ def _oscillation_warning(evolution: Evolution, history: History) -> list[str]:
 
 
 def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: History) -> list[str]:
-    """Return a warning where the lattice does not resolve a wave."""
+    """Return a warning in a list if the lattice does not resolve a wave; else []."""
     if problem.form.mass_in_time is None:
         u = history[-1].u
         largest = largest_eigenvalue(problem, evolution.speed)
@@ -263,7 +271,7 @@ def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: Hi
 
 
 def _mean_wavenumber(problem: SemiDiscrete, history: History) -> float:
-    """Return the root of |u''| over |u|, in mean squares: of a wave its speed times its wavenumber."""
+    """Return the fourth root of the mean of u_tt^2 over that of u^2: for a wave its speed times its wavenumber."""
     before, now = history[-2:]
     assert before.rate is not None
     assert now.rate is not None

@@ -1,6 +1,6 @@
 """The steps of a run in time, and the moments at their ends.
 
-Steps are equal, with a shorter one before each frame and the end where they do not fit.
+Steps are equal, except for a shorter step before a frame and before the end where the step does not fit.
 """
 
 from __future__ import annotations
@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 from cpmkit.types import Floats
 
-#: A last step shorter than this share of the others is rounding.
+#: Shares of a step up to this are rounding, and no step of their own.
 ROUNDED_STEP_SHARE = 1e-9
-#: Digits of the ratio of a shortened step to the others: equal steps are then equal as numbers, and share a system.
+#: Digits to which the ratio of a shortened step to the others is rounded, so that equal steps share a system.
 STEP_RATIO_DIGITS = 9
 #: Number of moments that schemes read.
 REMEMBERED_MOMENTS = 3
@@ -20,14 +20,14 @@ REMEMBERED_MOMENTS = 3
 
 @dataclass(frozen=True)
 class Step:
-    """One step.
+    """One step in time.
 
     Attributes
     ----------
     start, end : float
-        Times.
+        Times at the ends of the step.
     length : float
-        ``end - start`` but for rounding; equal steps have equal lengths.
+        ``end - start`` up to rounding; equal steps have equal lengths.
     is_frame : bool
         Whether the solution at the end is stored.
     """
@@ -45,15 +45,15 @@ class Moment:
     Attributes
     ----------
     u : (n, channels) float64
-        Their values.
+        Values of the unknowns.
     rate : (n, channels) float64 or None
-        Of a wave: their rates, for leapfrog those half a step before.
+        For a wave the time derivatives of the unknowns; for leapfrog those half a step before.
     length : float
-        Of the step that ends here; zero at the start.
+        Length of the step that ends at this time; zero at the start.
     acceleration : (n, channels) float64 or None
-        Of leapfrog: at the start of that step.
+        For leapfrog the second derivatives at the start of that step.
     time : float
-        The end of the step, as the schedule has it.
+        The time, as the schedule has it.
     """
 
     u: Floats
@@ -83,6 +83,10 @@ def schedule(until: float, step: float, frames: Sequence[float], start: float = 
 
 
 def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
+    """Yield equal steps from ``start`` to ``stop``, the last one shorter if they do not fit.
+
+    ``is_frame`` is the property of the last step.
+    """
     ratio = (stop - start) / step
     whole = int(ratio + ROUNDED_STEP_SHARE)
     rest = round(ratio - whole, STEP_RATIO_DIGITS)

@@ -34,12 +34,12 @@ from cpmkit.types import Floats
 #: Damping of the shortest waves of the lattice by leapfrog, per time in which a wave crosses a spacing.
 LEAPFROG_DAMPING = 0.8
 
-#: Takes the moments so far, the latest last, and a step; returns the moment at its end.
+#: A function of the problem, its solver, the moments so far and a step that returns the moment at the end of the step.
 Scheme = Callable[[SemiDiscrete, ShiftedSolver, History, Step], Moment]
 
 
 def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of backward Euler."""
+    """Return the moment at the end of a step of backward Euler."""
     h = step.length
     right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
@@ -48,7 +48,7 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of BDF2; the first one as two half steps of backward Euler."""
+    """Return the moment at the end of a step of BDF2; the first step is two half steps of backward Euler."""
     before, ratio = previous_moment(history, step.length)
     if before is None:
         return half_steps(problem, solver, history, step)
@@ -61,7 +61,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
 
 
 def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of Crank-Nicolson."""
+    """Return the moment at the end of a step of Crank-Nicolson."""
     half, u = 0.5 * step.length, history[-1].u
     solver.tally.operator_applications += u.shape[1]
     right_side = problem.times_mass(u) + half * (problem.rate(u, step.start) + problem.forcing(step.end))
@@ -69,14 +69,17 @@ def crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
 
 
 def damped_crank_nicolson(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of Crank-Nicolson; the first one as two half steps of backward Euler, with the same matrix."""
+    """Return the moment at the end of a step of Crank-Nicolson; the first step is two half steps of backward Euler.
+
+    The half steps have the same matrix as the step of Crank-Nicolson.
+    """
     if len(history) > 1:
         return crank_nicolson(problem, solver, history, step)
     return half_steps(problem, solver, history, step)
 
 
 def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step as two half steps of backward Euler."""
+    """Return the moment at the end of a step that is made as two half steps of backward Euler."""
     half, middle = 0.5 * step.length, 0.5 * (step.start + step.end)
     first = backward_euler(problem, solver, history, Step(step.start, middle, half, False))
     second = backward_euler(problem, solver, [*history, first], Step(middle, step.end, half, False))
@@ -84,9 +87,10 @@ def half_steps(problem: SemiDiscrete, solver: ShiftedSolver, history: History, s
 
 
 def previous_moment(history: History, length: float) -> tuple[Moment | None, float]:
-    """Return the earlier moment that BDF2 reads, and the step's ``length`` over the time since then.
+    """Return the earlier moment that BDF2 uses, and the ratio of the step's ``length`` to the time since then.
 
-    It lies at least half a step back: from a shortened step to a full one the coefficients would be large.
+    It lies at least half a step back: with a shortened step before a full one the coefficients would be large. None
+    without such a moment.
     """
     back = 0.0
     for k in range(len(history) - 1, 0, -1):
@@ -97,12 +101,15 @@ def previous_moment(history: History, length: float) -> tuple[Moment | None, flo
 
 
 def bdf2_start(now: Floats, before: Floats, ratio: float) -> Floats:
-    """Return the combination of earlier values in BDF2: ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``."""
+    """Return the combination of earlier values (n, channels) in BDF2, ``[(1 + w)^2 now - w^2 before] / (1 + 2 w)``.
+
+    w is ``ratio``, the ratio of the step to the one before.
+    """
     return np.asarray(((1 + ratio) ** 2 * now - ratio**2 * before) / (1 + 2 * ratio))
 
 
 def extrapolate(history: History, length: float) -> Floats:
-    """Return the polynomial through the values so far, a step of ``length`` later: the initial guess of a solver."""
+    """Return the polynomial through the values so far at a time ``length`` later, (n, channels): an initial guess."""
     times = -np.cumsum([0.0, *(moment.length for moment in history[:0:-1])])
     values = np.zeros_like(history[-1].u)
     for k, moment in enumerate(reversed(history)):
@@ -112,7 +119,7 @@ def extrapolate(history: History, length: float) -> Floats:
 
 
 def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of Newmark's average acceleration."""
+    """Return the moment at the end of a step of Newmark's average acceleration."""
     now, h = history[-1], step.length
     assert now.rate is not None
     solver.tally.operator_applications += now.u.shape[1]
@@ -123,7 +130,10 @@ def newmark(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step
 
 
 def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of leapfrog: first the rate over half of the last step and half of this, then the values."""
+    """Return the moment at the end of a step of leapfrog.
+
+    First the rate is advanced, over half of the last step and half of this one, then the values.
+    """
     now = history[-1]
     assert now.rate is not None
     acceleration = problem.rate(now.u, step.start)
@@ -135,7 +145,10 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
 
 
 def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
-    """Return ``-h eps A^2 v0``, with A v0 from the change of A u0, which includes boundary data."""
+    """Return the damping ``-h eps A^2 v0`` (n, channels) of the rate in leapfrog, h = ``length``.
+
+    ``jerk`` (n, channels) is the rate of change of -A u0 + b0, from which -A v0 is obtained including boundary data.
+    """
     wave = problem.form.scene.problem
     assert isinstance(wave, Wave)
     largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
@@ -144,7 +157,7 @@ def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:
-    """Take one step of BDF2 for values and rates; the first one of backward Euler."""
+    """Return the moment at the end of a step of BDF2 for values and rates; the first step is one of backward Euler."""
     now = history[-1]
     before, ratio = previous_moment(history, step.length)
     assert now.rate is not None

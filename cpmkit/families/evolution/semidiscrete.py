@@ -1,6 +1,7 @@
-"""A problem in time, discretised in space, and the linear systems of its implicit steps.
+"""Equations in time discretised in space, and the linear systems of implicit steps.
 
-M u' = -A u + r(u) + b(t), or M u'' for waves. Steps solve with ``M + factor A``, for a few factors in all.
+The equations are M u' = -A u + r(u) + b(t), or M u'' = -A u + b(t) for waves. Implicit steps solve systems with
+``M + factor A``, for few different factors in a run.
 """
 
 from __future__ import annotations
@@ -26,16 +27,16 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class ChannelGroup:
-    """The channels that share an operator.
+    """The channels that have the same operator A.
 
     Attributes
     ----------
     channels : tuple of int
-        Their numbers.
+        Numbers of the channels.
     terms : Terms
-        Of the equation's spatial part.
+        Terms of the equation's spatial part.
     stiffness : Stiffness
-        A.
+        The operator A.
     """
 
     channels: tuple[int, ...]
@@ -45,18 +46,18 @@ class ChannelGroup:
 
 @dataclass(frozen=True, eq=False)
 class SemiDiscrete:
-    """A of each group of channels, M, r(u) and b(t).
+    """The operator A of each group of channels, the mass matrix M, the reaction r(u) and the forcing b(t).
 
     Attributes
     ----------
     form : Discretized
-        The scene, with M.
+        The discretised scene, with M.
     groups : tuple of ChannelGroup
-        Every channel is in one of them.
+        The groups; each channel belongs to one.
     f : Data
         Right-hand side.
     reaction : callable, optional
-        Of values of u, points and the time.
+        Reaction, a function of values of u, points and the time.
     """
 
     form: Discretized
@@ -66,11 +67,11 @@ class SemiDiscrete:
 
     @property
     def stiffness(self) -> Stiffness:
-        """A of the first channel."""
+        """The operator A of the first channel."""
         return self.groups[0].stiffness
 
     def by_group(self, columns_of: Callable[[ChannelGroup], Floats]) -> Floats:
-        """Return the columns that ``columns_of`` computes for each group, as one array (n, channels)."""
+        """Return the array (n, channels) whose columns ``columns_of`` computes group by group."""
         if len(self.groups) == 1:
             return columns_of(self.groups[0])
         values = np.empty((self.form.size, self.form.scene.channels))
@@ -79,16 +80,17 @@ class SemiDiscrete:
         return values
 
     def columns(self, group: ChannelGroup, values: Floats) -> Floats:
-        """Return the columns of a group in ``values`` (n, channels)."""
+        """Return the columns of ``values`` (n, channels) that belong to the channels of a group."""
         return values if len(self.groups) == 1 else np.ascontiguousarray(values[:, group.channels])
 
     @property
     def depends_on_time(self) -> bool:
-        """Whether b depends on the time."""
+        """Whether the forcing b depends on the time."""
         return takes_time(self.f) or conditions_depend_on_time(self.form.scene)
 
     @cached_property
     def _load(self) -> Floats:
+        """The load (n, channels) of f at time 0."""
         return self.form.load(self.f, 0.0)
 
     @cached_property
@@ -97,17 +99,18 @@ class SemiDiscrete:
         return self._load + self._condition_load(0.0)
 
     def forcing(self, time: float) -> Floats:
-        """Return b(time), (n, channels); data that do not depend on the time are read once."""
+        """Return the forcing b (n, channels) at a time; data that do not depend on the time are evaluated once."""
         if not self.depends_on_time:
             return self.steady_forcing
         load = self.form.load(self.f, time) if takes_time(self.f) else self._load
         return load + self._condition_load(time)
 
     def _condition_load(self, time: float) -> Floats:
+        """Return the part (n, channels) of the forcing b that comes from boundary and edge conditions, at a time."""
         return self.by_group(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
 
     def reacting(self, moment: Moment) -> Floats:
-        """Return r(u) at a moment, (n, channels); those of the last moments are cached."""
+        """Return the load r(u) (n, channels) of the reaction at a moment; those of the last two moments are cached."""
         for u, load in self._reactions:
             if u is moment.u:
                 return load
@@ -121,21 +124,22 @@ class SemiDiscrete:
 
     @cached_property
     def _reactions(self) -> list[tuple[Floats, Floats]]:
+        """The cached loads of the reaction, each after the values u of its moment."""
         return []
 
     def times_mass(self, u: Floats) -> Floats:
-        """Return M u."""
+        """Return M u for u (n, k)."""
         mass = self.form.mass_in_time
         return u if mass is None else mass.apply(u)
 
     def rate(self, u: Floats, time: float) -> Floats:
-        """Return M u' = -A u + b(time)."""
+        """Return -A u + b(time), which is M u' or M u'' without a reaction, (n, channels)."""
         applied = self.by_group(lambda group: group.stiffness.apply(self.columns(group, u)))
         return np.asarray(self.forcing(time) - applied)
 
 
 def largest_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
-    """Return the largest eigenvalue of ``-speed^2 Lap`` by differences of second order on the nodes of a lattice."""
+    """Return the largest eigenvalue of ``-speed^2 Lap`` in second-order differences on the lattice."""
     return float(4 * problem.form.scene.surface.dim * speed**2 / problem.form.spacing**2)
 
 
@@ -146,13 +150,13 @@ class SolveTally:
     Attributes
     ----------
     iterations : int
-        Of all steps.
+        Iterations of all solves.
     operator_applications : int
-        Products with A, all channels counted.
+        Products with A, one counted for each channel.
     residual : float
-        The largest relative residual of a step.
+        The largest relative residual of a solve.
     solver : str
-        Name of the last step's solver; empty before the first.
+        Name of the solver of the last step; empty before the first step.
     """
 
     iterations: int = 0
@@ -161,7 +165,7 @@ class SolveTally:
     solver: str = ""
 
     def add(self, other: SolveReport | SolveTally) -> None:
-        """Add one solve, or the counts of an earlier part of the run."""
+        """Add the counts of one solve, or of an earlier part of the run."""
         self.iterations += other.iterations
         self.operator_applications += other.operator_applications
         self.residual = max(self.residual, other.residual)
@@ -170,14 +174,14 @@ class SolveTally:
 
 @dataclass(frozen=True, eq=False)
 class ShiftedSolver:
-    """Solves ``(M + factor A) u = right_side``.
+    """Solver of systems ``(M + factor A) u = right_side``.
 
     Attributes
     ----------
     problem : SemiDiscrete
-        With A and M.
+        The problem, with A and M.
     context : SolveContext
-        With the solver and its tolerance.
+        The context, with the linear solver and its tolerance.
     tally : SolveTally
         Counts of the solves.
     """
@@ -187,7 +191,7 @@ class ShiftedSolver:
     tally: SolveTally = field(default_factory=SolveTally)
 
     def solve(self, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        """Return u (n, channels).
+        """Return the solution u (n, channels) of ``(M + factor A) u = right_side``, from the initial guess ``guess``.
 
         Raises
         ------
@@ -200,7 +204,8 @@ class ShiftedSolver:
         )
 
     def _solve(self, group: ChannelGroup, factor: float, right_side: Floats, guess: Floats) -> Floats:
-        depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # so may the mass matrix
+        """Return the solution (n, k) for the k channels of a group."""
+        depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # and so may the mass matrix
         key = ("shifted", operator_key(group.terms), depends_on_time, factor)
         prepared: tuple[PreparedSolver, ConstantFunctions] = self.context.cache.get(key, self._prepare, group, factor)
         solver, constants = prepared
@@ -209,10 +214,11 @@ class ShiftedSolver:
         return self._with_exact_totals(group, right_side, u)
 
     def _with_exact_totals(self, group: ChannelGroup, right_side: Floats, u: Floats) -> Floats:
-        """Return u plus a constant on each piece that nothing flows out of, so that heat is conserved there.
+        """Return u plus a constant on each piece without outflow, so that heat is conserved there.
 
-        With B the pieces' indicators and ``A B = 0``, A symmetric, the exact solution has ``B' M u = B' right_side``:
-        the correction is that of a coarse level, and leaves the rest of u at the solver's tolerance.
+        With B the indicators of the pieces and ``A B = 0``, A symmetric, the exact solution has
+        ``B' M u = B' right_side``: the correction is that of a coarse level, and does not change the error of the rest
+        of u.
         """
         closed = self._closed_pieces[self.problem.groups.index(group)]
         if closed is None:
@@ -223,16 +229,20 @@ class ShiftedSolver:
 
     @cached_property
     def _closed_pieces(self) -> list[tuple[Any, Floats] | None]:
-        """For each group the pieces on which a constant is free; None where A is not symmetric or there are none."""
+        """For each group the result of :meth:`_closed_pieces_of`."""
         return [self._closed_pieces_of(group.stiffness) for group in self.problem.groups]
 
     def _closed_pieces_of(self, stiffness: Stiffness) -> tuple[Any, Floats] | None:
-        """Return the pieces on which a constant is free, as columns B, and B' M B."""
+        """Return the indicators B of the pieces on which a constant is free, and B' M B.
+
+        None if A is not symmetric or there are no such pieces.
+        """
         free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
         if free is None:
             return None
         return free.indicator, np.asarray(free.indicator.T @ self.problem.times_mass(free.indicator.toarray()))
 
     def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, ConstantFunctions]:
+        """Return the prepared solver of ``M + factor A`` of a group, and the constant functions of its systems."""
         operator = group.stiffness.scaled_plus_mass(factor, self.problem.form.mass_in_time)
         return self.context.prepare(operator), self.context.constants(operator)

@@ -1,4 +1,4 @@
-"""Problems in time: the loop over the steps, with frames and checkpoints."""
+"""Solution of equations in time: the loop over the steps, with frames and checkpoints."""
 
 from __future__ import annotations
 
@@ -41,19 +41,19 @@ SCHEMES: dict[str, Scheme] = {
     "sbdf2": bdf2,
     "euler": backward_euler,
 }
-#: Abilities of a form that schemes need.
+#: The ability of a form that each scheme needs.
 NEEDED_ABILITIES = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
 
 
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
-    """Run a problem in time to its end.
+    """Solve an equation in time up to its end, and return the solution there with its frames.
 
     Raises
     ------
     ResolutionError, SceneError
         If the scheme would be unstable, or the solution grows without a cause.
     ConvergenceError
-        If a step does not reach the tolerance; the message names the time.
+        If a step does not reach the tolerance; the message contains the time.
     InputError
         If a checkpoint is of another run.
     """
@@ -75,7 +75,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
 
 
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
-    """Return an equation in time with the operators of its channels, one for all unless their terms differ."""
+    """Return an equation in time discretised in space, with one operator for all channels whose terms are equal."""
     groups_of_channels = [(tuple(range(form.scene.channels)), evolution.terms())]
     reaction: Any = None
     if isinstance(evolution, ReactionDiffusion):
@@ -85,6 +85,7 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 
 def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
+    """Return the moment at the start, from the initial data; ``first`` is the first step."""
     t0 = evolution.t0
     if not isinstance(evolution, Wave):
         assert isinstance(evolution, (Heat, ReactionDiffusion))
@@ -96,7 +97,7 @@ def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
-    """Take all steps, from the start or from a checkpoint."""
+    """Take all steps, from the start or from a checkpoint, and return the state at the end."""
     target, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
     growth = growth_bound(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,))
@@ -117,13 +118,13 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
 
 
 def _is_at_rest(plan: RunPlan, state: RunState) -> bool:
-    """Return whether the run has come to rest, if that ends it."""
+    """Return True if the run has come to rest and is to end then."""
     rest = plan.evolution.rest
     return rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
 
 
 def scheme_of(evolution: Evolution) -> Scheme:
-    """Return the function that takes a step."""
+    """Return the function that takes a step of the equation's scheme."""
     plain = isinstance(evolution, Heat) and evolution.start == "plain"
     return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
 
@@ -131,7 +132,15 @@ def scheme_of(evolution: Evolution) -> Scheme:
 def _take_step(
     state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: GrowthBound | None
 ) -> RunState:
-    """Return the state one step later."""
+    """Return the state after one more step.
+
+    Raises
+    ------
+    ConvergenceError
+        If the linear solver does not reach the tolerance.
+    ResolutionError
+        If the solution is not finite, or exceeds the bound ``growth``.
+    """
     step = plan.steps[state.done]
     try:
         moment = scheme(plan.problem, solver, state.history, step)
@@ -154,14 +163,14 @@ def _take_step(
 def _solution(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedRecord:
-    """Return the solution at the end, with its frames."""
+    """Return the solution at the end of the run, with its frames."""
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
         f"{context.tolerance:.2e} asked for"
     )
     report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
-    report = replace(report, solver=tally.solver or report.solver)  # of the last step
+    report = replace(report, solver=tally.solver or report.solver)  # the solver of the last step
     form = context.discretized
     work = form.work(plan.problem.stiffness, report)
     warnings = (
