@@ -1,1 +1,1 @@
-"""Formulas in x, y, z, t as checked syntax trees: values and derivatives, without executing code."""
+"""Formulas in x, y, z, t as checked syntax trees: their values and derivatives, without executing code."""

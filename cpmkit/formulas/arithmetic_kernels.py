@@ -1,4 +1,4 @@
-"""Compiled: arithmetic of formulas, of which many steps on few points take no longer than one operation of NumPy."""
+"""Compiled arithmetic of formulas: on few points, many steps take no longer than one operation of NumPy."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from cpmkit.types import Floats, Ints
 
 @compiled
 def run_arithmetic(table: Floats, codes: Ints) -> None:
-    """Compute steps on the rows of a table, with the rounding of NumPy.
+    """Compute arithmetic steps on the rows of a table, in place and with the rounding of NumPy.
 
     Parameters
     ----------
     table : (s, n) float64
-        The values, one in each row; results are written to it.
+        One value in each row, at n points; results are written to it.
     codes : (k, 4) int64
-        A step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and the row of its
-        result, which is another one.
+        One step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and the row of its
+        result, which differs from those.
     """
     n = table.shape[1]
     for code, first, second, result in codes:

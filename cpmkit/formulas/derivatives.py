@@ -1,4 +1,4 @@
-"""Formulas with their first two derivatives, by automatic differentiation: about 20 steps for each of the formula.
+"""Formulas with first and second derivatives by automatic differentiation, about 20 steps for each of the formula.
 
 Functions with jumps or kinks (floor, sign, comparisons, minimum, ...) are differentiated between these.
 """
@@ -36,23 +36,24 @@ class FormulaJets:
     programs: tuple[Program, Program, Program]
 
     def rows(self, order: int, columns: Floats) -> Floats:
-        """Return the rows (r, n) of the program with derivatives up to ``order``, for variables ``columns`` (m, n)."""
+        """Return the rows (r, n) of the program with derivatives up to ``order``, at variables ``columns`` (m, n)."""
         count = columns.shape[1]
         programs = self._staged_programs if count <= MAX_STAGED_POINTS else self.programs
         return programs[order](dict(zip(self.names, columns, strict=True)), count)
 
     @cached_property
     def _staged_programs(self) -> tuple[StagedProgram, ...]:
+        """The programs in stages, for few points."""
         return tuple(stage_program(program) for program in self.programs)
 
 
 def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) -> FormulaJets:
-    """Return formulas, checked syntax trees in the variables ``names``, with their derivatives.
+    """Return the formulas given by checked syntax trees in the variables ``names``, with their derivatives.
 
     Raises
     ------
     SceneError
-        If they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` names them.
+        If they need more than :data:`MAX_FORMULA_STEPS` steps; ``label`` is their name in the message.
     """
     steps = Steps()
     zero = steps.number(0.0)
@@ -77,20 +78,21 @@ def formula_jets(trees: Sequence[ast.expr], names: Sequence[str], label: str) ->
 
 
 class Derivatives:
-    """Derivatives of steps, which are added to the list of ``steps``; None stands for zero."""
+    """Derivatives of the values of ``steps``, added to it as further steps; None stands for a derivative of zero."""
 
     def __init__(self, steps: Steps) -> None:
         self.steps = steps
         self._known: dict[tuple[int, str], int | None] = {}
 
     def of(self, place: int, name: str) -> int | None:
-        """Return the place of the derivative of the value at ``place`` by the variable ``name``."""
+        """Return the place of the derivative of the value at ``place`` by the variable ``name``; None if it is zero."""
         for earlier in self.steps.dependencies([place]):
             if (earlier, name) not in self._known:
                 self._known[earlier, name] = self._derivative(earlier, name)
         return self._known[place, name]
 
     def _derivative(self, place: int, name: str) -> int | None:
+        """Return the place of the derivative of one step, given those of its operands; None if it is zero."""
         kind, *operands = self.steps.steps[place]
         if kind in ("name", "number"):
             return self.steps.number(1.0) if operands == [name] and kind == "name" else None
@@ -106,7 +108,7 @@ class Derivatives:
         return total
 
     def _selected(self, kind: str, operands: list[int], inner: list[int | None]) -> int | None:
-        """Return the derivative of the operand that a step selects; that of the other may be undefined."""
+        """Return the derivative of the operand that a step selects; the derivative of the other may be undefined."""
         if inner[-2:] == [None, None]:
             return None
         first, second = (self.steps.number(0.0) if each is None else each for each in inner[-2:])
@@ -116,6 +118,7 @@ class Derivatives:
         return self.steps.apply("where", smaller, *((first, second) if kind == "minimum" else (second, first)))
 
     def _times(self, a: int, b: int) -> int:
+        """Return the place of the product of the values at places a and b, without a step if one of them is 1."""
         for first, second in ((a, b), (b, a)):
             if self.steps.value(first) == 1.0:
                 return second
@@ -127,7 +130,7 @@ class Derivatives:
         return b if a is None else self.steps.apply("add", a, b)
 
 
-#: Derivative of a kernel by an operand, a function of the steps, the place of its value and the places of its operands.
+#: Function that returns the derivative of a kernel by an operand, from steps and the places of its value and operands.
 Partial = Callable[..., int]
 
 
@@ -140,19 +143,23 @@ def _minus_one(s: Steps, *_: int) -> int:
 
 
 def _reciprocal(s: Steps, place: int) -> int:
+    """Return the place of 1 over the value at ``place``."""
     return s.apply("divide", s.number(1.0), place)
 
 
 def _one_and_square(s: Steps, kernel: str, a: int) -> int:
+    """Return the place of 1 plus or minus ``a**2``; ``kernel`` is ``add`` or ``subtract``."""
     return s.apply(kernel, s.number(1.0), s.apply("multiply", a, a))
 
 
 def _over_squares(s: Steps, numerator: int, a: int, b: int) -> int:
+    """Return the place of ``numerator / (a**2 + b**2)``."""
     squares = s.apply("add", s.apply("multiply", a, a), s.apply("multiply", b, b))
     return s.apply("divide", numerator, squares)
 
 
 def _arcsin(s: Steps, f: int, a: int) -> int:
+    """Return the place of the derivative of arcsin at a, ``1 / sqrt(1 - a**2)``."""
     del f
     return _reciprocal(s, s.apply("sqrt", _one_and_square(s, "subtract", a)))
 

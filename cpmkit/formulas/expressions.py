@@ -41,23 +41,24 @@ class Formula:
 
     @property
     def _names(self) -> tuple[str, ...]:
-        """The names that the formula may use, in the order of error messages."""
+        """The names that the formula may use, in the order in which messages list them."""
         return COORDINATES[: self.dim]
 
     @cached_property
     def _program(self) -> Program:
+        """The program that computes the formula."""
         steps = Steps()
         return make_program(steps, [steps.add_tree(formula_tree(self.text, self._names))])
 
     def _values(self, points: Floats, **others: Any) -> Floats:
-        """Return the values (n,) at points (n, d)."""
+        """Return the values (n,) at points (n, d), given the ``others`` of the formula's variables."""
         variables = position_variables(points, self._program.variables, self.text)
         values: Floats = self._program({**variables, **others}, len(points))[0]
         return values
 
 
 def position_variables(points: Floats, used: Collection[str], text: object) -> dict[str, Floats]:
-    """Return the columns of points (n, d) by the names of their coordinates.
+    """Return the coordinates (n,) of points (n, d) by name; ``used`` are the names in the formula ``text``.
 
     Raises
     ------
@@ -101,12 +102,12 @@ class Expression(Formula):
 
     @property
     def takes_time(self) -> bool:
-        """True if the formula contains t."""
+        """Whether the formula contains t."""
         return "t" in self._program.variables
 
 
 class StateExpression(Formula):
-    """A function of a solution u, of the norm s of its gradient and of position: a diffusivity that depends on u.
+    """A function of a solution u, the norm s of its gradient, and position, such as a diffusivity that depends on u.
 
     Examples
     --------
@@ -167,16 +168,16 @@ class ReactionExpression:
 
     @property
     def channels(self) -> int:
-        """Number of channels."""
+        """The number of channels."""
         return len(self.texts)
 
     @property
     def takes_time(self) -> bool:
-        """True if a formula contains t."""
+        """Whether a formula contains t."""
         return "t" in self._program.variables
 
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
-        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time."""
+        """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``."""
         channels = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
         position = position_variables(points, self._program.variables, self.texts)
         rates = self._program({"u": u[:, 0], "t": t, **channels, **position}, len(points))
@@ -184,6 +185,7 @@ class ReactionExpression:
 
     @cached_property
     def _program(self) -> Program:
+        """The program that computes the rates of all channels."""
         channels = tuple(f"u{k}" for k in range(1, self.channels + 1))
         names = (*(("u", *channels) if len(channels) == 1 else channels), *COORDINATES[: self.dim], "t")
         steps = Steps()

@@ -1,4 +1,4 @@
-"""Programs of formulas: lists of different steps, each an operation of NumPy on the values of earlier steps.
+"""Programs of formulas: lists of distinct steps, each an operation of NumPy on the values of earlier steps.
 
 All numbers are float64, so that 1/0 is infinite and (-1)**0.5 is NaN, as in arrays, without errors.
 """
@@ -33,7 +33,7 @@ OPERATORS: dict[type[ast.AST], str] = {
     ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Mod: "mod", ast.Lt: "less",
     ast.LtE: "less_equal", ast.Gt: "less", ast.GtE: "less_equal",
 }  # fmt: skip
-#: Points that are computed at a time, so that intermediate values stay in the processor's cache.
+#: Number of points that are computed at a time, so that intermediate values stay in the processor's cache.
 BATCH_POINTS = 8192
 
 #: A number ("number", hexadecimal text), a variable ("name", name), or a kernel and the places of its operands.
@@ -41,27 +41,27 @@ Step = tuple[Any, ...]
 
 
 class Steps:
-    """A growing list of steps; a value is referred to by its place in the list."""
+    """A growing list of distinct steps; the place of a step in the list stands for its value."""
 
     def __init__(self) -> None:
         self.steps: list[Step] = []
         self._places: dict[Step, int] = {}
 
     def number(self, value: float) -> int:
-        """Return the place of a number."""
+        """Return the place of a number, which is added if it is new."""
         return self._place(("number", float(value).hex()))  # the text distinguishes 0.0 and -0.0
 
     def name(self, name: str) -> int:
-        """Return the place of a variable."""
+        """Return the place of a variable, which is added if it is new."""
         return self._place(("name", name))
 
     def value(self, place: int) -> float | None:
-        """Return the number at a place, None if it is not a number."""
+        """Return the number at ``place``, None if the step is not a number."""
         kind, *operands = self.steps[place]
         return float.fromhex(operands[0]) if kind == "number" else None
 
     def apply(self, kernel: str, *operands: int) -> int:
-        """Return the place of the result of a kernel; with numbers as operands, of a number."""
+        """Return the place of a kernel's result, which is added if it is new; it is a number if all operands are."""
         numbers = [self.value(place) for place in operands]
         if any(number is None for number in numbers):
             return self._place((kernel, *operands))
@@ -86,7 +86,7 @@ class Steps:
         return product if number > 0 else self.apply("divide", self.number(1.0), product)
 
     def add_tree(self, tree: ast.expr) -> int:
-        """Return the place of the value of a checked syntax tree; without recursion, as sums may be long."""
+        """Return the place of the value of a checked syntax tree; without recursion, because sums may be long."""
         stack, results = [(tree, False)], list[int]()
         while stack:
             node, ready = stack.pop()
@@ -99,7 +99,7 @@ class Steps:
         return results[0]
 
     def dependencies(self, outputs: Iterable[int]) -> list[int]:
-        """Return the places of the values that ``outputs`` depend on, and of these, in ascending order."""
+        """Return the places of ``outputs`` and of all values that they depend on, in ascending order."""
         places, stack = set(), list(outputs)
         while stack:
             place = stack.pop()
@@ -110,12 +110,14 @@ class Steps:
         return sorted(places)
 
     def _place(self, step: Step) -> int:
+        """Return the place of a step, which is added if it is new."""
         place = self._places.setdefault(step, len(self.steps))
         if place == len(self.steps):
             self.steps.append(step)
         return place
 
     def _node(self, node: ast.expr, places: list[int]) -> int:
+        """Return the place of the value of a syntax node whose operands have the values at ``places``."""
         match node:
             case ast.Constant(value=int() | float() as number):
                 return self.number(number)
@@ -135,6 +137,7 @@ class Steps:
 
 
 def _operands(node: ast.expr) -> list[ast.expr]:
+    """Return the operands of a syntax node, none for names and numbers."""
     match node:
         case ast.UnaryOp(operand=operand):
             return [operand]
@@ -147,14 +150,19 @@ def _operands(node: ast.expr) -> list[ast.expr]:
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Instructions that compute outputs from variables.
+    """The instructions that compute the outputs of formulas from variables.
 
     Attributes
     ----------
-    numbers : mapping of place to number
-    variables : mapping of name to place
-    instructions : tuple of (place, kernel's name, operands, places of values that are not needed any more)
-    outputs : tuple of places
+    numbers : mapping
+        The numbers by place.
+    variables : mapping
+        The places of the variables by name.
+    instructions : tuple
+        For each kernel to apply: the place of the result, its name, the places of its operands, and the places of
+        values that are not needed afterwards.
+    outputs : tuple of int
+        The places of the outputs.
     """
 
     numbers: Mapping[int, Any]
@@ -163,7 +171,7 @@ class Program:
     outputs: tuple[int, ...]
 
     def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
-        """Return the outputs (k, count) for variables that are arrays (count,) or numbers."""
+        """Return the outputs (k, count) at ``count`` points, given variables that are arrays (count,) or numbers."""
         table = np.empty((len(self.outputs), count))
         needed = {name: np.asarray(variables[name], dtype=np.float64) for name in self.variables}
         with np.errstate(all="ignore"):
@@ -174,6 +182,7 @@ class Program:
         return table
 
     def _run(self, values: dict[int, Any], rows: Floats) -> None:
+        """Fill the ``rows`` (k, n) with the outputs, given in ``values`` those of the variables by place."""
         values.update(self.numbers)
         for place, kernel, operands, released in self.instructions:
             values[place] = KERNELS[kernel](*[values[operand] for operand in operands])
@@ -184,13 +193,13 @@ class Program:
 
 
 def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
-    """Return the program that computes ``outputs``."""
+    """Return the program that computes the values at the places ``outputs``."""
     places = steps.dependencies(outputs)
     numbers = {place: np.float64(value) for place in places if (value := steps.value(place)) is not None}
     variables = {steps.steps[place][1]: place for place in places if steps.steps[place][0] == "name"}
     kernels = [place for place in places if steps.steps[place][0] in KERNELS]
     needed, released = set(outputs), {}
-    for place in reversed(kernels):  # the last step that uses a value releases it
+    for place in reversed(kernels):  # a value is released by the last step that uses it
         operands = set(steps.steps[place][1:])
         released[place] = tuple(operands - needed)
         needed |= operands
@@ -198,9 +207,9 @@ def make_program(steps: Steps, outputs: Sequence[int]) -> Program:
     return Program(numbers, variables, instructions, tuple(outputs))
 
 
-#: The kernels of ``run_arithmetic``, in its order; IEEE 754 defines their results, so that they are NumPy's to the bit.
+#: The kernels of ``run_arithmetic``, in its order; IEEE 754 defines their results, which equal NumPy's exactly.
 ARITHMETIC = ("add", "subtract", "multiply", "divide", "negative", "sqrt")
-#: For more points NumPy's own loops are faster.
+#: Most points of a staged program; for more points NumPy's own loops are faster.
 MAX_STAGED_POINTS = 1024
 
 #: Codes of arithmetic (k, 4), or a kernel's name, the rows of its operands, and the row of its result.
@@ -209,18 +218,21 @@ Stage = Ints | tuple[str, list[int], int]
 
 @dataclass(frozen=True, eq=False)
 class StagedProgram:
-    """A program for few points whose values are rows of a table.
+    """A program for few points whose values are the rows of a table.
 
-    Sequences of arithmetic are compiled, and the functions between them are NumPy's: one operation of NumPy on a
+    Sequences of arithmetic steps are compiled, and the functions between them are NumPy's: one operation of NumPy on a
     hundred points takes ten times as long as the arithmetic.
 
     Attributes
     ----------
     rows : int
-        Number of rows of the table. Rows of numbers, the first, and of variables are not overwritten.
+        Number of rows of the table. The first rows are numbers, then variables; these are not overwritten.
     numbers : (k, 1) float64
-    variables : tuple of (name, row)
+        Values of the first k rows.
+    variables : tuple of (str, int)
+        Name and row of each variable.
     stages : tuple of Stage
+        The stages, in the order of computation.
     outputs : (o,) int64
         Rows of the outputs.
     """
@@ -232,7 +244,7 @@ class StagedProgram:
     outputs: Ints
 
     def __call__(self, columns: dict[str, Floats], count: int) -> Floats:
-        """Return the outputs (o, count) for variables that are arrays (count,)."""
+        """Return the outputs (o, count), given the variables as arrays (count,) by name."""
         from cpmkit.formulas.arithmetic_kernels import run_arithmetic
 
         table = np.empty((self.rows, count))
@@ -251,7 +263,7 @@ class StagedProgram:
 
 
 def stage_program(program: Program) -> StagedProgram:
-    """Return a program in stages; rows of values that are not needed any more are used again."""
+    """Return the program in stages, in which rows of values that are not needed any more are used again."""
     fixed = [*program.numbers, *program.variables.values()]
     row = {place: k for k, place in enumerate(fixed)}
     free, rows = list[int](), len(fixed)
@@ -272,4 +284,5 @@ def stage_program(program: Program) -> StagedProgram:
 
 
 def _code(kernel: str, operands: list[int], result: int) -> list[Any]:
+    """Return a row of ``codes`` of ``run_arithmetic``: the kernel's number, the rows of its operands and its result."""
     return [ARITHMETIC.index(kernel), operands[0], operands[-1], result]

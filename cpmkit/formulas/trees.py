@@ -1,4 +1,4 @@
-"""Parsing of formulas: text to a syntax tree of limited size that contains available names and operations only."""
+"""Parsing of formulas: text to a syntax tree of limited size that contains only available names and operations."""
 
 from __future__ import annotations
 
@@ -31,11 +31,12 @@ MAX_FORMULA_PARTS = 4_000
 
 
 def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") -> ast.expr:
-    """Return the syntax tree of a formula in the variables ``names``.
+    """Return the checked syntax tree of a formula in the variables ``names``.
 
     Parameters
     ----------
     text : str
+        The formula.
     names : sequence of str
         The variables that it may use, in addition to the constants pi and e.
     label : str
@@ -66,12 +67,12 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
 
 
 def parse(text: str, label: str = "the formula") -> ast.expr:
-    """Return the syntax tree of an expression of Python.
+    """Return the syntax tree of a Python expression, of which nothing is checked but its length.
 
     Raises
     ------
     SceneError
-        If it is too long, is nested too deeply, or does not parse.
+        If ``text`` is too long, contains #, is nested too deeply, or does not parse.
     """
     if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(
@@ -91,7 +92,7 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
 
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
-    """Return the reason why a node is refused, with {part} for its text; None if it is accepted."""
+    """Return the reason why a syntax node is refused, with {part} in place of its text; None if it is accepted."""
     match node:
         case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
             return None if _is_finite(number) else "holds the number {part}, which is beyond 1.8e308."
@@ -110,6 +111,7 @@ def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
 
 
 def _is_finite(number: float) -> bool:
+    """Return whether a number is finite as a float64."""
     try:
         return bool(np.isfinite(float(number)))
     except OverflowError:
@@ -117,6 +119,7 @@ def _is_finite(number: float) -> bool:
 
 
 def _not_available(node: ast.expr, names: Sequence[str]) -> str:
+    """Return the message that a syntax node is not available, with the names and operations that are."""
     available = (*names, *CONSTANTS, *FUNCTIONS)
     word = node.func if isinstance(node, ast.Call) else node
     name = word.id if isinstance(word, ast.Name) else None

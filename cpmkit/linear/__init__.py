@@ -1,1 +1,1 @@
-"""Linear operators and solvers; they know no equation and no form."""
+"""Linear operators and solvers, independent of equations and forms."""

@@ -38,7 +38,7 @@ class RowGroups:
 
     @classmethod
     def of(cls, count: int, label: Ints) -> RowGroups:
-        """Return ``count`` groups from the label of each row."""
+        """Return ``count`` groups from the label (n,) of each row."""
         if count == 1:
             return cls(np.zeros(1, dtype=np.int64), slice(None), np.zeros(1, dtype=np.int64))
         order = np.argsort(label, kind="stable")
@@ -46,38 +46,42 @@ class RowGroups:
         return cls(label, order, np.cumsum(members) - members)
 
     def at(self, values: Any) -> Any:
-        """Return the values (n, ...) of the rows from ``values`` (groups, ...), or (1, ...) if there is one group."""
+        """Return for each row its group's entry of ``values`` (groups, ...).
+
+        The result is (n, ...), or (1, ...) if there is a single group.
+        """
         return values if len(self.starts) == 1 else values[self.label]
 
     def sums(self, rows: Any) -> Any:
-        """Return the sums (groups, ...) of ``rows`` (n, ...)."""
+        """Return the sums (groups, ...) of ``rows`` (n, ...) by group."""
         return self._reduced(np.add, rows)
 
     def products(self, left: Any, right: Any) -> Any:
-        """Return the sums (groups, k, m) of products of columns of ``left`` (n, k) and ``right`` (n, m)."""
+        """Return ``left' right`` (groups, k, m) for the rows of each group of ``left`` (n, k) and ``right`` (n, m)."""
         if len(self.starts) == 1:
             return (left.T @ right)[None]
         return self.sums(left[:, :, None] * right[:, None])
 
     def norms(self, rows: Any) -> Floats:
-        """Return the norms (groups, m) of the columns of ``rows`` (n, m)."""
+        """Return the Euclidean norms (groups, m) of the columns of ``rows`` (n, m), by group."""
         return np.asarray(np.sqrt(self.sums(np.abs(rows) ** 2)))
 
     def largest(self, rows: Any) -> Floats:
-        """Return the largest absolute values (groups, m) in the columns of ``rows`` (n, m)."""
+        """Return the largest absolute values (groups, m) in the columns of ``rows`` (n, m), by group."""
         return np.asarray(self._reduced(np.maximum, np.abs(rows)))
 
     def ranges(self, rows: Floats) -> Floats:
-        """Return the ranges (groups, m) of the columns of ``rows`` (n, m)."""
+        """Return the largest minus the smallest values (groups, m) in the columns of ``rows`` (n, m), by group."""
         return np.asarray(self._reduced(np.maximum, rows) - self._reduced(np.minimum, rows))
 
     def _reduced(self, operation: np.ufunc, rows: Any) -> Any:
+        """Return ``rows`` (n, ...) reduced by ``operation`` over each group, (groups, ...)."""
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
 
-#: Constants are separated where at most this share of b remains; otherwise a relative residual means nearly the same.
+#: Constants are separated where at most this share of b remains; otherwise the residual relative to b differs little.
 MAX_REMAINING_SHARE = 0.5
-#: A sum of b below this share of the sum of its absolute values may be nothing but quadrature error.
+#: A sum of b below this share of the sum of its absolute values may consist of quadrature error only.
 CANCELLING_SHARE = 1e-6
 #: ``K' A K`` below this share of ``K' |diag A| K`` has lost most of its digits by cancellation.
 CANCELLED_SHARE = 1e-12
@@ -87,17 +91,17 @@ ROUNDING_SHARE = 4 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class ConstantFunctions:
-    """The functions of an operator's unknowns that are constant, by which solutions are split.
+    """The functions of an operator's unknowns that are constant, and the solution of systems with these separated.
 
     Attributes
     ----------
     functions : (n, c) float64
-        K, functions that are constant or zero; each connected component has factors of its own for them.
+        K, functions that are constant or zero; each connected component of A has coefficients of its own for them.
     images : (n, c)
         A K.
     sizes : (pieces, c) float64
         ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
-    pieces : Groups
+    pieces : RowGroups
         The connected components of A.
     """
 
@@ -108,7 +112,7 @@ class ConstantFunctions:
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
-        """Return the constant functions of an operator."""
+        """Return the constant ``functions`` (n, c) of an operator with their images."""
         pieces = RowGroups.of(*operator.pieces())
         sizes = pieces.sums(np.abs(operator.diagonal) * functions**2)
         return cls(functions, operator.apply(functions), sizes, pieces)
@@ -123,8 +127,8 @@ class ConstantFunctions:
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
-        Where rounding of b is more than ``tolerance`` of that, the residual is relative to the size of which it is
-        ``tolerance``.
+        Where rounding errors of b exceed ``tolerance`` times the norm of ``b - A K c``, the report's residual is scaled
+        so that ``tolerance`` corresponds to the rounding errors.
 
         Parameters
         ----------
@@ -170,9 +174,9 @@ class ConstantFunctions:
         return np.einsum("nk,nkc->nc", self.functions, self.pieces.at(shares))
 
     def _separate(self, b: Any) -> tuple[Any, Any]:
-        """Return c (pieces, c, channels), and ``b - A K c``.
+        """Return c (pieces, c, channels), and ``b - A K c`` (n, channels).
 
-        From the normal equations of each component, in two steps, of which the second corrects rounding.
+        c solves the normal equations of each component; a second step corrects the rounding of the first.
         """
         conjugate = self.images.conj()
         inverse = np.linalg.pinv(self.pieces.products(conjugate, self.images), hermitian=True)
@@ -183,10 +187,10 @@ class ConstantFunctions:
         return shares, rest
 
     def cancellation_warnings(self, b: Floats, u: Floats) -> tuple[str, ...]:
-        """Return a warning where the mean of u (n, channels) is a quotient of two sums that cancel.
+        """Return a warning if the mean of the solution u (n, channels) is a quotient of two sums that cancel.
 
-        The numerator is the sum of b; the denominator ``K' A K`` counts where it has lost its digits, or where the mean
-        that results is larger than the range of u.
+        The numerator is the sum of b; the denominator ``K' A K`` is taken as cancelled where its digits are lost, or
+        where the resulting mean is larger than the range of u.
         """
         each = self.pieces
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
@@ -210,8 +214,10 @@ def _exponent(size: Any) -> Any:
 
 
 def _powers(exponent: Any) -> Floats:
+    """Return 2 to the power ``exponent``, entry by entry."""
     return np.asarray(np.ldexp(1.0, exponent))
 
 
 def _norms(columns: Any) -> Floats:
+    """Return the Euclidean norm of each of the ``columns``."""
     return np.asarray(np.linalg.norm(columns, axis=0))

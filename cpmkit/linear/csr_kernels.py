@@ -1,7 +1,8 @@
-"""Compiled: products and sweeps with sparse matrices, whole or symmetric by the upper halves of their rows.
+"""Compiled: products and sweeps with sparse matrices, full or given by the upper halves of their rows if symmetric.
 
-Pointers and columns are unsigned, so that no index is tested for its sign. Vectors are contiguous, (n, channels), and
-(channels, n) for symmetric matrices, whose rows begin with the entry on the diagonal.
+Matrices are CSR arrays: ``pointers`` (n + 1,), ``columns`` and ``entries``; pointers and columns are unsigned, so that
+no index is tested for its sign. Vectors are contiguous, (n, channels), and (channels, n) for symmetric matrices, whose
+rows begin with the entry on the diagonal.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from cpmkit.types import Bools, Floats
 
 @inlined
 def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
-    """Return row i of ``A x``, channel m, by four sums: additions to a single sum would wait for each other."""
+    """Return entry (i, m) of ``A x``, as the sum of four sums: additions to a single sum would wait for each other."""
     first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
     k, stop = pointers[i], pointers[i + 1]
     last = stop - (stop - k) % np.uint64(4)
@@ -37,7 +38,7 @@ def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -
 def subtract(
     start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
 ) -> None:
-    """Set the rows from ``start`` to ``stop`` of ``out`` to those of ``b - A x``."""
+    """Fill the rows from ``start`` to ``stop`` of ``out`` (n, channels) with those of ``b - A x``."""
     for i in range(start, stop):
         for m in range(x.shape[1]):
             out[i, m] = b[i, m] - _row(pointers, columns, entries, i, x, m)
@@ -58,7 +59,11 @@ def step(
     move: Floats,
     out: Floats,
 ) -> None:
-    """Set ``move = momentum move + factor D^-1 (b - A x)``, ``out = x + move``, with ``inverse`` D^-1, (n,)."""
+    """Update ``move`` and ``out`` (n, channels) in the rows from ``start`` to ``stop`` by one step of an iteration.
+
+    ``move`` becomes ``momentum move + factor D^-1 (b - A x)`` and ``out`` becomes ``x + move``; ``inverse`` (n,) is the
+    diagonal of D^-1.
+    """
     for i in range(start, stop):
         for m in range(x.shape[1]):
             rest = b[i, m] - _row(pointers, columns, entries, i, x, m)
@@ -68,7 +73,7 @@ def step(
 
 @compiled
 def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Floats) -> None:
-    """Add ``P' fine`` to ``coarse``."""
+    """Add ``P' fine`` to ``coarse`` (m, channels), P given by its CSR arrays and ``fine`` (n, channels)."""
     for i in range(len(fine)):
         for k in range(pointers[i], pointers[i + 1]):
             for m in range(fine.shape[1]):
@@ -77,7 +82,7 @@ def restrict(pointers: Any, columns: Any, entries: Any, fine: Floats, coarse: Fl
 
 @compiled
 def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, coarse: Floats, fine: Floats) -> None:
-    """Add the rows from ``start`` to ``stop`` of ``P coarse`` to ``fine``."""
+    """Add the rows from ``start`` to ``stop`` of ``P coarse`` to those of ``fine`` (n, channels)."""
     for i in range(start, stop):
         for m in range(fine.shape[1]):
             fine[i, m] += _row(pointers, columns, entries, i, coarse, m)
@@ -97,13 +102,13 @@ def multiply(
     upper: bool,
     first: float,
 ) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns (in no order) and entries of ``A B``, which has ``width`` columns.
+    """Return pointers, columns (unsorted) and entries of ``A B``, which has ``width`` columns.
 
-    Rows that are not ``needed`` (n,) are empty. With ``upper`` rows have only the entry on the diagonal and those right
-    of it. The first entry of each row of A is multiplied by ``first``. ``room`` is about the number of entries of the
-    product: room that is not used takes no memory, further room some time.
+    Rows that are not ``needed`` (n,) are empty. With ``upper``, rows have only the entry on the diagonal and those
+    right of it. The first entry of each row of A is multiplied by ``first``. ``room`` is the expected number of entries
+    of the product: unused room takes no memory, and an extension takes some time.
     """
-    met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # the last row with each column, its entry there
+    met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # of each column the last row, the entry
     starts = np.zeros(len(pointers), dtype=np.uint64)
     out_columns, sums = np.empty(room, dtype=np.uint32), np.empty(room)
     used = np.uint64(0)
@@ -143,9 +148,9 @@ def multiply(
 
 @compiled
 def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns and entries of the upper half of a matrix with rows in any order.
+    """Return pointers, columns and entries of the upper half of a matrix whose rows are unsorted.
 
-    The entries have the type of the empty array ``entries``.
+    Each row begins with the diagonal. The entries have the type of the empty array ``entries``.
     """
     n = len(indptr) - 1
     pointers = np.empty(n + 1, dtype=np.uint64)
@@ -171,7 +176,7 @@ def upper_half(indptr: Any, indices: Any, data: Floats, entries: Any) -> tuple[A
 
 @compiled
 def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: Floats) -> None:
-    """Subtract ``A x`` from ``out``, both (channels, n); each entry is used for its row and its column."""
+    """Subtract ``A x`` from ``out``, both (channels, n), for a symmetric A given by its upper half."""
     unit = np.uint64(1)
     for channel in range(len(x)):
         values, rest = x[channel], out[channel]
@@ -198,7 +203,11 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
 
 @compiled
 def move_by(rest: Floats, inverse: Floats, momentum: float, factor: float, x: Floats, move: Floats) -> None:
-    """Set ``move = momentum move + factor D^-1 rest`` and ``rest = x + move``, with ``inverse`` D^-1, (n,)."""
+    """Update ``move`` and ``rest`` (n, channels) by one step of an iteration, given the residual in ``rest``.
+
+    ``move`` becomes ``momentum move + factor D^-1 rest`` and ``rest`` becomes ``x + move``; ``inverse`` (n,) is the
+    diagonal of D^-1.
+    """
     for i in range(len(inverse)):
         scale = factor * inverse[i]
         for m in range(rest.shape[1]):
@@ -208,9 +217,10 @@ def move_by(rest: Floats, inverse: Floats, momentum: float, factor: float, x: Fl
 
 @compiled
 def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: Floats, x: Floats) -> None:
-    """Gauss-Seidel sweep from the last equation to the first, where ``inverse`` (n,), of the diagonal, is not zero.
+    """Update x and its residual ``rest`` = b - A x, both (channels, n), by a backward Gauss-Seidel sweep.
 
-    x and its residual ``rest`` = b - A x, both (channels, n), are updated.
+    Equations are solved from the last to the first, where ``inverse`` (n,), of the diagonal, is not zero. A is
+    symmetric and given by its upper half.
     """
     unit = np.uint64(1)
     for channel in range(len(x)):
@@ -231,7 +241,11 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
 
 @compiled
 def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Floats, x: Floats) -> None:
-    """Gauss-Seidel sweep from the first equation of ``A x = b`` on, where ``inverse`` is not zero; b is overwritten."""
+    """Update x (channels, n) by a forward Gauss-Seidel sweep for ``A x = b``; ``b`` (channels, n) is overwritten.
+
+    Equations are solved from the first to the last, where ``inverse`` (n,), of the diagonal, is not zero. A is
+    symmetric and given by its upper half.
+    """
     unit = np.uint64(1)
     for channel in range(len(x)):
         values, left = x[channel], b[channel]
@@ -245,7 +259,10 @@ def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Fl
 
 @inlined
 def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the product of the entries from k to ``stop`` with x, by four sums, which do not wait for each other."""
+    """Return the scalar product of x with the entries from k to ``stop``.
+
+    Four sums are formed, which do not wait for each other.
+    """
     a, b, c, d = 0.0, 0.0, 0.0, 0.0
     while (stop - k) % np.uint64(4):
         a += np.float64(entries[k]) * x[columns[k]]
@@ -262,7 +279,7 @@ def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float
 
 @compiled
 def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns and entries of the upper half of ``T + T'``, T square."""
+    """Return pointers, columns and entries of the upper half of ``T + T'``, for a square T given by its CSR arrays."""
     n, unit = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
     for i in range(n):
@@ -308,7 +325,7 @@ def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, An
 
 @compiled
 def full_matrix(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns (ascending) and entries of the full matrix from its upper half."""
+    """Return pointers, columns (ascending) and entries of a full symmetric matrix, given its upper half."""
     n, unit = len(pointers) - 1, np.uint64(1)
     starts = np.zeros(n + 1, dtype=np.uint64)
     for i in range(n):

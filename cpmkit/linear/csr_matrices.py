@@ -1,4 +1,4 @@
-"""Sparse matrices for compiled kernels, whole with products on all threads, or symmetric by their upper half."""
+"""Sparse matrices for compiled kernels: full, with products on all threads, or symmetric, stored as upper halves."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ class UnsignedCsr:
 
     @classmethod
     def of(cls, matrix: csr_array) -> UnsignedCsr:
-        """Return a matrix of SciPy in this form."""
+        """Return the SciPy ``matrix`` in this form."""
         indices = matrix.indices
         columns = indices.view(np.uint32) if indices.dtype == np.int32 else indices.astype(np.uint32)
         return cls(matrix.indptr.astype(np.uint64), columns, matrix.data, int(matrix.shape[1]))
 
     def in_float32(self, most: int | None = None) -> UnsignedCsr:
-        """Return the matrix with entries in float32, whose products are faster; itself if it has more than ``most``."""
+        """Return the matrix with entries in float32, for faster products; itself if it has more than ``most``."""
         if most is not None and len(self.entries) > most:
             return self
         return replace(self, entries=self.entries.astype(np.float32, copy=False))
 
     def to_csr(self) -> csr_array:
-        """Return the matrix in SciPy's form; the entries of a row are in no order."""
+        """Return the matrix in SciPy's form; the entries of a row are unsorted."""
         from scipy.sparse import csr_array
 
         kind = np.int32 if len(self.entries) < 2**31 else np.int64
@@ -65,7 +65,7 @@ class UnsignedCsr:
     def times(
         self, other: UnsignedCsr, needed: Bools | None = None, upper: bool = False, first: float = 1.0
     ) -> UnsignedCsr:
-        """Return ``A B``, with empty rows but for those that are ``needed`` (n,).
+        """Return ``A B``, with all rows empty that are not ``needed`` (n,).
 
         With ``upper`` only the entries on the diagonal, first in each row, and right of it are computed. The first
         entry of each row of A is multiplied by ``first``.
@@ -82,7 +82,7 @@ class UnsignedCsr:
         return len(self.pointers) - 1
 
     def residual(self, x: Floats, b: Floats) -> Floats:
-        """Return ``b - A x``."""
+        """Return ``b - A x`` (n, channels)."""
         from cpmkit.linear.csr_kernels import subtract
 
         out = np.empty_like(b)
@@ -90,12 +90,15 @@ class UnsignedCsr:
         return out
 
     def apply(self, x: Floats) -> Floats:
-        """Return ``A x``."""
+        """Return ``A x`` (n, channels)."""
         out = self.residual(x, np.zeros((len(self), x.shape[1])))
         return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
-        """Return ``x + move`` after ``move = momentum move + factor D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
+        """Return ``x + move`` after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
+
+        ``inverse`` (n,) is the diagonal of D^-1.
+        """
         from cpmkit.linear.csr_kernels import step
 
         out = np.empty_like(x)
@@ -103,13 +106,13 @@ class UnsignedCsr:
         return out
 
     def add_product(self, fine: Floats, coarse: Floats) -> None:
-        """Add ``A coarse`` to ``fine``."""
+        """Add ``A coarse`` to ``fine`` (n, channels)."""
         from cpmkit.linear.csr_kernels import prolong
 
         self._run_on_parcels(prolong, coarse, fine)
 
     def apply_transposed(self, fine: Floats) -> Floats:
-        """Return ``A' fine``."""
+        """Return ``A' fine`` (m, channels)."""
         from cpmkit.linear.csr_kernels import restrict
 
         coarse = np.zeros((self.width, fine.shape[1]))
@@ -117,6 +120,7 @@ class UnsignedCsr:
         return coarse
 
     def _run_on_parcels(self, kernel: Callable[..., Any], *arguments: Any) -> None:
+        """Call ``kernel(start, stop, pointers, columns, entries, *arguments)`` for parcels that make up all rows."""
         rows = max(PARCEL_ENTRIES * len(self) // max(len(self.entries), 1), 1)
 
         def work(start: int, stop: int) -> None:
@@ -128,20 +132,20 @@ class UnsignedCsr:
             run_parcels(work, len(self), rows)
 
 
-#: Parts in which a large coarser matrix is computed, and least rows of a part: a tenth of A P is computed twice.
+#: Parts in which a large coarser matrix is computed, and least rows of each: a tenth of A P is computed twice.
 COARSE_PARTS, MIN_COARSE_ROWS = 16, 1 << 12
 
 
 @dataclass(frozen=True, eq=False)
 class SymmetricCsr:
-    """A symmetric matrix (n, n) by the upper halves of its rows, with the methods of :class:`UnsignedCsr`.
+    """A symmetric matrix (n, n) stored as the upper halves of its rows, with the methods of :class:`UnsignedCsr`.
 
-    A product reads half as many entries, but writes to rows that others write to as well: for one thread.
+    A product reads half as many entries, but each row writes to others: it runs on one thread.
 
     Attributes
     ----------
     pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
-        Of each row the entry on the diagonal, then the entries right of it.
+        CSR arrays of the upper half; each row begins with the entry on the diagonal.
     """
 
     pointers: Any
@@ -150,13 +154,13 @@ class SymmetricCsr:
 
     @classmethod
     def of(cls, matrix: csr_array, kind: Any = np.float64) -> SymmetricCsr:
-        """Return a matrix of SciPy in this form, with entries of the type ``kind``."""
+        """Return the SciPy ``matrix`` in this form, with entries of the type ``kind``."""
         from cpmkit.linear.csr_kernels import upper_half
 
         return cls(*upper_half(matrix.indptr, matrix.indices, matrix.data, np.empty(0, dtype=kind)))
 
     def in_float32(self) -> SymmetricCsr:
-        """Return the matrix with entries in float32, whose products are faster."""
+        """Return the matrix with entries in float32, for faster products."""
         return replace(self, entries=self.entries.astype(np.float32, copy=False))
 
     def __len__(self) -> int:
@@ -164,15 +168,15 @@ class SymmetricCsr:
 
     @property
     def diagonal(self) -> Floats:
-        """The diagonal (n,)."""
+        """(n,) the diagonal."""
         return np.asarray(self.entries[self.pointers[:-1]], dtype=np.float64)
 
     def residual(self, x: Floats, b: Floats) -> Floats:
-        """Return ``b - A x``."""
+        """Return ``b - A x`` (n, channels)."""
         return np.ascontiguousarray(self._transposed_residual(x, b).T)
 
     def _transposed_residual(self, x: Floats, b: Floats) -> Floats:
-        """Return ``b - A x``, (channels, n)."""
+        """Return ``b - A x`` as (channels, n), from x and b (n, channels)."""
         from cpmkit.linear.csr_kernels import subtract_product
 
         rest = np.array(b.T, order="C")
@@ -180,12 +184,15 @@ class SymmetricCsr:
         return rest
 
     def apply(self, x: Floats) -> Floats:
-        """Return ``A x``."""
+        """Return ``A x`` (n, channels)."""
         out = self.residual(x, np.zeros_like(x))
         return np.negative(out, out=out)
 
     def step(self, x: Floats, b: Floats, inverse: Floats, momentum: float, factor: float, move: Floats) -> Floats:
-        """Return ``x + move`` after ``move = momentum move + factor D^-1 (b - A x)``; ``inverse`` (n,) is D^-1."""
+        """Return ``x + move`` after ``move`` is set to ``momentum move + factor D^-1 (b - A x)``, all (n, channels).
+
+        ``inverse`` (n,) is the diagonal of D^-1.
+        """
         from cpmkit.linear.csr_kernels import move_by
 
         out = self.residual(x, b)
@@ -193,9 +200,9 @@ class SymmetricCsr:
         return out
 
     def sweep_backward(self, x: Floats | None, b: Floats, inverse: Floats, sweeps: int) -> tuple[Floats, Floats]:
-        """Return x, zero if None, and ``b - A x``, after Gauss-Seidel ``sweeps`` from the last equation to the first.
+        """Return x and ``b - A x``, both (n, channels), after backward Gauss-Seidel ``sweeps`` from x, zero if None.
 
-        Equations are solved where ``inverse`` (n,), of the diagonal, is not zero.
+        Equations are solved from the last to the first, where ``inverse`` (n,), of the diagonal, is not zero.
         """
         from cpmkit.linear.csr_kernels import sweep_up
 
@@ -206,7 +213,7 @@ class SymmetricCsr:
         return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
 
     def sweep_forward(self, x: Floats, b: Floats, inverse: Floats, sweeps: int) -> Floats:
-        """Return x after ``sweeps`` from the first equation to the last: the adjoint of ``sweep_backward``."""
+        """Return x (n, channels) after forward Gauss-Seidel ``sweeps``: the adjoint of :meth:`sweep_backward`."""
         from cpmkit.linear.csr_kernels import sweep_down
 
         u = np.array(x.T, order="C")
@@ -215,7 +222,7 @@ class SymmetricCsr:
         return np.ascontiguousarray(u.T)
 
     def galerkin_product(self, prolongation: csr_array) -> SymmetricCsr:
-        """Return P' A P = T + T' with T = P' U P, where A = U + U' and U has half of the diagonal."""
+        """Return P' A P, computed as T + T' with T = P' U P, where A = U + U' and U has half of the diagonal."""
         from cpmkit.linear.csr_kernels import symmetric_sum
 
         upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self))
@@ -223,18 +230,18 @@ class SymmetricCsr:
         return SymmetricCsr(*symmetric_sum(T.pointers, T.columns, T.entries))
 
     def full(self) -> UnsignedCsr:
-        """Return the matrix with the entries of both halves."""
+        """Return the full matrix, with the entries of both halves."""
         from cpmkit.linear.csr_kernels import full_matrix
 
         return UnsignedCsr(*full_matrix(self.pointers, self.columns, self.entries), len(self))
 
     def for_threads(self) -> SymmetricCsr | UnsignedCsr:
-        """Return the full matrix where its products use all threads, else the matrix itself."""
+        """Return the full matrix if its products would use all threads, else the matrix itself."""
         shared = 2 * len(self.entries) - len(self) >= MIN_SHARED_ENTRIES and thread_count() > 1
         return self.full() if shared else self
 
     def rows_of(self, unknowns: Ints) -> csr_array:
-        """Return the rows (k, n) of some unknowns."""
+        """Return the full rows (k, n) of ``unknowns`` (k,)."""
         from scipy.sparse import csr_array
 
         upper = UnsignedCsr(self.pointers, self.columns, self.entries, len(self)).to_csr()
@@ -244,14 +251,14 @@ class SymmetricCsr:
 
 
 def as_symmetric_csr(matrix: csr_array) -> SymmetricCsr | None:
-    """Return a symmetric matrix by its upper half; None if its products are to use all threads."""
+    """Return a symmetric matrix stored as its upper half; None if its products are to use all threads."""
     return SymmetricCsr.of(matrix) if matrix.nnz < MIN_SHARED_ENTRIES else None
 
 
 def in_float32(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
-    """Return a large symmetric matrix in float32, by its upper half if there is one thread.
+    """Return a large symmetric matrix in float32, stored as its upper half if there is one thread.
 
-    With more than ``most`` entries it is full, and in float64.
+    With more than ``most`` entries it is stored in full, and in float64.
     """
     if matrix.nnz > most or thread_count() > 1:
         return UnsignedCsr.of(matrix).in_float32(most)
@@ -259,9 +266,9 @@ def in_float32(matrix: csr_array, most: int) -> SymmetricCsr | UnsignedCsr:
 
 
 def coarse_operator(matrix: csr_array, prolongation: csr_array) -> SymmetricCsr:
-    """Return P' A P of a large symmetric matrix, by its upper half.
+    """Return P' A P of a large symmetric matrix, stored as its upper half.
 
-    It is computed in parts, each from the rows of A P that it needs. Consecutive unknowns of a lattice lie in a slab,
+    It is computed in parts, each from the rows of A P that it needs. Consecutive unknowns of a lattice are in a slab,
     so that few rows of A P are computed twice.
     """
     fine, P, back = UnsignedCsr.of(matrix), UnsignedCsr.of(prolongation), UnsignedCsr.of(prolongation.T.tocsr())

@@ -1,7 +1,7 @@
-"""Compiled: the Cholesky factor of a dense matrix, and solves with it, by one thread.
+"""Compiled: Cholesky factors of dense matrices, and solves with them, on one thread.
 
-Up to some hundred unknowns this is as fast as LAPACK with one thread. LAPACK with several threads waits for them, and
-takes fifty times as long where other programs run.
+Up to some hundred unknowns they are as fast as LAPACK with one thread. LAPACK with several threads waits for them, and
+takes fifty times as long while other programs run.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ from cpmkit.types import Floats
 
 @compiled_reordered
 def factorize_cholesky(a: Floats) -> bool:
-    """Write L over the lower triangle of ``a`` (n, n) with A = L L'; False where a pivot is not above zero.
+    """Overwrite the lower triangle of ``a`` (n, n) with L of A = L L'; return False if a pivot is not above zero.
 
-    The upper triangle is not read. Four entries of a row are computed together, so that the row is read once for all.
+    The upper triangle is not read. Four entries of a row are computed together, so that the row is read once for all
+    four.
     """
     for i in range(len(a)):
         j = 0
@@ -52,7 +53,7 @@ def factorize_cholesky(a: Floats) -> bool:
 
 @compiled_reordered
 def solve_cholesky(lower: Floats, u: Floats) -> None:
-    """Write ``(L L')^-1 u`` over u (channels, n)."""
+    """Overwrite u (channels, n) with ``(L L')^-1 u``, L in the lower triangle of ``lower`` (n, n)."""
     n = len(lower)
     for channel in range(len(u)):
         for i in range(n):

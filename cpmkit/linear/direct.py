@@ -1,4 +1,4 @@
-"""Direct solvers: sparse and dense factors of a matrix, factors of an operator with a border, the solver ``direct``."""
+"""Direct solvers: sparse and dense factors of matrices, factors of operators with a border, the solver ``direct``."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from cpmkit.types import Floats, Progress, no_progress
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Up to so many unknowns a dense matrix is factorised: for surfaces in 0.8 ms where SuperLU takes 3.7 with 342
+#: Up to this many unknowns a dense matrix is factorised: for surfaces in 0.8 ms where SuperLU takes 3.7 with 342
 #: unknowns, 4 and 17 with 630, 11 and 19 with 990. A larger factor would not fit the cache in each solve.
 DENSE_UNKNOWNS = 640
 #: Least share of entries that are not zero for a dense factor; sparser matrices, as of curves, have sparse factors.
@@ -31,17 +31,17 @@ REFINED_SHARE = 1e-4
 
 
 class IndefiniteError(ArithmeticError):
-    """A symmetric matrix, or its preconditioner, has an eigenvalue that is not positive; the message says where."""
+    """A symmetric matrix or preconditioner has an eigenvalue that is not positive; the message names the place."""
 
 
 @dataclass(frozen=True, eq=False)
 class Cholesky:
-    """The factor L (n, n) of A = L L'; the upper triangle of ``lower`` is not read."""
+    """The Cholesky factor L (n, n) of A = L L'; the upper triangle of ``lower`` is not used."""
 
     lower: Floats
 
     def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels), or (n,), with ``A u = b``."""
+        """Return u with ``A u = b``, for real or complex b (n,) or (n, channels)."""
         from cpmkit.linear.dense_kernels import solve_cholesky
 
         if np.iscomplexobj(b):
@@ -52,9 +52,10 @@ class Cholesky:
 
 
 def cholesky(matrix: csr_array) -> Cholesky | None:
-    """Return the dense Cholesky factor of a symmetric matrix.
+    """Return the dense Cholesky factor of a small symmetric matrix; None if sparse factors are needed.
 
-    None where the matrix is large, sparse, complex (complex shifts are symmetric, not Hermitian), or not positive.
+    They are needed if the matrix is large, sparse, complex (complex shifts are symmetric, not Hermitian), or not
+    positive definite.
     """
     n = matrix.shape[0]
     if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n or np.iscomplexobj(matrix.data):
@@ -68,8 +69,9 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
 def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: float = PIVOT_SHARE) -> Any:
     """Return SuperLU's factors of a matrix.
 
-    Where the pattern is symmetric and the diagonal has usable pivots, as for a positive symmetric part, the elimination
-    order is that of a symmetric matrix, and the factors have half as many entries.
+    With ``symmetric_pattern``, for a diagonal with usable pivots as that of a positive symmetric part, the elimination
+    order is that of a symmetric matrix, and the factors have half as many entries. A diagonal entry is the pivot if it
+    is at least ``pivot_share`` of the largest entry of its column.
 
     Raises
     ------
@@ -86,13 +88,13 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
 
 @dataclass(frozen=True, eq=False)
 class SymmetricFactors:
-    """Factors ``lu``, SuperLU's or Cholesky's, of a symmetric matrix with eigenvalues of either sign."""
+    """Factors ``lu``, by SuperLU or Cholesky, of a symmetric matrix with eigenvalues of either sign."""
 
     lu: Any
 
     @classmethod
     def of(cls, matrix: csr_array, where: str) -> Self:
-        """Factorise a symmetric matrix.
+        """Return the factors of a symmetric matrix.
 
         Raises
         ------
@@ -111,7 +113,7 @@ class PositiveFactors(SymmetricFactors):
 
     @classmethod
     def of(cls, matrix: csr_array, where: str) -> Self:
-        """Factorise a symmetric matrix and check that it is positive definite.
+        """Return the factors of a symmetric matrix after checking that it is positive definite.
 
         Raises
         ------
@@ -129,6 +131,7 @@ class PositiveFactors(SymmetricFactors):
 
 
 def _symmetric_lu(matrix: csr_array, where: str, pivot_share: float) -> Any:
+    """Return SuperLU's factors of a symmetric matrix; raise an IndefiniteError if it is singular."""
     try:
         return factorize_matrix(matrix, True, pivot_share)
     except RuntimeError as error:  # a pivot is exactly zero
@@ -137,7 +140,7 @@ def _symmetric_lu(matrix: csr_array, where: str, pivot_share: float) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class LowRankUpdate:
-    """Inverse of ``P + U V`` for a factorised matrix P: ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``.
+    """The inverse of ``P + U V`` for a factorised matrix P, ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1`` (Woodbury).
 
     Attributes
     ----------
@@ -154,27 +157,27 @@ class LowRankUpdate:
     inverse: Floats
 
     def apply(self, u: Floats) -> Floats:
-        """Return ``(P + U V)^-1 b`` from ``u = P^-1 b`` (n, channels)."""
+        """Return ``(P + U V)^-1 b`` from ``u = P^-1 b``, both (n, channels)."""
         return np.asarray(u - self.solved_columns @ (self.inverse @ (self.rows @ u)))
 
 
 @dataclass(frozen=True, eq=False)
 class OperatorFactors:
-    """Factors of an operator, with its border.
+    """The factors of an operator A, or of ``A + s F W`` if it has a border.
 
     Attributes
     ----------
     lu : SuperLU or Cholesky
         Factors of A; with a border, of :func:`pinned_matrix`.
     update : LowRankUpdate or None
-        Turns the latter into ``A + s F W``: the dense rows of a border would fill sparse factors.
+        With a border, the update from the pinned matrix to ``A + s F W``, whose dense rows would fill sparse factors.
     """
 
     lu: Any
     update: LowRankUpdate | None
 
     def solve(self, b: Floats) -> Floats:
-        """Return u with ``A u = b``, or ``(A + s F W) u = b``, for b of shape (n, channels)."""
+        """Return u (n, channels) with ``A u = b``, or ``(A + s F W) u = b`` if the operator has a border."""
         u: Floats = self.lu.solve(b)
         return u if self.update is None else self.update.apply(u)
 
@@ -194,24 +197,27 @@ def factorize_operator(operator: Operator) -> OperatorFactors:
 
 
 def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
-    """Return the factors of an operator's matrix that are faster: dense if small, symmetric and positive."""
+    """Return dense factors of an operator's ``matrix`` if it is small, symmetric and positive, else sparse factors."""
     dense = cholesky(matrix) if operator.symmetric else None
     return factorize_matrix(matrix, has_symmetric_pattern(operator)) if dense is None else dense
 
 
 def pinned_matrix(operator: Bordered) -> csr_array:
-    """Return A with one unknown of each piece pinned on which constants are free: regular, as ``A + s F W`` is."""
+    """Return A with s added to the diagonal of one unknown of each piece on which constants are free.
+
+    It is regular, as ``A + s F W`` is, and sparse.
+    """
     pinned = _pinned_unknowns(operator.border)
     return (operator.to_csr() + operator.shift * (pinned @ pinned.T)).tocsr()
 
 
 def _pinned_unknowns(border: Border) -> csr_array:
-    """Return the unit vectors (n, k) of one unknown of each piece, the one with the largest weight in its mean."""
+    """Return the unit vectors (n, k) of one unknown of each piece: that with the largest weight in the piece's mean."""
     return scatter_matrix(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
 
 
 def _unpinning_update(lu: Any, operator: Bordered) -> LowRankUpdate:
-    """Return the update by ``s F W - s H H'`` from the pinned matrix, with pinned unknowns H, to ``A + s F W``."""
+    """Return the update from the pinned matrix ``A + s H H'``, with factors ``lu``, to ``A + s F W``."""
     from scipy.sparse import hstack, vstack
 
     border, pinned = operator.border, _pinned_unknowns(operator.border)
@@ -229,7 +235,7 @@ class DirectSolver:
     takes_levels: ClassVar[bool] = False
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedDirect:
-        """Factorise an operator.
+        """Return the operator with its factors.
 
         Raises
         ------
@@ -247,7 +253,7 @@ class DirectSolver:
 
 @dataclass(frozen=True, eq=False)
 class PreparedDirect:
-    """An operator with its factors."""
+    """An operator with its factors, ready to solve."""
 
     operator: Operator
     factors: OperatorFactors
@@ -255,7 +261,7 @@ class PreparedDirect:
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Return u (n, channels) with ``A u = b``, and a report; one step of refinement where the residual is large.
+        """Return u (n, channels) with ``A u = b``, and a report; a large residual is reduced by one step of refinement.
 
         Raises
         ------

@@ -1,9 +1,9 @@
-"""The solver ``jacobi``: conjugate gradients preconditioned by the diagonal and an exact solve beside conditions.
+"""The solver ``jacobi``: conjugate gradients preconditioned by the diagonal and an exact solve near conditions.
 
-It is for matrices in which the mass dominates, such as M + factor A of short steps in time: their iterations are those
-of M, 90 to 100 for splines, each in an eighth of the time of a multigrid cycle. Penalties and couplings of conditions
-make eigenvalues large whose eigenvectors are zero but beside the conditions; without the exact solve there, a circle
-with Dirichlet values takes 440 to 620 iterations.
+It is for matrices in which the mass dominates, such as M + factor A of short steps in time: they need as many
+iterations as M, 90 to 100 for splines, each in an eighth of the time of a multigrid cycle. Penalties and couplings of
+conditions cause large eigenvalues whose eigenvectors are zero except near the conditions; without the exact solve
+there, a circle with Dirichlet values takes 440 to 620 iterations.
 """
 
 from __future__ import annotations
@@ -38,16 +38,16 @@ MAX_BEFORE_MULTIGRID = 200
 
 @dataclass(frozen=True, eq=False)
 class JacobiPreconditioner:
-    """Division by the diagonal, and an exact solve on the unknowns beside conditions.
+    """Division by the diagonal, with an exact solve for the unknowns near conditions.
 
     Attributes
     ----------
     inverse : (n, 1) float64
         Inverse of the diagonal.
     strip : (k,) int64
-        The unknowns beside conditions, which are solved together.
+        The unknowns near conditions, which are solved for together.
     factors : PositiveFactors, optional
-        Of the rows and columns of the strip; None where it is empty.
+        Factors of the rows and columns of the strip; None if the strip is empty.
     """
 
     inverse: Floats
@@ -56,11 +56,11 @@ class JacobiPreconditioner:
 
     @classmethod
     def of(cls, matrix: csr_array, strip: Ints) -> JacobiPreconditioner:
-        """Return the preconditioner of a matrix with these unknowns beside conditions.
+        """Return the preconditioner of a matrix, with an exact solve for the unknowns ``strip`` (k,).
 
         Raises
         ------
-        Indefinite
+        IndefiniteError
             If an entry of the diagonal, or a pivot on the strip, is not above zero.
         """
         diagonal = matrix.diagonal()[:, None]
@@ -71,11 +71,11 @@ class JacobiPreconditioner:
 
     @property
     def products(self) -> int:
-        """Number of products with the matrix: none."""
+        """The number of products with the matrix in one application: zero."""
         return 0
 
     def apply(self, b: Floats) -> Floats:
-        """Return the preconditioned vectors (n, channels)."""
+        """Return the preconditioned b (n, channels)."""
         x = b * self.inverse
         if self.factors is not None:
             x[self.strip] = self.factors.solve(b[self.strip])
@@ -84,19 +84,19 @@ class JacobiPreconditioner:
 
 @dataclass(frozen=True)
 class JacobiSolver:
-    """Conjugate gradients, preconditioned by the diagonal, with ``max_iterations`` at most."""
+    """The solver: conjugate gradients preconditioned by the diagonal, with at most ``max_iterations`` iterations."""
 
     max_iterations: int = 5000
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
-        """Return the iteration; the first of ``levels`` names the unknowns beside conditions.
+        """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions.
 
         Raises
         ------
         SceneError
             If the operator is not symmetric.
         ConvergenceError
-            If it turns out to have an eigenvalue of the wrong sign.
+            If the diagonal or the strip shows an eigenvalue of the wrong sign.
         """
         inner, bordered = split_border(operator, "jacobi")
         matrix = inner.to_csr()
@@ -110,12 +110,12 @@ class JacobiSolver:
 
 @dataclass(frozen=True)
 class JacobiOrMultigrid:
-    """The diagonal as preconditioner where the mass dominates the matrix, else a ``multigrid`` cycle."""
+    """The solver that preconditions by the diagonal if the mass dominates the matrix, else by ``multigrid``."""
 
     multigrid: MultigridSolver
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the iteration that is faster for an operator, by the row sums of its matrix."""
+        """Return the faster iteration for an operator, chosen by the row sums of its matrix."""
         if operator.symmetric and mass_dominates(operator.to_csr()):
             return JacobiThenMultigrid(
                 JacobiSolver(MAX_BEFORE_MULTIGRID).prepare(operator, levels), self.multigrid, operator, levels
@@ -124,9 +124,9 @@ class JacobiOrMultigrid:
 
 
 def mass_dominates(matrix: csr_array) -> bool:
-    """Return True if conjugate gradients with the diagonal are faster than with a multigrid cycle.
+    """Return whether conjugate gradients are faster with the diagonal than with a multigrid cycle.
 
-    As A 1 = 0, the row sums of M + factor A are those of M alone, and diagonal entries are those of both: their ratio
+    As A 1 = 0, the row sums of M + factor A are those of M alone, while the diagonal is the sum of both: their ratio
     determines the condition number for any unit of length, step and diffusivity.
     """
     sums = matrix @ np.ones(matrix.shape[1])
@@ -135,9 +135,9 @@ def mass_dominates(matrix: csr_array) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class JacobiThenMultigrid:
-    """Iterations with the diagonal, and multigrid for each right-hand side for which these do not converge.
+    """Conjugate gradients with the diagonal, and with multigrid for each right-hand side where they do not converge.
 
-    Each right-hand side starts with the diagonal again, so that a run in time repeats itself from a checkpoint.
+    Each right-hand side starts with the diagonal again, so that a run in time is reproduced from a checkpoint.
     """
 
     diagonal: PreconditionedCG
@@ -148,7 +148,7 @@ class JacobiThenMultigrid:
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Return u (n, channels) with ``A u = b``, and a report that counts the work of both.
+        """Return u (n, channels) with ``A u = b``, and a report that counts the work of both iterations.
 
         Raises
         ------

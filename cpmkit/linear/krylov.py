@@ -1,4 +1,4 @@
-"""Krylov iterations on several channels in lockstep, and the loop that restarts them from the true residual."""
+"""Krylov iterations on several channels at the same time, and their restarts from the true residual."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.linear.direct import IndefiniteError
 from cpmkit.types import Floats, Progress
 
-#: Returns a correction (n, k), the iterations and the products with A that it took, from a residual (n, k), the norms
+#: Function that returns a correction (n, k), its iterations and its products with A, from a residual (n, k), the norms
 #: (k,) to which the residual is to fall, and the most iterations.
 Correction = Callable[[Any, Floats, int], tuple[Any, int, int]]
 #: End of the message of a solve that did not converge.
@@ -32,33 +32,34 @@ def solve_by_corrections(
     first_slack: float = 1.0,
     stops_when_stalled: bool = False,
 ) -> tuple[Any, int, int]:
-    """Return u (n, channels) with ``A u = b``, the iterations, and the products with A of all channels.
+    """Return u (n, channels) with ``A u = b``, the iterations, and the number of products with A over all channels.
 
     Each round computes the true residual and corrects the channels in which it is above the tolerance.
 
     Parameters
     ----------
     residual_of : callable
-        Returns ``b - A u``.
+        Returns ``b - A u`` (n, channels) for u.
     b : (n, channels)
+        Right-hand sides.
     guess : (n, channels) or None
         The first u, zero if None.
     tolerance : float
-        Relative residual of each channel.
+        Relative residual that each channel has to reach.
     correct : Correction
         The Krylov iteration.
     max_iterations : int
-        Of all rounds together.
+        Most iterations of all rounds together.
     target_share : float
-        The residual of the recursion is to fall to this share of the tolerance, because it drifts from the true one.
+        Share of the tolerance that the iteration aims for, as its recursive residual drifts from the true residual.
     rounds : int, optional
         Most rounds.
     round_iterations : int, optional
         Most iterations of a round.
     first_slack : float
-        In the first round the residual has to be so many times smaller than the tolerance to be accepted.
+        In the first round a residual is accepted only if it is this many times smaller than the tolerance.
     stops_when_stalled : bool
-        Whether to stop after a round that ended early and halved the residual of no channel.
+        Whether to stop after a round that ended early without halving the residual of any channel.
     """
     size = np.linalg.norm(b, axis=0)
     u = np.zeros_like(b) if guess is None else guess.copy()
@@ -92,10 +93,12 @@ def conjugate_gradients(
     progress: Progress,
     slack: float = 1.0,
 ) -> tuple[Floats, int]:
-    """Return an approximation x (n, channels) of ``A x = residual`` by conjugate gradients, and the iterations.
+    """Return an approximate solution x (n, channels) of ``A x = residual``, and the iterations of conjugate gradients.
 
-    A channel is finished where ``|r|`` is below its ``target`` (channels,), and where ``(r, M r)^(1/2)``, in which
-    large entries of A do not hide the error, has fallen by ``slack`` times that factor; or after ``most`` iterations.
+    A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
+    which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
+    when all channels are finished, or after ``most`` iterations. ``apply`` returns products with A, ``precondition``
+    with M.
 
     Raises
     ------
@@ -131,6 +134,7 @@ def conjugate_gradients(
 
 
 def _dots(a: Floats, b: Floats) -> Floats:
+    """Return the scalar product (channels,) of each column of a and b (n, channels)."""
     return np.asarray(np.einsum("nc,nc->c", a, b))
 
 
@@ -142,10 +146,10 @@ def gmres(
     most: int,
     progress: Progress,
 ) -> tuple[Any, int]:
-    """Return an approximation x (n, channels) of ``A x = residual`` by GMRES, and the iterations; real or complex.
+    """Return an approximate solution x (n, channels) of ``A x = residual`` by GMRES, and the iterations.
 
-    It stops where the residual of every channel is below its ``target`` (channels,), or after ``most`` iterations. One
-    vector (n, channels) is stored for each iteration. A and the preconditioner may be indefinite.
+    It stops when the residual of every channel is below its ``target`` (channels,), or after ``most`` iterations. One
+    vector (n, channels) is stored for each iteration. A and the preconditioner may be indefinite, real or complex.
 
     Notes
     -----
@@ -178,15 +182,16 @@ def gmres(
 
 
 def _least_residuals(hessenberg: Any) -> Floats:
-    """Return the minimum over y of ``|e - H y|``, e the first unit vector, for each of the H (channels, k + 1, k)."""
+    """Return min over y of ``|e - H y|`` (channels,) for each H (channels, k + 1, k), e the first unit vector."""
     rotation = np.linalg.qr(hessenberg, mode="complete").Q
     return np.asarray(np.abs(rotation[:, 0, -1]))
 
 
 def _norms(vectors: Any) -> Floats:
+    """Return the Euclidean norm (channels,) of each column of real or complex ``vectors`` (n, channels)."""
     return np.asarray(np.sqrt(np.einsum("nc,nc->c", vectors.conj(), vectors).real))
 
 
 def _over(vectors: Any, norms: Floats) -> Any:
-    """Return the vectors divided by their norms; zero vectors, of channels that are solved, stay zero."""
+    """Return ``vectors`` (n, channels) divided by their ``norms`` (channels,); zero vectors stay zero."""
     return vectors * np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)

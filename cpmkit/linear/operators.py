@@ -1,4 +1,4 @@
-"""Operators that forms assemble and solvers take: a sparse matrix, one with a border, one with a complex shift."""
+"""Operators that forms assemble and solvers use: sparse matrices, with a border or with a complex shift."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class CsrOperator:
-    """A sparse matrix as an operator, A or M of a form.
+    """A sparse matrix as an operator, such as the stiffness or mass matrix of a form.
 
     Attributes
     ----------
     matrix : csr_array (n, n)
         The matrix.
     symmetric : bool
-        True if the matrix is known to be symmetric.
+        Whether the matrix is known to be symmetric.
     indefinite : bool
-        True if eigenvalues of both signs are expected, as for standing waves.
+        Whether eigenvalues of both signs are expected, as for standing waves.
     symmetric_pattern : bool
-        True if the pattern of an unsymmetric matrix is symmetric, and its symmetric part positive except for constants.
+        Whether the pattern of an unsymmetric matrix is symmetric, and its symmetric part positive except for constants.
     """
 
     matrix: csr_array
@@ -40,25 +40,25 @@ class CsrOperator:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return int(self.matrix.shape[0])
 
     @property
     def nonzeros(self) -> int:
-        """Number of entries."""
+        """The number of stored entries."""
         return int(self.matrix.nnz)
 
     @cached_property
     def diagonal(self) -> Floats:
-        """The diagonal (n, 1) of the matrix."""
+        """(n, 1) the diagonal of the matrix."""
         return np.asarray(self.matrix.diagonal()[:, None])
 
     def apply(self, u: Floats) -> Floats:
-        """Return the product with u of shape (n,) or (n, channels)."""
+        """Return A u for u (n,) or (n, channels)."""
         return np.asarray(self.matrix @ u)
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` of the product."""
+        """Return the entries ``rows`` (r,) of A u."""
         return np.asarray(self.matrix[rows] @ u)
 
     def to_csr(self) -> csr_array:
@@ -66,20 +66,20 @@ class CsrOperator:
         return self.matrix
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return the number of connected components of the matrix, and the component of each unknown (n,)."""
+        """Return the number of connected components of the matrix, and the component (n,) of each unknown."""
         return connected_unknowns(self.size, [(self.matrix, 0, 0)])
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``M + factor A``, M the identity where no mass is given."""
+        """Return the operator ``M + factor A``; M is the identity if no mass is given."""
         return _sum_of(1.0, mass, factor, self)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> CsrOperator:
-        """Return ``A - shift M``, M the identity where no mass is given."""
+        """Return the operator ``A - shift M``; M is the identity if no mass is given."""
         return _sum_of(-shift, mass, 1.0, self)
 
 
 def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]]) -> tuple[int, Ints]:
-    """Return the number of connected components of ``count`` unknowns, and the component of each unknown (count,).
+    """Return the number of connected components of ``count`` unknowns, and the component (count,) of each unknown.
 
     Each of ``matrices``, (matrix, first_row, first_column), connects the unknown ``first_row + i`` with the unknown
     ``first_column + j`` where it has an entry (i, j).
@@ -93,13 +93,14 @@ def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]
 
 
 def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOperator) -> CsrOperator:
+    """Return the operator ``factor A + weight M`` with A's attributes; M is the identity if no mass is given."""
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
     pattern = operator.symmetric_pattern
     return CsrOperator(_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
 
 
 def _sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> csr_array:
-    """Return ``factor A + weight M`` as a matrix, M the identity where no mass is given."""
+    """Return the matrix ``factor A + weight M``; M is the identity if no mass is given."""
     from scipy.sparse import eye_array
 
     matrix = eye_array(operator.size, format="csr") if mass is None else mass.to_csr()
@@ -107,24 +108,24 @@ def _sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) ->
 
 
 def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
-    """Return ``matrix`` with ``added`` (n,) on its diagonal."""
+    """Return ``matrix`` (n, n) with ``added`` (n,) added to its diagonal."""
     from scipy.sparse import diags_array
 
     return (matrix + diags_array(added)).tocsr()
 
 
 def has_symmetric_pattern(operator: Operator) -> bool:
-    """Return True if an operator is symmetric, or has a symmetric pattern and a positive symmetric part."""
+    """Return whether an operator is symmetric, or has a symmetric pattern and a positive symmetric part."""
     return operator.symmetric or bool(getattr(operator, "symmetric_pattern", False))
 
 
 @dataclass(frozen=True, eq=False)
 class Border:
-    """Border of a system whose solution is determined up to a constant on some pieces of the manifold.
+    """The border of a system whose solution is determined only up to constants on k pieces of the manifold.
 
-    With the means W u of the pieces, their indicators B, and the load F of a constant f = 1 on each, the bordered
-    system is ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b that has no solution. As A B = 0 and W B = 1,
-    the solution of ``(A + s F W) u = b`` is the same up to its means ``lambda / s``.
+    With the means W u over the pieces, their indicators B, and the load F of a constant f = 1 on each, the bordered
+    system is ``A u + F lambda = b``, ``W u = 0``; lambda is the part of b for which there is no solution. As A B = 0
+    and W B = 1, the solution of ``(A + s F W) u = b`` is the same up to its means ``lambda / s``.
 
     Attributes
     ----------
@@ -142,39 +143,39 @@ class Border:
 
     @property
     def constant_load(self) -> csr_array:
-        """F, the load of a constant on each piece."""
+        """F (n, k), the load of a constant on each piece."""
         return self.indicator if self.load is None else self.load
 
     def remove_means(self, u: Floats) -> tuple[Floats, Floats]:
-        """Return u minus its mean on each piece, and the means (k, channels)."""
+        """Return u (n, channels) minus its mean on each piece, and the means (k, channels)."""
         means = self.mean @ u
         return np.asarray(u - self.indicator @ means), np.asarray(means)
 
 
 @dataclass(frozen=True, eq=False)
 class _DerivedOperator:
-    """Base of operators that are derived from one ``operator`` A."""
+    """Base class of operators that are derived from another ``operator`` A."""
 
     operator: Operator
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return self.operator.size
 
     @property
     def nonzeros(self) -> int:
-        """Number of entries of A."""
+        """The number of stored entries of A."""
         return self.operator.nonzeros
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return the number of connected components of A, and the component of each unknown (n,)."""
+        """Return the number of connected components of A, and the component (n,) of each unknown."""
         return self.operator.pieces()
 
 
 @dataclass(frozen=True, eq=False)
 class Bordered(_DerivedOperator):
-    """``A + s F W``, regular where constants on some pieces are the kernel of A.
+    """The operator ``A + s F W``, which is regular where the kernel of A consists of constants on some pieces.
 
     Attributes
     ----------
@@ -200,28 +201,28 @@ class Bordered(_DerivedOperator):
     def shift(self) -> float:
         """The eigenvalue s of constants: a tenth of the largest diagonal entry.
 
-        BiCGSTAB takes as many iterations with a tenth of it, and up to twice as many with far less; the rounding of the
-        means, times s, limits the residual of a direct solve.
+        BiCGSTAB takes as many iterations with a tenth of that, and up to twice as many with a much smaller s; the
+        rounding of the means, times s, limits the residual of a direct solve.
         """
         return 0.1 * float(np.max(np.abs(self.diagonal)))
 
     def apply(self, u: Floats) -> Floats:
-        """Return ``(A + s F W) u`` for u of shape (n,) or (n, channels)."""
+        """Return ``(A + s F W) u`` for u (n,) or (n, channels)."""
         return np.asarray(self.operator.apply(u) + self.shift * (self.border.constant_load @ (self.border.mean @ u)))
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` of :meth:`apply`."""
+        """Return the entries ``rows`` (r,) of :meth:`apply`."""
         of_means = self.border.constant_load[rows] @ (self.border.mean @ u)
         return np.asarray(self.operator.apply_rows(u, rows) + self.shift * of_means)
 
     def to_csr(self) -> csr_array:
-        """Return A, which is singular: F W has full rows, and would fill the matrix."""
+        """Return A alone, which is singular: F W has full rows, and would fill the matrix."""
         return self.operator.to_csr()
 
 
 @dataclass(frozen=True, eq=False)
 class ComplexShift(_DerivedOperator):
-    """``A - i s M`` for complex vectors; their real and imaginary parts are columns of one product with A and with M.
+    """The operator ``A - i s M`` for complex vectors; one product with A and one with M serve real and imaginary parts.
 
     Attributes
     ----------
@@ -238,16 +239,16 @@ class ComplexShift(_DerivedOperator):
 
     @property
     def symmetric(self) -> bool:
-        """True if A and M are symmetric."""
+        """Whether A and M are symmetric."""
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
     def diagonal(self) -> Any:
-        """The complex diagonal."""
+        """The complex diagonal, a number or (n, 1)."""
         return self.operator.diagonal - 1j * self.s * (1.0 if self.mass is None else self.mass.diagonal)
 
     def apply(self, u: Any) -> Any:
-        """Return the product with u of shape (n,) or (n, channels), complex."""
+        """Return ``(A - i s M) u`` for complex u (n,) or (n, channels)."""
         columns = u.reshape(len(u), -1)
         parts = np.concatenate([columns.real, columns.imag], axis=1)
         masses = parts if self.mass is None else self.mass.apply(parts)
@@ -257,7 +258,7 @@ class ComplexShift(_DerivedOperator):
         return (real + 1j * imaginary).reshape(u.shape)
 
     def apply_rows(self, u: Any, rows: Ints) -> Any:
-        """Return the entries ``rows`` of :meth:`apply`."""
+        """Return the entries ``rows`` (r,) of :meth:`apply`."""
         return self.apply(u)[rows]
 
     def to_csr(self) -> csr_array:
@@ -265,13 +266,13 @@ class ComplexShift(_DerivedOperator):
         return _sum(1.0, self.operator, -1j * self.s, self.mass)
 
     def positive_matrix(self) -> csr_array:
-        """Return the real matrix ``A + s M``: the eigenvalues of ``(A + s M)^-1 (A - i s M)`` are between 1 and -i."""
+        """Return the real matrix ``A + s M``; the eigenvalues of ``(A + s M)^-1 (A - i s M)`` are between 1 and -i."""
         return _sum(1.0, self.operator, self.s, self.mass)
 
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """The linear system ``A u = b`` of all channels.
+    """The linear system ``A u = b`` with a right-hand side for each channel.
 
     Attributes
     ----------
@@ -286,11 +287,11 @@ class LinearSystem:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return len(self.right_side)
 
 
-#: Entries of the matrix in a parcel of rows: a few milliseconds of work for a thread.
+#: Number of entries of a matrix in a parcel of rows: a few milliseconds of work for a thread.
 PARCEL_ENTRIES = 1 << 19
 
 
@@ -312,22 +313,22 @@ def scatter_matrix(rows: Ints, count: int) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class ThreadedProduct:
-    """A ``matrix`` (n, m) whose products with vectors run on all threads, equal to SciPy's bit by bit.
+    """A ``matrix`` (n, m) whose products with vectors run on all threads, with exactly the results of SciPy.
 
-    Its rows have about the same number of entries.
+    Its rows should have about the same number of entries each.
     """
 
     matrix: csr_array
 
     @cached_property
     def rows(self) -> int:
-        """Number of rows of a parcel."""
+        """The number of rows of a parcel."""
         per_row = max(self.matrix.nnz // max(self.matrix.shape[0], 1), 1)
         return int(max(PARCEL_ENTRIES // per_row, 1))
 
     @cached_property
     def blocks(self) -> list[csr_array]:
-        """Blocks of rows of the matrix, which share its memory."""
+        """The blocks of rows of the matrix, one for each parcel, which share its memory."""
         from scipy.sparse import csr_array
 
         matrix, blocks = self.matrix, []
@@ -342,11 +343,14 @@ class ThreadedProduct:
         return blocks
 
     def __matmul__(self, x: Floats) -> Floats:
-        """Return the product with ``x`` of shape (m,) or (m, k)."""
+        """Return the product with ``x`` (m,) or (m, k)."""
         return self.product(x, lambda *block: block[-1])
 
     def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
-        """Return the product after ``finish(start, stop, rows)`` of each block of rows, while it is in the cache."""
+        """Return the product with ``x`` (m,) or (m, k), each block of rows replaced by ``finish(start, stop, rows)``.
+
+        ``finish`` is called while the block is still in the cache.
+        """
         result = np.empty((self.matrix.shape[0], *x.shape[1:]))
 
         def multiply(start: int, stop: int) -> None:

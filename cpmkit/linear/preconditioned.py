@@ -1,7 +1,7 @@
 """Conjugate gradients for symmetric operators with any preconditioner, and preconditioners shared by similar operators.
 
 Where constants are free on pieces of the manifold, the iteration runs in the orthogonal complement of the indicators of
-these pieces; the means that the border fixes are added after it.
+these pieces, and the means that the border fixes are added afterwards.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.types import Floats, Progress, no_progress
 
-#: Accuracy where no tolerance is given: the preconditioned residual falls to this share, and the residual to so many
+#: Accuracy where no tolerance is given: the preconditioned residual falls to this share, and the residual to this many
 #: times as much. It leaves less than 0.05 percent of a discretisation's error, with conditions on curves too.
 PRECONDITIONED_SHARE, RESIDUAL_SLACK = 1e-8, 100.0
 
@@ -33,14 +33,14 @@ class ApproximateInverse(Protocol):
 
     @property
     def products(self) -> int:
-        """Number of products with A that one application takes."""
+        """The number of products with A in one application."""
 
     def apply(self, b: Floats, /) -> Floats:
-        """Return x (n, channels), about the solution of ``A x = b``."""
+        """Return an approximate solution x (n, channels) of ``A x = b``."""
 
 
 def split_border(operator: Operator, solver: str) -> tuple[Operator, Bordered | None]:
-    """Return a real symmetric operator without its border, and the operator with its border if it has one.
+    """Return a real symmetric operator without its border, and the operator with its border, None if it has none.
 
     Raises
     ------
@@ -56,7 +56,7 @@ def split_border(operator: Operator, solver: str) -> tuple[Operator, Bordered | 
 
 @dataclass(frozen=True, eq=False)
 class PreconditionedCG:
-    """An operator with a preconditioner, for conjugate gradients.
+    """An operator with a preconditioner, ready to solve by conjugate gradients.
 
     Attributes
     ----------
@@ -66,16 +66,16 @@ class PreconditionedCG:
         A without its border.
     bordered : Bordered, optional
         ``A + s F W`` where constants are free.
-    preconditioner : Preconditioner
-        Of A.
+    preconditioner : ApproximateInverse
+        The preconditioner of A.
     max_iterations : int
         Most iterations.
     solver : str
         Name of the solver, for reports.
     slack : float
-        How many times the preconditioned residual has to fall below the tolerance, which is that of the residual.
+        The preconditioned residual has to fall this many times below the tolerance of the residual.
     more_exact : callable, optional
-        Returns a preconditioner with less rounding, which is tried before a system is refused.
+        Returns a preconditioner with smaller rounding errors, which is tried before an error is raised.
     """
 
     operator: Operator
@@ -106,12 +106,14 @@ class PreconditionedCG:
 
     @cached_property
     def _with_less_rounding(self) -> PreconditionedCG:
+        """The same iteration with the more exact preconditioner."""
         assert self.more_exact is not None
         return replace(self, preconditioner=self.more_exact(), more_exact=None)
 
     def _solve(
         self, b: Floats, tolerance: float, guess: Floats | None, progress: Progress
     ) -> tuple[Floats, SolveReport]:
+        """Return u (n, channels) with ``A u = b``, and a report, by the first preconditioner alone."""
         compatible, means = self._compatible(b)
 
         def correct(residual: Floats, target: Floats, most: int) -> tuple[Floats, int, int]:
@@ -141,7 +143,7 @@ class PreconditionedCG:
         return u, judge(self.operator, b, u, self.solver, tolerance, iterations, products, REMEDY)
 
     def _compatible(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return b without the part that has no solution on free pieces, and the means (k, channels) for it."""
+        """Return the part of b for which there is a solution on free pieces, and the rest's means (k, channels)."""
         if self.bordered is None:
             return b, np.zeros((0, b.shape[1]))
         indicator, load = self.bordered.border.indicator, self.bordered.border.constant_load
@@ -150,7 +152,7 @@ class PreconditionedCG:
 
     @property
     def step_products(self) -> int:
-        """Number of products with A of one application of the preconditioner, for each channel."""
+        """The number of products with A in one application of the preconditioner, for each channel."""
         return self.preconditioner.products
 
     def precondition(self, residual: Floats) -> Floats:
@@ -158,7 +160,7 @@ class PreconditionedCG:
         return self._without_constants(self.preconditioner.apply(self._without_constants(residual)))
 
     def _without_constants(self, vector: Floats) -> Floats:
-        """Return the part of a vector that is orthogonal to the free pieces' indicators."""
+        """Return the part of ``vector`` (n, channels) that is orthogonal to the indicators of the free pieces."""
         if self.bordered is None:
             return vector
         indicator = self.bordered.border.indicator
@@ -167,9 +169,9 @@ class PreconditionedCG:
 
 
 def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedSolver, float] | None:
-    """Return a solver that stops by the preconditioned residual first, and the tolerance of its residual.
+    """Return a solver that stops by the preconditioned residual, and the tolerance for its residual.
 
-    With a multigrid cycle the preconditioned residual is proportional to the error of u, whatever the spacing; with the
+    With a multigrid cycle the preconditioned residual is proportional to the error of u at any spacing; with the
     diagonal it is not. None for other solvers than multigrid.
     """
     if not isinstance(prepared, PreconditionedCG) or prepared.solver != "multigrid":
@@ -178,7 +180,7 @@ def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedS
 
 
 def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return the error of a solve whose system turned out to be indefinite."""
+    """Return the ConvergenceError of a solve whose system turned out to be indefinite."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
@@ -189,26 +191,26 @@ def indefinite_error(solver: str, error: IndefiniteError, iterations: int, toler
 
 @runtime_checkable
 class ReusablePreconditioner(PreparedSolver, Protocol):
-    """A prepared solver whose preconditioner serves other operators of its size, with more iterations."""
+    """A prepared solver whose preconditioner also serves other operators of its size, with more iterations."""
 
     @property
     def operator(self) -> Operator:
-        """The operator that it was prepared for."""
+        """The operator that the solver was prepared for."""
 
     def for_operator(self, operator: Operator, /) -> PreparedSolver:
-        """Return the iteration for another operator with the same preconditioner."""
+        """Return the iteration with the same preconditioner for another operator."""
 
 
 @dataclass(frozen=True, eq=False)
 class SharedPreconditioner:
-    """An operator solved with the preconditioner of a similar operator, or with its own where that does not converge.
+    """A solver with the preconditioner of a similar operator, and with the operator's own where that does not converge.
 
     Attributes
     ----------
     iteration : PreparedSolver
-        With the preconditioner of the other operator.
+        The iteration with the preconditioner of the similar operator.
     prepare : callable
-        Returns the iteration with a preconditioner of its own.
+        Returns the iteration with the operator's own preconditioner.
     """
 
     iteration: PreparedSolver
@@ -222,7 +224,7 @@ class SharedPreconditioner:
         Raises
         ------
         ConvergenceError
-            If neither preconditioner leads to the tolerance.
+            If the tolerance is reached with neither preconditioner.
         """
         try:
             return self.iteration.solve(b, tolerance, guess, progress)

@@ -1,4 +1,4 @@
-"""The contracts of operators and linear solvers."""
+"""The interfaces (protocols) of operators and linear solvers."""
 
 from __future__ import annotations
 
@@ -14,54 +14,54 @@ if TYPE_CHECKING:
 
 
 class Operator(Protocol):
-    """A square linear map of n unknowns, in any storage: all that a solver uses."""
+    """A square linear map of n unknowns, in any storage, with all that solvers need."""
 
     @property
     def size(self) -> int:
-        """Number of unknowns, n."""
+        """The number n of unknowns."""
 
     @property
     def nonzeros(self) -> int:
-        """Number of stored entries."""
+        """The number of stored entries."""
 
     @property
     def symmetric(self) -> bool:
-        """Whether it is known to be symmetric."""
+        """Whether the operator is known to be symmetric."""
 
     @property
     def diagonal(self) -> float | Floats:
-        """The divisor of Jacobi's preconditioner: a number, or (n, 1)."""
+        """The diagonal, a number if it is constant, else (n, 1)."""
 
     def apply(self, u: Floats, /) -> Floats:
-        """Return the product with u of shape (n,) or (n, channels)."""
+        """Return A u for u (n,) or (n, channels)."""
 
     def apply_rows(self, u: Floats, rows: Ints, /) -> Floats:
-        """Return the entries ``rows`` of the product."""
+        """Return the entries ``rows`` (r,) of A u."""
 
     def to_csr(self) -> csr_array:
-        """Return it as one sparse matrix (n, n)."""
+        """Return the operator as one sparse matrix (n, n)."""
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return the number of sets of unknowns that are not coupled to each other, and the set of each (n,)."""
+        """Return the number of sets of unknowns that the operator does not couple, and the set (n,) of each unknown."""
 
 
 class Stiffness(Operator, Protocol):
-    """The operator A of an equation's terms in a form; time steps and eigenvalue iterations shift it."""
+    """The operator A of an equation's terms in a form, to which time steps and eigenvalue iterations add a mass."""
 
     def scaled_plus_mass(self, factor: float, mass: Any = None, /) -> Operator:
-        """Return ``M + factor A``; M is the form's mass matrix, None for the identity."""
+        """Return the operator ``M + factor A``; M is the form's mass matrix, None for the identity."""
 
     def minus_shifted_mass(self, shift: float, mass: Any = None, /) -> Operator:
-        """Return ``A - shift M``; M is the mass matrix of the eigenvalue problem, None for the identity."""
+        """Return the operator ``A - shift M``; M is the eigenvalue problem's mass matrix, None for the identity."""
 
 
 class PreparedSolver(Protocol):
-    """A solver with the factors or coarser levels of one operator."""
+    """A solver that has factorised one operator, or built its coarser levels."""
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
     ) -> tuple[Floats, SolveReport]:
-        """Return u (n, channels) with A u = b for all channels, and a report; iterations start from ``guess``.
+        """Return u (n, channels) with A u = b, and a report; iterations start from ``guess``, zero if None.
 
         Raises
         ------
@@ -76,18 +76,18 @@ class Preconditioner(PreparedSolver, Protocol):
 
     @property
     def step_products(self) -> int:
-        """Number of products with A for one application, for each channel."""
+        """The number of products with A in one application, for each channel."""
 
     def precondition(self, residual: Floats, /) -> Floats:
-        """Return the approximation of A^-1 times ``residual`` (n, channels)."""
+        """Return the approximation of A^-1 ``residual``, (n, channels)."""
 
 
 class LinearSolver(Protocol):
-    """A solver of linear systems in two phases; a plugin's factory in ``cpmkit_solvers`` returns one.
+    """A linear solver in two phases, preparation and solves; a plugin's factory in ``cpmkit_solvers`` returns one.
 
     The prepared solver is reused for all channels, time steps, Newton steps and eigenvalue iterations. A solver whose
     attribute ``takes_levels`` is false gets no levels, and the form builds none.
     """
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedSolver:
-        """Return the solver of systems with ``operator``; ``levels`` are the form's coarser levels, if it has any."""
+        """Return the prepared solver for ``operator``; ``levels`` are the form's coarser levels, if it has any."""

@@ -1,6 +1,6 @@
-"""The solver ``reference``: BiCGSTAB as King et al. (2024), section 5.4, use it, with E and L as separate tables.
+"""The solver ``reference``: BiCGSTAB as in King et al. (2024), section 5.4, with E and L as separate tables.
 
-Faster solvers are measured against it: its iterations double when the spacing halves. All channels advance in lockstep,
+Faster solvers are measured against it: its iterations double when the spacing halves. All channels advance together,
 each with its own scalars, so that a product reads the tables once for all of them. King et al. precondition by the
 diagonal of A; that is the same in every row, which scales the whole system and does not change BiCGSTAB, so it is left
 out.
@@ -27,21 +27,21 @@ REFERENCE_PARCEL_ROWS = 1 << 14
 
 @dataclass(frozen=True)
 class ReferenceSolver:
-    """BiCGSTAB, with ``max_iterations`` at most."""
+    """The solver: BiCGSTAB, with at most ``max_iterations`` iterations."""
 
     takes_levels: ClassVar[bool] = False
 
     max_iterations: int = 20_000
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedReference:
-        """Return the iteration for an operator; there is nothing to compute before the solve."""
+        """Return the iteration for an operator; nothing is computed before the solve."""
         del levels
         return PreparedReference(operator, self.max_iterations)
 
 
 @dataclass(frozen=True, eq=False)
 class PreparedReference:
-    """An operator and the most iterations."""
+    """An operator and the largest number of iterations, ready to solve by BiCGSTAB."""
 
     operator: Operator
     max_iterations: int
@@ -74,10 +74,10 @@ class PreparedReference:
 def _bicgstab(
     operator: Operator, residual: Floats, target: Floats, max_iterations: int, progress: Progress
 ) -> tuple[Floats, int, int]:
-    """Return x (n, channels) with about ``A x = residual``, the iterations, and the products with A.
+    """Return an approximate solution x (n, channels) of ``A x = residual``, the iterations, and the products with A.
 
-    It stops where every channel is below its ``target`` (channels,), or where one breaks down; ``residual`` is
-    overwritten.
+    The iteration stops when the norm of every channel's residual is below its ``target`` (channels,), or when a channel
+    breaks down; ``residual`` is overwritten.
     """
     shadow, direction = residual.copy(), residual.copy()
     x = np.zeros_like(residual)
@@ -110,7 +110,7 @@ def _bicgstab(
 
 
 def _dots(*pairs: tuple[Floats, Floats]) -> Floats:
-    """Return the scalar products a* b (pairs, channels), summed over parcels of rows in a fixed order."""
+    """Return the scalar products a* b (pairs, channels) of pairs of (n, channels), summed in a fixed order."""
     rows, channels = pairs[0][0].shape
     parts = np.empty((-(-rows // REFERENCE_PARCEL_ROWS), len(pairs), channels), dtype=pairs[0][0].dtype)
 
@@ -123,7 +123,7 @@ def _dots(*pairs: tuple[Floats, Floats]) -> Floats:
 
 
 def _subtract(residual: Floats, factor: Floats, image: Floats) -> None:
-    """Set ``residual -= factor * image``."""
+    """Subtract ``factor * image`` from ``residual`` (n, channels) in place."""
 
     def work(start: int, stop: int) -> None:
         residual[start:stop] -= factor * image[start:stop]
@@ -132,7 +132,7 @@ def _subtract(residual: Floats, factor: Floats, image: Floats) -> None:
 
 
 def _advance(x: Floats, alpha: Floats, direction: Floats, omega: Floats, half: Floats) -> None:
-    """Set ``x += alpha * direction + omega * half``."""
+    """Add ``alpha * direction + omega * half`` to x (n, channels) in place."""
 
     def work(start: int, stop: int) -> None:
         x[start:stop] += alpha * direction[start:stop] + omega * half[start:stop]
@@ -141,7 +141,7 @@ def _advance(x: Floats, alpha: Floats, direction: Floats, omega: Floats, half: F
 
 
 def _update_direction(direction: Floats, residual: Floats, beta: Floats, omega: Floats, image: Floats) -> None:
-    """Set ``direction = residual + beta * (direction - omega * image)``."""
+    """Overwrite ``direction`` (n, channels) with ``residual + beta * (direction - omega * image)``."""
 
     def work(start: int, stop: int) -> None:
         part = direction[start:stop] - omega * image[start:stop]
@@ -151,5 +151,5 @@ def _update_direction(direction: Floats, residual: Floats, beta: Floats, omega: 
 
 
 def _ratio(a: Floats, b: Floats) -> Floats:
-    """Return a / b, zero where b is zero: there a channel is finished or has broken down, and does not change."""
+    """Return a / b (channels,), zero where b is zero: there a channel is finished or has broken down, and is kept."""
     return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

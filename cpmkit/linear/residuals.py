@@ -1,4 +1,4 @@
-"""Residuals recomputed after a solve, and the judgement whether the solve converged.
+"""Residuals that are recomputed after a solve, and the decision whether the solve converged.
 
 A residual that rounding keeps from falling further is accepted: in float64, ``b - A u`` is known to about
 ``eps (|A| |u| + |b|)``, the bound of the componentwise backward error (Oettli and Prager, Numer. Math. 6, 1964).
@@ -14,7 +14,7 @@ from cpmkit.linear.protocols import Operator
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.types import Floats
 
-#: Rounding leaves a residual of at most so many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
+#: Rounding leaves a residual of at most this many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
 ROUNDING_FACTOR = 4.0
 #: A larger residual, relative to b, is never attributed to rounding: for a singular matrix u grows until its rounding
 #: is as large as b.
@@ -22,7 +22,7 @@ MAX_ROUNDING_SHARE = 1e-6
 
 
 def rounding_of(operator: Operator, u: Floats) -> Floats:
-    """Return ``|A| |u|`` (n, channels), entry by entry: times the machine's epsilon, the rounding error of ``A u``."""
+    """Return ``|A| |u|`` (n, channels), which times the machine epsilon bounds the rounding error of ``A u``."""
     rounding = abs(operator.to_csr()) @ np.abs(u)
     if isinstance(operator, Bordered):
         border = operator.border
@@ -63,7 +63,7 @@ def judge(
 
 
 def _relative_to(b: Floats, part: Floats) -> Floats:
-    """Return the norm of each column of ``part`` over the norm of that of b, (channels,); NaN counts as infinite."""
+    """Return the norm of each column of ``part`` divided by that of b, (channels,); NaN is replaced by infinity."""
     defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
     ratios = np.where(size > 0, defect / np.where(size > 0, size, 1.0), np.where(defect > 0, np.inf, 0.0))
     return np.where(np.isfinite(ratios), ratios, np.inf)

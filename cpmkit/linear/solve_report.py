@@ -38,5 +38,5 @@ class SolveReport:
     reason: str
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the report as plain values."""
+        """Return the report as a dictionary of plain values."""
         return asdict(self)

@@ -1,4 +1,4 @@
-"""Choice of the linear solver: by name, or the faster one, with its options."""
+"""The choice of the linear solver, by name or by expected speed, and the solver's options."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ SOLVER_OPTIONS: dict[str, tuple[str, ...]] = {
 def choose_solver(
     name: str, unknowns: int, manifold_dim: int, factor: float = 1.0, iterative: str = "reference"
 ) -> str:
-    """Return the solver for a number of unknowns: ``name``, or the faster one for ``auto``.
+    """Return ``name``, or the faster solver for this number of unknowns if it is ``auto``.
 
     A ``factor`` above one favours the direct solver, for problems that iterative solvers solve slowly. ``iterative`` is
     the solver of large systems: ``multigrid`` where the form has symmetric operators and levels, ``direct`` where no
@@ -49,6 +49,7 @@ def choose_solver(
 
 
 def _check_tolerance(tolerance: Any, label: str) -> float | None:
+    """Return ``tolerance`` as a float, or None; raise an InputError unless it is above 0 and below 1."""
     if tolerance is None:
         return None
     value = positive(tolerance, label)
@@ -84,7 +85,7 @@ def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
 
 @dataclass(frozen=True)
 class SolverOptions(DeclaredOptions):
-    """How linear systems are solved; ``further`` are the options of the solver itself.
+    """The choice of the linear solver, its tolerance, and in ``further`` the options of the solver itself.
 
     Raises
     ------
@@ -123,7 +124,7 @@ class SolverOptions(DeclaredOptions):
 
     @property
     def residual(self) -> float:
-        """Relative residual of linear systems, the default if the user sets none."""
+        """The relative residual that linear systems have to reach, the default if the user sets none."""
         return 1e-10 if self.solver_tolerance is None else self.solver_tolerance
 
     @classmethod
@@ -139,7 +140,7 @@ class SolverOptions(DeclaredOptions):
 
 
 def _check_further(solver: Any, further: Mapping[str, Any], others: Iterable[str] = ()) -> None:
-    """Refuse options that a built-in solver does not have; a plugin's solver checks its own."""
+    """Raise an InputError for options that a built-in solver does not have; plugins check those of their solvers."""
     accepted = SOLVER_OPTIONS.get(solver) if isinstance(solver, str) else None
     unknown = [] if accepted is None else [key for key in further if key not in accepted]
     if accepted is not None and unknown:

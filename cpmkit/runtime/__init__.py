@@ -1,1 +1,1 @@
-"""Services of the process: checked input, options, memory, threads, compiled kernels, progress, messages."""
+"""Services for all packages: checked input, options, memory, threads, compiled kernels, progress, messages."""

@@ -1,4 +1,4 @@
-"""Checks of numbers, arrays and colours that users give: done once, where they enter the library."""
+"""Checks of numbers, arrays and colours that users give, made once where they enter the library."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ def as_points(x: Any, dim: int, label: str = "points") -> Floats:
 
 
 def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
-    """Return ``x`` as :func:`as_points` does, after :func:`check_size`.
+    """Return ``x`` as a (n, dim) float64 array of points whose size permits computing areas and volumes.
 
     Raises
     ------
     InputError
-        If ``x`` is not (n, dim) finite numbers, or too large or too small to compute areas and volumes.
+        If ``x`` is not (n, dim) finite numbers, or fails :func:`check_size`.
     """
     points = as_points(x, dim, label)
     check_size(points, label)
@@ -49,7 +49,7 @@ def as_positions(x: Any, dim: int, label: str = "points") -> Floats:
 
 
 def check_size(points: Floats, label: str) -> None:
-    """Refuse ``points`` (n, d) whose coordinates are too large, or too close together, to compute with.
+    """Raise if coordinates of ``points`` (n, d) are too large, or their extent too small, to compute with.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def check_size(points: Floats, label: str) -> None:
 
 
 def length(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is an accepted length, from 1 / :data:`LARGEST_LENGTH` to that.
+    """Return ``x`` as a float if it is a length between 1 / :data:`LARGEST_LENGTH` and :data:`LARGEST_LENGTH`.
 
     Raises
     ------
@@ -101,7 +101,7 @@ def as_vector(x: Any, dim: int, label: str) -> Floats:
 
 
 def _as_floats(x: Any, accepted: str) -> Floats:
-    """Return ``x`` as float64; raise an error that begins with ``accepted`` where it holds anything but numbers."""
+    """Return ``x`` as float64; raise an InputError that begins with ``accepted`` if an entry is not a number."""
     with suppress(TypeError, ValueError, OverflowError):
         array = np.asarray(x, dtype=np.float64)
         if not _contains_text_or_flags(x):
@@ -110,7 +110,7 @@ def _as_floats(x: Any, accepted: str) -> Floats:
 
 
 def _contains_text_or_flags(x: Any) -> bool:
-    """Return True if an entry is text, a date or a truth value, of which NumPy would make numbers."""
+    """Return whether an entry is text, a date or a truth value, which NumPy would convert to numbers."""
     if isinstance(x, np.ndarray):
         return x.dtype.kind in "bUSmM"
     rows = x if isinstance(x, (list, tuple)) else ()
@@ -147,7 +147,7 @@ def positive(x: Any, label: str) -> float:
 
 
 def _as_float(x: Any) -> float:
-    """Return a real number, or an array of shape () with a real number, as a float; NaN for anything else."""
+    """Return a real number, or an array () of one, as a float; NaN for anything else."""
     if isinstance(x, np.ndarray) and x.ndim == 0:
         x = x[()]
     if isinstance(x, bool) or not isinstance(x, (int, float, np.integer, np.floating)):
@@ -174,7 +174,7 @@ def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
 
 
 def one_row_each(values: Any, count: int, label: str) -> Floats:
-    """Return ``values`` as float64 if they have ``count`` rows, one for each of the things that ``label`` names.
+    """Return ``values`` as float64 if they have ``count`` rows; ``label`` names what the rows belong to, in the plural.
 
     Raises
     ------
@@ -253,7 +253,7 @@ def as_colour(colour: Any, label: str = "a colour") -> Floats:
 
 
 def as_colours(colours: Any, label: str = "colours") -> Floats:
-    """Return colours (k, 3) in sRGB, numbers from 0 to 1.
+    """Return ``colours``, (k, 3) numbers from 0 to 1 in sRGB, as float64.
 
     Raises
     ------

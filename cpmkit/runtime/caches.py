@@ -1,4 +1,4 @@
-"""Caches: values that live as long as somebody uses them, and the state of an object without cached properties."""
+"""Caches: shared values that are freed when unused, and the state of an object without its cached properties."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ Made = TypeVar("Made")
 
 @dataclass(eq=False)
 class WeakCache(Generic[Made]):
-    """One large value, quickly computed again, that all users share as long as one of them refers to it."""
+    """A cache of one large value that is quick to compute, shared by all users and freed when none refers to it."""
 
     _reference: ReferenceType[Any] | None = None
 
     def get(self, make: Callable[[], Made]) -> Made:
-        """Return the value that others refer to, or that of ``make()``."""
+        """Return the cached value if any user still refers to it, else that of ``make()``, which is then cached."""
         value: Made | None = None if self._reference is None else self._reference()
         if value is None:
             value = make()
@@ -31,7 +31,7 @@ class WeakCache(Generic[Made]):
 
 
 def state_without_cached(instance: object) -> dict[str, Any]:
-    """Return the attributes of an object to pickle: without cached properties, such as factors of a matrix."""
+    """Return the attributes of an object to pickle: all but its cached properties, such as factors of a matrix."""
     kind = type(instance)
     return {
         name: value

@@ -14,26 +14,27 @@ from cpmkit.runtime.progress import report_progress
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 
-#: Name of the stage that progress shows while a kernel is compiled.
+#: Name of the stage of progress while a kernel is compiled.
 COMPILING_STAGE = "compile"
 logger = logging.getLogger("cpmkit")
 
 
 def compiled(function: Function) -> Function:
-    """Return ``function`` compiled by numba, without the interpreter's lock, cached on disk where possible.
+    """Return ``function`` compiled by numba; it releases the interpreter's lock and is cached on disk where possible.
 
-    The cached code is renewed when the file of ``function`` changes, and not when the file of a kernel that it calls
+    The cached code is renewed when the file of ``function`` changes, but not when the file of a kernel that it calls
     changes: touch the callers' files after a change of such a kernel.
     """
     return _compile(function)
 
 
 def compiled_reordered(function: Function) -> Function:
-    """Return ``function`` compiled with sums in any order, so that scalar products use the processor's vectors."""
+    """Return ``function`` compiled with sums in any order, so that scalar products use vector instructions."""
     return _compile(function, fastmath={"reassoc", "contract", "nsz"})
 
 
 def _compile(function: Function, **further: Any) -> Function:
+    """Return ``function`` compiled by numba with ``further`` options, cached on disk where possible."""
     njit, options = _njit(), {"nogil": True, "error_model": "numpy", **further}
     try:
         kernel: Function = njit(cache=True, **options)(function)
@@ -44,8 +45,8 @@ def _compile(function: Function, **further: Any) -> Function:
 
 
 def _njit() -> Any:
-    """Return numba's decorator, with no cache folder taken from a file in the working directory."""
-    # Numba reads .numba_config.yaml there, and runs the compiled code in the folder that it names.
+    """Return numba's decorator, without the cache folder that a file in the working directory may name."""
+    # Numba reads .numba_config.yaml in the working directory, and would run compiled code from the folder named there.
     os.environ.setdefault("NUMBA_CACHE_DIR", "")
     from numba import njit
 
@@ -55,14 +56,14 @@ def _njit() -> Any:
 
 @cache
 def _register_listener() -> None:
-    """Report each compilation to the logger and to the progress: it takes seconds, at the first use of a kernel."""
+    """Register a listener that reports each compilation, which takes seconds, to the logger and to the progress."""
     from numba.core import event
 
     event.register("numba:compile", _compilation_listener(event.Listener))
 
 
 def _compilation_listener(base: type) -> Any:
-    """Return a listener of numba's events that reports kernels that are compiled, and not those from the cache."""
+    """Return a listener, of class ``base``, of numba's events that reports compiled kernels, not cached ones."""
 
     def on_start(_: object, started: Any) -> None:
         if not kernels:
@@ -79,6 +80,7 @@ def _compilation_listener(base: type) -> Any:
 
 @cache
 def _warn_of_no_cache() -> None:
+    """Warn, once a process, that compiled kernels cannot be kept on disk."""
     warnings.warn(
         "There is no folder in which compiled kernels can be kept, so that each run compiles them anew, which takes "
         "some twenty seconds; name one that may be written to in the environment variable NUMBA_CACHE_DIR.",
@@ -88,6 +90,6 @@ def _warn_of_no_cache() -> None:
 
 
 def inlined(function: Function) -> Function:
-    """Return ``function`` compiled into each kernel that calls it, so that a call of a small body costs nothing."""
+    """Return ``function`` compiled for inlining into each kernel that calls it, so that the call takes no time."""
     kernel: Function = _njit()(nogil=True, error_model="numpy", forceinline=True)(function)
     return kernel

@@ -1,4 +1,4 @@
-"""Renamed public names: the old name works for one release, with a DeprecationWarning that names the new one."""
+"""Renamed public names: the old name works for one release, with a DeprecationWarning that states the new name."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ def warn_renamed(old: str, new: str, stacklevel: int = 2) -> None:
 def deprecated_names(
     module: str, new_names: Mapping[str, str], otherwise: Callable[[str], Any] | None = None
 ) -> Callable[[str], Any]:
-    """Return the function ``__getattr__`` of a module in which public names were renamed or moved.
+    """Return a function ``__getattr__`` for a module in which public names were renamed or moved.
 
     Parameters
     ----------
     module : str
         The module's ``__name__``.
     new_names : mapping
-        Of each old name the new one, with the module that it is imported from: ``"cpmkit.scene.scene.Scene"``.
+        For each old name the new name, with the module that it is imported from: ``"cpmkit.scene.scene.Scene"``.
     otherwise : callable, optional
         The module's ``__getattr__`` for all other names.
     """
@@ -48,7 +48,7 @@ def deprecated_names(
 
 
 class DeprecatedMember:
-    """Old name of a method, a property or a field: ``put_back = DeprecatedMember("project")`` in the class body."""
+    """Descriptor for the old name of a method, property or field: ``put_back = DeprecatedMember("project")``."""
 
     def __init__(self, new: str) -> None:
         self.new = new
@@ -62,7 +62,7 @@ class DeprecatedMember:
 
 
 def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str], stacklevel: int = 2) -> dict[str, Any]:
-    """Return keywords, or keys of a file, under their new names, with a warning for each old one.
+    """Return keywords, or keys of a file, under their new names, and warn of each old name.
 
     Raises
     ------
@@ -81,7 +81,7 @@ def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str], 
 
 
 def deprecated_keywords(**new_names: str) -> Callable[[Target], Target]:
-    """Let a function, or the constructor of a class, take keywords under their old names: ``old="new"``."""
+    """Return a decorator with which a function or a class's constructor also accepts old keywords: ``old="new"``."""
 
     def decorate(target: Target) -> Target:
         function: Callable[..., Any] = vars(target)["__init__"] if isinstance(target, type) else target

@@ -15,7 +15,7 @@ from cpmkit.types import Ints
 
 @compiled
 def find_root(parent: Any, i: int) -> int:
-    """Return the root of the set that contains ``i``, and halve the path to it."""
+    """Return the root of the set that contains ``i``, and shorten the path from ``i`` to it."""
     while parent[i] != i:
         parent[i] = parent[parent[i]]
         i = parent[i]
@@ -24,7 +24,7 @@ def find_root(parent: Any, i: int) -> int:
 
 @compiled
 def unite(parent: Any, i: int, j: int) -> None:
-    """Unite the sets that contain ``i`` and ``j``."""
+    """Unite the sets that contain ``i`` and ``j``, in place in ``parent`` (n,)."""
     i, j = find_root(parent, i), find_root(parent, j)
     if i < j:
         parent[j] = i
@@ -34,16 +34,17 @@ def unite(parent: Any, i: int, j: int) -> None:
 
 @compiled
 def unite_pairs(parent: Any, pairs: Any) -> None:
-    """Unite the sets of the two numbers of each of ``pairs`` (t, 2)."""
+    """Unite the sets of the two numbers of each of ``pairs`` (t, 2), in place in ``parent`` (n,)."""
     for t in range(len(pairs)):
         unite(parent, pairs[t, 0], pairs[t, 1])
 
 
 @compiled
 def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_column: int) -> None:
-    """Unite each row of a sparse matrix, by its CSR arrays, with the columns in which it has entries.
+    """Unite the set of each row of a sparse matrix with those of the columns in which it has entries.
 
-    Row i is the number ``first_row + i``, column j the number ``first_column + j``.
+    The matrix is given by its CSR arrays. Row i has the number ``first_row + i``, column j the number ``first_column +
+    j``.
     """
     for i in range(len(starts) - 1):
         for k in range(starts[i], starts[i + 1]):
@@ -52,7 +53,7 @@ def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_col
 
 @compiled
 def label_sets(parent: Any) -> tuple[int, Ints]:
-    """Return the number of sets, and the label (n,) of the set that each number is in."""
+    """Return the number of sets, and for each number the label (n,) of its set; labels ascend with the roots."""
     label = np.empty(len(parent), dtype=np.int64)
     sets = 0
     for i in range(len(parent)):
@@ -60,6 +61,6 @@ def label_sets(parent: Any) -> tuple[int, Ints]:
         if root == i:
             label[i] = sets
             sets += 1
-        else:  # the root is the first of its set
+        else:  # the root is the smallest number of its set and has its label
             label[i] = label[root]
     return sets, label

@@ -1,4 +1,4 @@
-"""Compiled: where each number of a list occurs in it."""
+"""Compiled: the positions of each number in a list."""
 
 from __future__ import annotations
 
@@ -12,19 +12,21 @@ from cpmkit.types import Ints
 
 @compiled
 def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
-    """Return the positions of each integer below ``n`` in ``values``, as in a compressed sparse row table.
+    """Return the positions of each integer below ``n`` in ``values``, in compressed rows.
 
     Parameters
     ----------
     values : (k,) integers
-        From 0 to n - 1.
+        Integers from 0 to n - 1.
     n : int
+        Number of different integers.
 
     Returns
     -------
     starts : (n + 1,) int64
         The positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
     places : (k,) of the type of ``values``
+        Positions in ``values``.
     """
     starts = np.zeros(n + 1, dtype=np.int64)
     for value in values:

@@ -1,4 +1,4 @@
-"""Memory: what this process may have, what it has at most, what a solve needs, and freed memory given back."""
+"""Memory: the limit of this process, its peak, the need of a solve, and the release of freed memory."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from pathlib import Path
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
 ENTRY_BYTES = 12
-#: Parts of the messages by which errors other than MemoryError say that memory ran out.
+#: Parts of the messages of errors other than MemoryError that are raised when memory runs out.
 OUT_OF_MEMORY_PHRASES: dict[type[BaseException], tuple[str, ...]] = {
     ImportError: ("failed to map segment", "Cannot allocate memory"),
     RuntimeError: ("can't start new thread",),
 }
-#: Smaller processes keep freed memory: pages that are given back must be allocated and cleared anew.
+#: Processes with less memory keep freed memory: released pages would have to be allocated and cleared again.
 MIN_RELEASING_BYTES = 2**29
 
 
 @dataclass(frozen=True)
 class MemoryLimit:
-    """Memory in bytes that this process may have, and the beginning of a sentence that says what limits it."""
+    """The bytes that this process may have, and the beginning of a sentence that names the cause of this limit."""
 
     bytes: int
     subject: str
@@ -43,7 +43,7 @@ def machine_bytes() -> int:
 
 
 def memory_limit() -> MemoryLimit:
-    """Return the tightest limit: of the machine, the control groups (containers), or ``ulimit``."""
+    """Return the smallest limit: of the machine, the control groups (containers), or ``ulimit``."""
     fifth_of_second = int(time.monotonic() / 0.2)
     groups = _group_limits(Path("/proc/self/cgroup"), Path("/sys/fs/cgroup"), fifth_of_second)
     limits = [MemoryLimit(machine_bytes(), "this machine has"), *groups, *_process_limits()]
@@ -51,19 +51,19 @@ def memory_limit() -> MemoryLimit:
 
 
 def available_bytes() -> int:
-    """Return the bytes of memory that this process may have."""
+    """Return the bytes of memory that this process may have in all."""
     return memory_limit().bytes
 
 
 def is_out_of_memory(error: BaseException) -> bool:
-    """Return True if an error says that memory ran out: for an array, for a thread, or for a library to load."""
+    """Return whether an error means that memory ran out: for an array, a thread, or a library to load."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     return any(phrase in str(error) for phrase in OUT_OF_MEMORY_PHRASES.get(type(error), ()))
 
 
 def _process_limits() -> Iterator[MemoryLimit]:
-    """Yield the memory that ``ulimit -v`` and ``ulimit -d`` still leave to this process."""
+    """Yield the limits of the memory that this process can still get under ``ulimit -v`` and ``ulimit -d``."""
     try:
         import resource
     except ImportError:  # Windows
@@ -75,7 +75,7 @@ def _process_limits() -> Iterator[MemoryLimit]:
 
 
 def _status_bytes(row: str) -> int | None:
-    """Return a row of /proc/self/status in bytes, None where there is no such row."""
+    """Return the value in bytes of a row of /proc/self/status, None if there is no such row."""
     lines = _text_of(Path("/proc/self/status")).splitlines()
     return next((int(line.split()[1]) * 1024 for line in lines if line.startswith(f"{row}:")), None)
 
@@ -84,7 +84,7 @@ def _status_bytes(row: str) -> int | None:
 def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
     """Return the limits of this process's control groups, version 1 and 2, and of the groups that contain them.
 
-    ``moment`` is a part of the cache's key alone: within it the files are read once. Small solves ask several times,
+    ``moment`` only serves as a key of the cache: within it the files are read once. Small solves ask several times,
     and reading would take a twentieth of their time.
     """
     del moment
@@ -95,7 +95,7 @@ def _group_limits(own: Path, groups: Path, moment: int) -> list[MemoryLimit]:
 
 @cache
 def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
-    """Return the files that may hold the limits of the control groups; listed once a process."""
+    """Return the files that may contain the limits of the control groups; they are listed once a process."""
     files: list[Path] = []
     lines = _text_of(own).splitlines()
     for number, controllers, path in (line.split(":", 2) for line in lines if line.count(":") >= 2):
@@ -111,7 +111,7 @@ def _group_files(own: Path, groups: Path) -> tuple[Path, ...]:
 
 
 def _text_of(file: Path) -> str:
-    """Return the text of a file of the kernel, empty where there is no such file."""
+    """Return the text of a file of the kernel, empty if there is no such file."""
     try:
         with file.open("rb", buffering=0) as read:  # a few lines, which a solve reads a dozen times
             return read.readall().decode("utf-8", errors="replace")
@@ -125,38 +125,38 @@ def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: in
     Parameters
     ----------
     rows : float
-        Rows of E: outer nodes, and ghosts where E u is needed.
+        Number of rows of E, those of outer nodes and of all ghosts included.
     unknowns : float
-        Rows of the operator.
+        Number of rows of the operator.
     dim, degree, channels : int
         Dimension of the space, degree of the interpolation, number of right-hand sides.
     solver : str
-        ``direct`` assembles the matrix and factorises it.
+        Name of the solver; ``direct`` needs the memory of the assembled matrix and its factors.
     """
     stencil: int = (degree + 1) ** dim
     tables = rows * (stencil * ENTRY_BYTES + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY_BYTES + 8)
     if solver == "direct":
-        # About 2.1 entries of A a stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
+        # A has about 2.1 entries for each stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
         fill = 14 if dim == 2 else 60
         return tables + unknowns * stencil * ENTRY_BYTES * 2.2 + unknowns * fill * stencil
     return tables + unknowns * channels * 8 * 12
 
 
 def bytes_per_unknown(dim: int, degree: int, solver: str = "reference") -> float:
-    """Return the bytes that an unknown needs at the peak of a solve of one channel."""
+    """Return the bytes for each unknown at the peak of a solve of one channel."""
     return peak_bytes(rows_per_unknown(dim), 1.0, dim, degree, 1, solver)
 
 
 def rows_per_unknown(dim: int) -> float:
-    """Return about how many rows of E a band has for each unknown."""
+    """Return the approximate number of rows of E for each unknown."""
     return 1.3 if dim == 3 else 1.5
 
 
 def release_memory() -> None:
-    """Give freed memory of a large process back to the system, where the C library can (glibc's).
+    """Return freed memory of a large process to the system, if the C library supports it (glibc does).
 
-    The C library keeps freed memory for later allocations, in gaps between what is in use that larger arrays do not
-    fit: after tables of many sizes it keeps a tenth as much as is in use.
+    The C library keeps freed memory for later allocations, in gaps between used memory that are too small for larger
+    arrays: after tables of many sizes these gaps are a tenth of the used memory.
     """
     try:
         resident = int(_text_of(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -167,7 +167,7 @@ def release_memory() -> None:
 
 
 def trim_heap() -> None:
-    """Give all freed memory back to the system, where the C library can."""
+    """Return all freed memory to the system, if the C library supports it."""
     malloc_trim = _malloc_trim()
     if malloc_trim is not None:
         malloc_trim(0)
@@ -175,7 +175,7 @@ def trim_heap() -> None:
 
 @cache
 def _malloc_trim() -> Callable[[int], int] | None:
-    """Return the C library's function ``malloc_trim``, None where it has none."""
+    """Return the C library's function ``malloc_trim``, None if it has none."""
     if not sys.platform.startswith("linux"):
         return None
     try:
@@ -186,12 +186,12 @@ def _malloc_trim() -> Callable[[int], int] | None:
 
 
 def reset_peak_memory() -> int | None:
-    """Let the peak of this process's memory start from what is in use now.
+    """Reset the peak of this process's memory to the memory now in use.
 
     Returns
     -------
     int or None
-        The bytes in use, freed memory given back; None where the system does not report a peak (it is Linux that does).
+        The bytes in use, after freed memory was released; None where the system reports no peak (only Linux does).
     """
     gc.collect()
     trim_heap()
@@ -203,6 +203,6 @@ def reset_peak_memory() -> int | None:
 
 
 def peak_growth_bytes(before: int | None) -> int | None:
-    """Return how far the peak since :func:`reset_peak_memory` is above ``before``, the bytes that it returned."""
+    """Return by how many bytes the peak since :func:`reset_peak_memory` exceeds ``before``, which that returned."""
     peak = None if before is None else _status_bytes("VmHWM")
     return None if peak is None or before is None else max(peak - before, 0)

@@ -1,4 +1,4 @@
-"""Parts of messages: spelling suggestions, commands that install, tables in HTML; and warnings issued or collected."""
+"""Parts of messages (spelling suggestions, installation commands, HTML tables), and warnings issued or collected."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from cpmkit.errors import CpmkitWarning, printable
 
 
 def did_you_mean(word: object, accepted: Iterable[str]) -> str:
-    """Return the suggestion `` (did you mean 'left'?)`` for a word that resembles an accepted one, else "".
+    """Return the suggestion `` (did you mean 'left'?)`` if ``word`` resembles an accepted word, else "".
 
     Examples
     --------
     >>> did_you_mean("lefft", ["left", "right"]), did_you_mean("top", ["left", "right"])
     (" (did you mean 'left'?)", '')
     """
-    if not isinstance(word, str) or len(word) > 100:  # comparing two words takes the product of their lengths
+    if not isinstance(word, str) or len(word) > 100:  # the time of a comparison grows like the product of the lengths
         return ""
     matches = get_close_matches(word.lower(), list(accepted), n=1, cutoff=0.7)
     return f" (did you mean {matches[0]!r}?)" if matches else ""
 
 
 def html_table(title: str, rows: Iterable[tuple[str, str]], picture: bytes | None = None) -> str:
-    """Return an HTML table of (name, value) rows for notebooks, with a PNG ``picture`` above it."""
+    """Return an HTML table of ``rows`` (name, value) for notebooks, below a PNG ``picture`` if given."""
     image = ""
     if picture is not None:
         from base64 import b64encode
@@ -58,16 +58,17 @@ def install_command(extra: str) -> str:
 
 
 def warn_each(sentences: Iterable[str], stacklevel: int = 2) -> None:
-    """Issue each sentence as a warning, attributed to the caller ``stacklevel`` frames up."""
+    """Issue each different sentence as a CpmkitWarning, attributed to the caller ``stacklevel`` frames up."""
     for sentence in dict.fromkeys(sentences):
         warnings.warn(printable(sentence), CpmkitWarning, stacklevel=stacklevel + 1)
 
 
 @contextmanager
 def collected_warnings() -> Iterator[list[str]]:
-    """Collect the sentences of all CpmkitWarnings of the block, each once, instead of showing them.
+    """Collect the sentences of all CpmkitWarnings of the block, each once, in the list that is yielded.
 
-    Warnings of other categories are shown. Not for several threads at a time: Python's filters belong to the process.
+    They are not shown; warnings of other categories are. It is not for several threads at a time, because Python's
+    warning filters belong to the process.
     """
     sentences: list[str] = []
     with warnings.catch_warnings():

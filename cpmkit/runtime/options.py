@@ -1,7 +1,7 @@
-"""Options, each declared once: its name, its default, its check, and the sentence that documents it.
+"""Options, each declared once with its name, default, check and description.
 
 The declaration is a field of a frozen dataclass. Signatures, docstrings, keys of files, saved values and the options
-that studies vary are read from it, so that one more field is one more option everywhere.
+that studies vary are derived from it, so that a new field is a new option everywhere.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ OPTION_KEY = "option"
 
 @dataclass(frozen=True)
 class Option:
-    """Declaration of an option, beside its name, its type and its default.
+    """The declaration of an option, in addition to its name, type and default.
 
     Attributes
     ----------
     summary : str
-        Sentences on what it does and what it accepts.
+        Sentences that describe its effect and its accepted values.
     check : callable
-        Takes a value and the name that messages give it; returns the value to store, or raises an InputError.
+        Takes a value and the option's name in messages; returns the value to store, or raises an InputError.
     plural : str
         Key of a study under which the values to try are listed.
     methods : mapping
@@ -44,7 +44,7 @@ class Option:
     methods: Mapping[str, Any] = field(default_factory=dict)
 
     def accepts(self, value: Any) -> bool:
-        """Return True if a value passes the check."""
+        """Return whether a value passes the check."""
         try:
             self.check(value, "")
         except InputError:
@@ -53,30 +53,30 @@ class Option:
 
 
 def option(default: Any, summary: str, check: Callable[[Any, str], Any] = lambda value, _: value, **study: Any) -> Any:
-    """Return the dataclass field that declares an option; ``study`` is its ``plural`` or its ``methods``."""
+    """Return the dataclass field that declares an option; ``study`` may give its ``plural`` or ``methods``."""
     return field(default=default, metadata={OPTION_KEY: Option(summary, check, **study)})
 
 
 @dataclass(frozen=True)
 class DeclaredOptions:
-    """Base class of groups of options; the constructor checks all of them. Values are numbers, flags or text."""
+    """Base class of groups of options, whose constructor checks all values; these are numbers, flags or text."""
 
     def __post_init__(self) -> None:
         for name, declaration in declared_options(type(self)).items():
             object.__setattr__(self, name, declaration.check(getattr(self, name), name))
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the values of the options by their names."""
+        """Return the values of the options by name."""
         return {name: getattr(self, name) for name in declared_options(type(self))}
 
 
 def declared_options(kind: type[DeclaredOptions]) -> dict[str, Option]:
-    """Return the options that a class declares, by their names."""
+    """Return the options that a class declares, by name."""
     return {member.name: member.metadata[OPTION_KEY] for member in fields(kind) if OPTION_KEY in member.metadata}
 
 
 def either_option(first: Option, second: Option) -> Option:
-    """Return the declaration of an option that two classes declare: it accepts the values that one of them accepts."""
+    """Return the declaration of an option that two classes declare; it accepts the values that either accepts."""
 
     def check(value: Any, label: str) -> Any:
         return (second if second.accepts(value) else first).check(value, label)
@@ -88,15 +88,18 @@ def either_option(first: Option, second: Option) -> Option:
 def split_options(
     kind: type[OptionsClass], keywords: Mapping[str, Any], **further: Any
 ) -> tuple[OptionsClass, dict[str, Any]]:
-    """Return an instance of ``kind`` from its options among ``keywords`` and ``further`` fields, and other keywords."""
+    """Return an instance of ``kind`` made of its options among ``keywords``, and the other keywords.
+
+    ``further`` are fields of the instance that do not come from ``keywords``.
+    """
     selected = {name: keywords[name] for name in declared_options(kind) if name in keywords and name not in further}
     return kind(**selected, **further), {name: value for name, value in keywords.items() if name not in selected}
 
 
 def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Function]:
-    """Return a decorator that puts the options of ``kinds`` in place of ``**options`` in signature and docstring.
+    """Return a decorator that replaces ``**options`` in signature and docstring by the options of ``kinds``.
 
-    Where several classes declare one name, all summaries are shown, and ``...`` as the default.
+    If several classes declare an option, all its summaries are shown, and ``...`` as its default.
     """
 
     def document(function: Function) -> Function:
@@ -123,17 +126,17 @@ def document_options(*kinds: type[DeclaredOptions]) -> Callable[[Function], Func
     return document
 
 
-#: Names of the types that are checked, for messages; parameters of other types are left to their factory.
+#: Names in messages of the types that are checked; a factory itself checks parameters of other types.
 TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text", NoneType: ""}
 
 
 def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, Any]) -> None:
-    """Refuse values whose type is none of the plain types that the parameters of the factory ``make`` declare.
+    """Raise if a value does not have one of the plain types that the factory ``make`` declares for this parameter.
 
     Raises
     ------
     SceneError
-        For the first such key of the ``table``, naming it and the types that it takes.
+        For the first such key of the ``table``; the message states the key and the accepted types.
     """
     hints = _hints(make)
     for key, value in table.items():
@@ -145,6 +148,7 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
 
 
 def _hints(make: Callable[..., Any]) -> dict[str, Any]:
+    """Return the type hints of a factory, empty if they cannot be evaluated."""
     try:
         return get_type_hints(make)
     except (NameError, TypeError):  # a name that is imported for type checkers alone, or no function at all
@@ -152,12 +156,13 @@ def _hints(make: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _plain_types(hint: Any) -> tuple[type, ...]:
-    """Return the types of a hint, none if one of them is not in ``TYPE_WORDS``."""
+    """Return the types in a hint, none if any of them is not in ``TYPE_WORDS``."""
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     return tuple(kinds) if all(isinstance(kind, type) and kind in TYPE_WORDS for kind in kinds) else ()
 
 
 def _has_type(value: Any, kind: type) -> bool:
+    """Return whether a value is of a type; whole numbers also count as float, truth values as bool alone."""
     import numpy as np  # the list of commands starts without numpy
 
     if isinstance(value, (bool, np.bool_)):

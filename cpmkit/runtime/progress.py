@@ -1,4 +1,4 @@
-"""Progress of a solve: the callback in use, and bars that show it on a terminal or in a notebook."""
+"""Progress of a solve: the callback in use, and progress bars on a terminal or in a notebook."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from cpmkit.types import Progress, no_progress
 
 #: A callback, ``False`` for no progress, ``True`` for a bar; None for a bar where a person sees it and work takes long.
 ShownProgress = Progress | bool | None
-#: Seconds after which a bar appears that was not asked for: shorter work needs none.
+#: Seconds after which a bar appears if the user did not request it: shorter work needs none.
 SILENT_SECONDS = 2.0
-#: Seconds between two drawings of the bar: the eye sees no more.
+#: Seconds between two drawings of the bar, as fast as the eye can follow.
 REDRAWING_SECONDS = 0.1
 
 #: The callbacks in use, the innermost last; compilers, which have no callback as an argument, report to it.
@@ -26,15 +26,15 @@ _callbacks: list[Progress] = []
 class ProgressLine:
     """A :data:`~cpmkit.types.Progress` callback that writes to a stream; a context manager.
 
-    On a terminal the current stage is a bar that redraws itself. On any stream a stage that took longer than a second
-    leaves one line with its seconds.
+    On a terminal it shows the current stage as a bar. On any stream it writes one line with the seconds of each stage
+    that took longer than a second.
 
     Parameters
     ----------
     stream : text stream
-        Where to write, usually ``sys.stderr``.
+        Stream to write to, usually ``sys.stderr``.
     clock : callable
-        Returns seconds.
+        Returns the time in seconds.
     """
 
     def __init__(self, stream: TextIO, clock: Callable[[], float] = time.perf_counter) -> None:
@@ -46,7 +46,7 @@ class ProgressLine:
         self._drawn = self._since - REDRAWING_SECONDS
 
     def __call__(self, stage: str, fraction: float) -> None:
-        """Show that ``fraction`` of ``stage`` is done; a fraction of 1, or another stage than before, ends a stage."""
+        """Show that ``fraction`` of ``stage`` is done; a fraction of 1, or a new stage, ends the current stage."""
         if stage != self._stage:
             self.finish()
             self._stage = stage
@@ -60,7 +60,7 @@ class ProgressLine:
             self.finish()
 
     def finish(self) -> None:
-        """End the current stage; the time of the next stage counts from here."""
+        """End the current stage; the time of the next stage is measured from now."""
         if self._stage is None:
             return
         now = self._clock()
@@ -84,7 +84,7 @@ class ProgressLine:
 
 @contextmanager
 def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
-    """Yield the progress callback of the work in the block: the ``target`` itself, a bar, or one that does nothing.
+    """Yield the progress callback for the block: ``target`` itself, a bar, or a callback that does nothing.
 
     Raises
     ------
@@ -109,13 +109,13 @@ def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf
 
 
 def report_progress(stage: str, fraction: float) -> None:
-    """Call the innermost callback in use, if there is any."""
+    """Call the innermost callback in use, if there is any, with a stage and the fraction of it that is done."""
     if _callbacks:
         _callbacks[-1](stage, fraction)
 
 
 class DelayedBar:
-    """A bar that appears after ``silent`` seconds, and is removed at the end."""
+    """A progress callback that shows a bar after ``silent`` seconds; :meth:`close` removes it."""
 
     def __init__(self, silent: float, clock: Callable[[], float]) -> None:
         self._since, self._silent, self._clock = clock(), silent, clock
@@ -137,14 +137,14 @@ class DelayedBar:
             self._bar.refresh()
 
     def close(self) -> None:
-        """Remove the bar."""
+        """Remove the bar if it is shown."""
         if self._bar is not None:
             with suppress(OSError):
                 (self._bar.finish if isinstance(self._bar, ProgressLine) else self._bar.close)()
 
 
 def _tqdm_bar() -> Any:
-    """Return a bar of tqdm, a widget in a notebook; None where tqdm is not installed."""
+    """Return a progress bar of tqdm, in a notebook a widget; None if tqdm is not installed."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # it warns of a notebook without widgets, and writes text
@@ -155,6 +155,6 @@ def _tqdm_bar() -> Any:
 
 
 def _is_interactive() -> bool:
-    """Return True if a person reads the standard error stream: on a terminal, or in a notebook."""
+    """Return whether a person reads the standard error stream, on a terminal or in a notebook."""
     shell = getattr(sys.modules.get("IPython"), "get_ipython", lambda: None)()
     return type(shell).__name__ == "ZMQInteractiveShell" or sys.stderr.isatty()

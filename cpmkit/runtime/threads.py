@@ -1,7 +1,7 @@
-"""One pool of threads for the process, and work divided into parcels for it.
+"""A pool of threads shared by the process, and work divided into parcels for it.
 
-Parcels are small and assigned to threads as these become free: parcels of half the work would stall where another
-process occupies one core. The work releases the interpreter's lock, as compiled kernels and SciPy's sparse products do.
+Parcels are small and assigned to threads as these become free: with parcels of half the work all would wait for a core
+that another process uses. The work releases the interpreter's lock, as compiled kernels and SciPy's sparse products do.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from functools import cache
 
 from cpmkit.errors import InputError
 
-#: Closest point queries in a parcel: few enough that a busy core does not delay the others.
+#: Number of closest point queries in a parcel: so few that a busy core does not delay the others.
 THREAD_PARCEL_QUERIES = 4096
 
 
@@ -48,7 +48,7 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
 
 
 def run_parcels(work: Callable[[int, int], object], count: int, size: int = THREAD_PARCEL_QUERIES) -> None:
-    """Call ``work(start, stop)`` for consecutive ranges of ``range(count)``, each of at most ``size``, on all threads.
+    """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
 
     An exception in a parcel is raised to the caller.
     """

@@ -1,4 +1,7 @@
-"""The layout of a scene on a lattice: band, edge, boundaries and ghosts; all closest point queries are made here."""
+"""The layout of a scene on a lattice: its band of nodes, edge, boundaries and ghosts.
+
+All closest point queries of a discretization are made here.
+"""
 
 from __future__ import annotations
 
@@ -40,44 +43,44 @@ from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress, no_progress
 
-#: Nodes with feet nearer to a boundary than so many spacings read right-hand sides well inside their side.
+#: Nodes whose closest points are nearer to a boundary than this many spacings read right-hand sides farther inside.
 DOUBTFUL_SIDE_SPACINGS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The unknowns of a scene and the formulas of their rows.
+    """The unknowns of a scene and the formulas of their rows in the extension matrix E.
 
     Attributes
     ----------
     options : Options
-        With which a like scene has the same layout: the origin is the lattice's.
+        Options that lay out the same scene in the same way; their origin is that of the lattice.
     lattice : Lattice
         Origin and spacing.
     surface : LocalSource
         The manifold, relative to the lattice's origin.
     band : Band
-        Its nodes and their closest points.
+        The nodes near the manifold and their closest points.
     formula : RowFormula
-        Of each node of the band, the edge's conditions applied.
+        The formula of each node of the band, the edge's conditions included.
     sources : RowFormula
-        Where each node reads right-hand sides.
+        The points at which each node reads right-hand sides.
     boundaries : BoundariesOnBand
-        The boundaries, and how the band's nodes see them.
+        The boundaries, and the distances and sides of the band's nodes from each.
     ghosts : sequence of Ghosts
-        Those of each boundary.
+        The ghosts of each boundary.
     channels : int
         Number of right-hand sides that are solved together.
     sector_jumps, strips : sequences of SectorJump and Strip
-        Where boundaries cross with different data, or run side by side nearer than a spacing.
+        Crossings of boundaries with different data, and pairs of boundaries less than a spacing apart.
     rim_strips : sequence of RimStrip
-        Boundaries beside a rim or on it.
+        Boundaries near a rim (an open edge of the manifold) or on it.
     facing_rims : sequence of FacingRims
         The narrowest gap between rims.
     mixed_sides : sequence of MixedSides
-        Where the sides of a boundary are not separated.
+        Places where stencils cannot separate the sides of a boundary.
     junctions : sequence of Junction
-        Where three curves or more meet.
+        Points where three curves or more meet.
     """
 
     options: Options[CollocationOptions]
@@ -98,22 +101,22 @@ class Layout:
 
     @cached_property
     def unknowns(self) -> Unknowns:
-        """The unknowns: the band's inner nodes, and the ghosts of each boundary."""
+        """The unknowns: the band's inner nodes, then the ghosts of each boundary."""
         return Unknowns(self.band, self.ghosts)
 
     @property
     def order(self) -> int:
-        """Order of the conditions, 1 or 2."""
+        """The order of accuracy of the conditions, 1 or 2."""
         return self.options.own.order
 
     @property
     def numbering(self) -> Numbering:
-        """The numbers of rows of E and of unknowns."""
+        """The numbers of the rows of E and of the unknowns."""
         return self.unknowns.numbering
 
     @property
     def queries(self) -> Counter[str]:
-        """Closest point queries made so far, of the surface and of each boundary by its name."""
+        """The number of closest point queries so far, of the surface and of each boundary by name."""
         counts = Counter({"surface": self.surface.queries["points"]})
         for boundary, on_lattice in zip(self.boundaries.definitions, self.boundaries.on_lattice, strict=True):
             counts[boundary.name] = on_lattice.source.queries["points"]
@@ -121,7 +124,7 @@ class Layout:
 
 
 def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
-    """Return the layout of a scene on a lattice.
+    """Return the layout of a scene on a lattice; ``progress`` is called with the stage and its share done.
 
     Raises
     ------
@@ -151,13 +154,13 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
 
 
 def with_data_of(layout: Layout, scene: Scene) -> Layout:
-    """Return the layout of a scene that differs in its equation and its data alone."""
+    """Return the layout with the data of ``scene``, which differs from the layout's scene only in equation and data."""
     boundaries = replace(layout.boundaries, definitions=scene.boundaries)
     return _with_meetings(replace(layout, boundaries=boundaries, channels=scene.channels), scene.problem.start_time)
 
 
 def _with_meetings(layout: Layout, time: float | None) -> Layout:
-    """Return the layout with the boundaries that meet, whose data are compared."""
+    """Return the layout with the places where boundaries meet, their data compared at ``time``."""
     boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
     jumps, strips = find_meetings(boundaries, lattice, channels, time)
     mixed = find_mixed_sides(boundaries, lattice, channels, time)
@@ -167,11 +170,11 @@ def _with_meetings(layout: Layout, time: float | None) -> Layout:
 def _boundaries_and_nodes(
     scene: Scene, surface: LocalSource, band: Band, lattice: Lattice, order: int
 ) -> tuple[BoundariesOnBand, RowFormula]:
-    """Return how the nodes see the boundaries, and the formulas of the nodes.
+    """Return the boundaries with the nodes' distances and sides, and the formulas of the nodes.
 
-    Nodes past an edge that a boundary separates from their mirror points read their feet.
+    A node past an edge reads its closest point if a boundary separates it from its mirror point.
     """
-    # King et al. (2024), section 4.6: boundaries are looked for within twice the reach.
+    # King et al. (2024), section 4.6: boundaries within twice the reach of a stencil are found.
     formula, reach = read_past_edge(surface, band, lattice, scene.edge, order), reading_radius(band.dim, band.degree)
     reach *= band.spacing
     on_lattice = [
@@ -186,7 +189,11 @@ def _boundaries_and_nodes(
 
 
 def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
-    """Return where the nodes read right-hand sides, those nearly on a boundary inside the side that they count to."""
+    """Return the formula of the points at which nodes read right-hand sides.
+
+    These are their closest points; a node whose closest point is almost on a boundary reads farther inside its own
+    side.
+    """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):
         doubtful = (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end

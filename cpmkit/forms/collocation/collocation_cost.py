@@ -1,8 +1,8 @@
-"""The cost of the collocation form, from layouts on coarse lattices that are extrapolated to the spacing.
+"""The cost of the collocation form, extrapolated to the spacing from layouts on coarse lattices.
 
-Nodes of an m-dimensional manifold grow like ``a / h^m + b / h^(m - 1)`` when the spacing h shrinks, and two coarse
-layouts give a and b. Closest point queries are a sum of such terms and a constant, none of them negative, and three
-layouts give it.
+The number of nodes of an m-dimensional manifold grows like ``a / h^m + b / h^(m - 1)`` when the spacing h shrinks; two
+coarse layouts determine a and b. Closest point queries grow like a sum of such terms and a constant, none of them
+negative, which three layouts determine.
 """
 
 from __future__ import annotations
@@ -44,22 +44,22 @@ NOISE_FACTOR = 6.0
 
 @dataclass(frozen=True)
 class Counts:
-    """Counts of a layout.
+    """The numbers of nodes, ghosts, rows and queries of a layout at the spacing.
 
     Attributes
     ----------
     values : mapping
         Counts by name.
     exact : bool
-        Whether the layout is at the spacing itself.
+        Whether they were counted at the spacing itself, not extrapolated.
     gaps : tuple of float
         Distance by which each boundary was snapped to the manifold.
     lefts : tuple of str
-        What defines the left of each boundary, where its sources do not; else empty.
+        For each boundary, a description of its left where its sources do not define it; else empty.
     noise : float
         The largest distance by which closest points move when they are queried again.
     warnings : tuple of str
-        Warnings on sharp bends, rims, ends and branches.
+        Warnings about sharp bends, rims, ends and branches.
     """
 
     values: Mapping[str, float]
@@ -74,14 +74,14 @@ class Counts:
 
 
 class CollocationCost(CostModel[CollocationOptions]):
-    """Unknowns, solver and memory of a scene in the collocation form."""
+    """The number of unknowns, the solver and the memory of a scene in the collocation form."""
 
     coarsest_share: ClassVar[float] = COARSEST_BAND_SHARE
     boundary_share: ClassVar[float] = 2.0
     smaller_solver: ClassVar[str] = "reference"
 
     def choose_solver(self, target: str, unknowns: float) -> str:
-        """Return the solver that ``target`` means for so many unknowns."""
+        """Return the name of the solver that ``target`` means for this number of unknowns."""
         dim = largest_dim(self.scene.surface)
         return choose_solver(target, round(unknowns), dim, self.scene.problem.factorise_up_to)
 
@@ -92,15 +92,22 @@ class CollocationCost(CostModel[CollocationOptions]):
         return self._bytes_of(rows, unknowns, solver)
 
     def _bytes_of(self, rows: float, unknowns: float, solver: str) -> float:
+        """Return the bytes at the peak of a solve with so many rows and unknowns."""
         scene, degree = self.scene, self.options.own.degree
         return memory.peak_bytes(rows, unknowns, scene.surface.dim, degree, scene.channels, solver)
 
     def check_fits(self, unknowns: float, solver: str) -> None:
-        """Refuse a solve that needs more memory than this process may have."""
+        """Raise if a solve needs more memory than this process may have.
+
+        Raises
+        ------
+        ResolutionError
+            With a spacing at which it fits.
+        """
         check_fits(self.surface, unknowns, self.options.spacing, self.options.own.degree, solver)
 
     def expected_unknowns(self) -> float:
-        """Return about how many unknowns there are."""
+        """Return the approximate number of unknowns."""
         surface = self.surface
         return unknowns_at_one(surface, self.options.own.degree) / self.options.spacing**surface.largest_dim
 
@@ -109,11 +116,11 @@ class CollocationCost(CostModel[CollocationOptions]):
         return fitting_spacing(self.surface, self.options.own.degree, available, solver)
 
     def source_error(self) -> float:
-        """Return the error that the source reports of itself."""
+        """Return the error that the surface states for its closest points."""
         return advice_of(self.scene.surface, self.options.spacing).floor
 
     def explain(self, solver: str, progress: Progress) -> Explanation:
-        """Return counts from a layout, or from layouts on three coarse lattices."""
+        """Return the explanation of a solve, from a layout at the spacing or from three coarser layouts."""
         scene, own, spacing = self.scene, self.options.own, self.options.spacing
         counts = self.count(progress)
         chosen = self.choose_solver(solver, counts["unknowns"])
@@ -138,7 +145,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         )
 
     def count(self, progress: Progress = no_progress) -> Counts:
-        """Return the counts at the spacing; the stage "dry run" is reported to ``progress``."""
+        """Return the counts at the spacing; ``progress`` is called with the stage "dry run" and its share done."""
         scene, spacing = self.scene, self.options.spacing
         progress("dry run", 0.0)
         finest = self._finest_spacing()
@@ -169,7 +176,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return Counts(_with_summed_queries(counts), False, *properties)
 
     def _finest_spacing(self) -> float:
-        """Return the spacing times the smallest power of two at which a layout is small.
+        """Return the spacing of the dry run: the spacing times the smallest power of two at which a layout is small.
 
         Raises
         ------
@@ -186,6 +193,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return lattice.spacing * side
 
     def _edge_parts(self, counts: Counts) -> list[Part]:
+        """Return the part of the explanation about nodes past the edge, if there are any."""
         if not counts["past edge"]:
             return []
         kinds = ", ".join(sorted({condition_name(edge) for edge in self.scene.edge_conditions}))
@@ -193,6 +201,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return [Part("nodes past the edge", f"{counts['past edge']:,}", f"the manifold is open; {kinds}, {how}")]
 
     def _boundary_parts(self, counts: Counts) -> list[Part]:
+        """Return the part of the explanation about the ghosts of each boundary."""
         parts, order = [], self.options.own.order
         for number, boundary in enumerate(self.scene.boundaries):
             why = f"second unknowns that continue each side across it: {sides_in_words(boundary)}, order {order}"
@@ -204,6 +213,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return parts
 
     def _left_out(self, counts: Counts) -> list[str]:
+        """Return the steps of the method that this scene does not need."""
         scene, own_normals = self.scene, isinstance(self.scene.surface, (HasNormals, HasTangents))
         steps = {
             "crossing tests and ghosts (no boundary)": not scene.boundaries,
@@ -216,6 +226,7 @@ class CollocationCost(CostModel[CollocationOptions]):
 
 
 def _surface_parts(counts: Counts, degree: int) -> list[Part]:
+    """Return the parts of the explanation about inner nodes, twins and outer nodes."""
     outer, twins = counts["nodes"] - counts["inner"], counts["twins"]
     why = f"unknowns: read by interpolation of degree {degree} at surface points"
     shared = "further unknowns at nodes that several sheets of the surface share, one a sheet"
@@ -237,6 +248,7 @@ def _query_noise(layout: Layout) -> float:
 
 
 def _counts_of(layout: Layout) -> dict[str, float]:
+    """Return the counts of a layout by name, closest point queries by source."""
     counts = {
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
@@ -251,19 +263,19 @@ def _counts_of(layout: Layout) -> dict[str, float]:
 
 
 def _with_summed_queries(counts: Mapping[str, float]) -> dict[str, float]:
-    """Return the counts with the queries of all sources added up."""
+    """Return the counts with the queries of all sources replaced by their sum."""
     queries = sum(value for name, value in counts.items() if name.startswith(QUERIES_KEY))
     return {**{name: value for name, value in counts.items() if not name.startswith(QUERIES_KEY)}, QUERIES_KEY: queries}
 
 
 def _leading_terms(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
-    """Fit ``count = a / h^m + b / h^(m - 1)`` to the two finest counts, and evaluate it at ``spacing``."""
+    """Return ``count = a / h^m + b / h^(m - 1)``, fitted to the counts at the two finest spacings, at ``spacing``."""
     (h, wide, *_), (fine, coarse, *_) = spacings, counts
     return max(growth_through((h, fine), (wide, coarse), m).at(spacing), 0.0)
 
 
 def _sum_of_powers(spacings: list[float], counts: list[float], spacing: float, m: int) -> float:
-    """Fit ``count = a / h^m + ... + c``, no term negative, to all counts, and evaluate it at ``spacing``."""
+    """Return ``count = a / h^m + ... + c``, fitted to all counts with no term negative, at ``spacing``."""
     from scipy.optimize import nnls
 
     if not all(counts):

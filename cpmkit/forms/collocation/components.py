@@ -1,7 +1,7 @@
-"""Connected components of a manifold that boundaries cut apart: which are free of conditions, which closed to fluxes.
+"""Connected components of a manifold cut by boundaries: those with a free constant, and those that no flux leaves.
 
-They are found by flood fill over sides: a difference stencil joins its unknown to the neighbours that it reads, and
-reads none across a boundary.
+Components are those of the graph of unknowns: a difference stencil joins its unknown to the neighbours that it reads,
+and it reads no value from the other side of a boundary.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ COMPONENT_CHUNK_ROWS = 1 << 17
 
 
 def singular_components(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
-    """Return how many components leave the constant free, and the component (n,) of each unknown, -1 for none of them.
+    """Return the number of components with a free constant, and the component (n,) of each unknown, -1 on others.
 
-    A factor c of u fixes the constant of components on which it is not zero, a law that involves the value that of the
-    component that it bounds.
+    A component's constant is free if u + constant solves the same problem. A factor c of u that is not zero on the
+    component fixes it, and so does a condition at its boundary that involves the value of u.
     """
     c = scene.problem.terms().c
     if not callable(c) and c != 0:
@@ -42,9 +42,10 @@ def singular_components(tables: Discretization, scene: Scene) -> tuple[int, Ints
 
 
 def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
-    """Return how many components nothing flows out of, and the one of each unknown (n,), -1 for none of them.
+    """Return the number of components that no flux leaves, and the component (n,) of each unknown, -1 on others.
 
-    No boundary touches them, and their edges, if they have any, are walls.
+    All components have fluxes if any boundary has ghosts; without ghosts, a component has none if all loops of its edge
+    have zero flux.
     """
     if any(tables.numbering.unknown_ghosts):
         return 0, np.full(tables.unknowns.count, -1)
@@ -59,7 +60,7 @@ def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, 
 
 
 def _chosen_components(chosen: Bools, label: Ints) -> tuple[int, Ints]:
-    """Return the number of chosen components, and their new number for each unknown, -1 where it is not chosen."""
+    """Return the number of ``chosen`` components, and each unknown's component (n,) among them, -1 if not chosen."""
     number = np.where(chosen, np.cumsum(chosen) - 1, -1)
     return int(chosen.sum()), number[label]
 
@@ -67,7 +68,7 @@ def _chosen_components(chosen: Bools, label: Ints) -> tuple[int, Ints]:
 def components(tables: Discretization) -> tuple[int, Ints]:
     """Return the number of components and the component (n,) of each unknown.
 
-    Components of which one reads the other by interpolation count as one: nodes in a narrow wedge, the two sides of a
+    Components are merged if one reads the other by interpolation: nodes in a narrow wedge, the two sides of a
     transmission, and components that meet where boundaries cross, because stencils there read a little of each.
     """
     count, label = _joined_by_differences(tables, tables.unknowns.count)
@@ -78,9 +79,9 @@ def components(tables: Discretization) -> tuple[int, Ints]:
 
 
 def parts_of_nodes(tables: Discretization) -> Ints:
-    """Return the part (inner,) of each inner node, as boundaries cut the manifold that ghosts do not bridge.
+    """Return the part (inner,) of the manifold that each inner node is in, as cut by all boundaries but transmissions.
 
-    A transmission cuts nothing apart: what flows out of one side of it flows into the other.
+    A transmission separates no parts: what flows out on one side of it flows in on the other.
     """
     count, label = _joined_by_differences(tables, tables.layout.band.inner)
     pairs = _across_transmissions(tables)
@@ -88,7 +89,7 @@ def parts_of_nodes(tables: Discretization) -> Ints:
 
 
 def _across_transmissions(tables: Discretization) -> Ints:
-    """Return the pairs (2, k) of neighbouring inner nodes with a transmission, and no other boundary, between them."""
+    """Return the pairs (2, k) of neighbouring inner nodes that a transmission, and no other boundary, separates."""
     layout = tables.layout
     sides = np.zeros((len(layout.ghosts), len(layout.band.nodes)))
     for index, (view, ghosts) in enumerate(zip(layout.boundaries.side_views, layout.ghosts, strict=True)):
@@ -103,7 +104,7 @@ def _across_transmissions(tables: Discretization) -> Ints:
 
 
 def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Ints]:
-    """Return the components of the first ``count`` unknowns that difference stencils join."""
+    """Return how many components difference stencils form of the first ``count`` unknowns, and the labels (count,)."""
     read = tables.numbering.unknown_of_row[tables.neighbours[:count]].ravel()
     reader = np.repeat(np.arange(count), tables.neighbours.shape[1])
     within = (read >= 0) & (read < count)
@@ -111,7 +112,10 @@ def _joined_by_differences(tables: Discretization, count: int) -> tuple[int, Int
 
 
 def _graph_components(pairs: Ints, count: int) -> tuple[int, Ints]:
-    """Return how many components a graph of ``count`` nodes with edges ``pairs`` (2, k) has, and all labels."""
+    """Return the number of components of a graph, and the label (count,) of each of its ``count`` nodes.
+
+    Its edges are ``pairs`` (2, k) of nodes.
+    """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
@@ -121,7 +125,10 @@ def _graph_components(pairs: Ints, count: int) -> tuple[int, Ints]:
 
 
 def _reads_between(tables: Discretization, count: int, label: Ints) -> Ints:
-    """Return the pairs (2, k) of components of which one reads the other, through its neighbours' rows of E."""
+    """Return the pairs (2, k) of different components of which the first reads the second.
+
+    It reads the values that E interpolates at its difference neighbours; ``label`` (n,) is each unknown's component.
+    """
     from scipy.sparse import csr_array, vstack
 
     indicator = csr_array((np.ones(len(label)), (np.arange(len(label)), label)), shape=(len(label), count))

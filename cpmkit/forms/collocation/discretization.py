@@ -1,4 +1,4 @@
-"""The tables of the closest point method: the extension E, the difference neighbours, the boundary data."""
+"""The tables of the closest point method: the extension matrix E, the difference neighbours and the boundary data."""
 
 from __future__ import annotations
 
@@ -35,14 +35,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Discretization:
-    """The tables of one band, without an equation.
+    """The tables of a scene on a band; they do not depend on the equation, but for transmissions.
 
     Attributes
     ----------
     layout : Layout
         Lattice, band, boundaries and ghosts.
     extension : csr_array (rows, unknowns)
-        E: one row an outer node, then one a ghost. Its arrays are read-only: every operator shares them.
+        E, with a row for each node of the band and then for each ghost. Its arrays are read-only, as operators share
+        them.
     data : sequence of BoundaryData
         Terms that are added to E u.
     neighbours : (unknowns, 2 d) int, read-only
@@ -57,30 +58,30 @@ class Discretization:
 
     @cached_property
     def differences(self) -> csr_array:
-        """N (unknowns, rows): ones, so that L = (N - 2 d I) / spacing^2. Read-only."""
+        """N (unknowns, rows), with ones at the difference neighbours: L = (N - 2 d I) / spacing^2; read-only."""
         return self.weighted_differences(np.ones(self.neighbours.size))
 
     def weighted_differences(self, weights: Floats) -> csr_array:
-        """Return the matrix (unknowns, rows) with ``weights`` at the difference neighbours, read-only."""
+        """Return the read-only matrix (unknowns, rows) with these ``weights`` of the difference neighbours."""
         return read_only(matrix_of_rows(weights, self.neighbours, self.extension.shape[0]))
 
     @property
     def unknowns(self) -> Unknowns:
-        """The unknowns: the band's inner nodes, and the ghosts of each boundary."""
+        """The unknowns: the band's inner nodes, then the ghosts of each boundary."""
         return self.layout.unknowns
 
     @property
     def numbering(self) -> Numbering:
-        """The numbers of rows of E and of unknowns."""
+        """The numbers of the rows of E and of the unknowns."""
         return self.layout.numbering
 
     def datum(self, time: float | None = None) -> Floats:
-        """Return the terms (rows, channels) of the boundary data, added to E u, at ``time``."""
+        """Return the sum (rows, channels) of the boundary data that are added to E u, at ``time``."""
         return sum_of_data(self.data, self.extension.shape[0], self.layout.channels, time)
 
     @cached_property
     def sources(self) -> RowFormula:
-        """Where the unknowns read right-hand sides and initial data: nodes at their feet, ghosts on their side."""
+        """The points at which unknowns read right-hand sides and initial data, ghosts on the side they continue."""
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         numbers = np.split(self.numbering.unknown_of_row, self.numbering.first_rows[:-1])
         is_unknown = self.numbering.unknown_of_row >= 0
@@ -92,7 +93,7 @@ class Discretization:
         )
 
     def read_sources(self, data: Data, label: str, time: float | None = None) -> Floats:
-        """Return ``data``, called ``label`` in errors, at the unknowns, (unknowns, channels), each on its own side."""
+        """Return ``data`` at the unknowns, (unknowns, channels), each on its own side; errors call them ``label``."""
         sources, lattice, channels = self.sources, self.layout.lattice, self.layout.channels
         values = evaluate_data(data, lattice.to_scene(sources.points), channels, label, time)
         if not sources.terms:
@@ -104,13 +105,16 @@ class Discretization:
         return values
 
     def read_at_rows(self, data: Any, label: str, channels: int | None = 1) -> Floats:
-        """Return a coefficient (rows, channels) at all rows of E, of ghosts on the side that they continue."""
+        """Return a coefficient (rows, channels) at all rows of E, at ghosts on the side that they continue."""
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
         points = [self.layout.lattice.to_scene(formula.points) for formula in formulas]
         return np.concatenate([evaluate_data(data, at, channels, label) for at in points])
 
     def read_in_place_of(self, law: type[Law]) -> csr_array:
-        """Return the matrix (rows, unknowns) that reads u where E u + data has the data of a ``law``, factors alike."""
+        """Return the matrix (rows, unknowns) that reads u at the data of a ``law``, times the data's factors.
+
+        Added to E with a factor lambda, it replaces these data by lambda u.
+        """
         from scipy.sparse import csr_array, diags_array
 
         matrix = csr_array(self.extension.shape)
@@ -122,7 +126,10 @@ class Discretization:
         return csr_array(matrix)
 
     def read_at_datum(self, datum: BoundaryData) -> csr_array:
-        """Return the matrix (rows, unknowns) that reads u at a datum's points, in its rows, from their sides."""
+        """Return the matrix (rows, unknowns) that, in a datum's rows, interpolates u at its points.
+
+        Each row reads from the side that it continues; all other rows are zero.
+        """
         order = np.argsort(datum.rows)
         rows, points = datum.rows[order], self.layout.lattice.to_local(datum.points[order])
         centres = row_centres(self.layout).take(rows)
@@ -135,7 +142,13 @@ class Discretization:
 def build_tables(
     scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress
 ) -> Discretization:
-    """Return the tables of a scene, after all checks; ``progress`` is called with the stage and the share done."""
+    """Return the tables of a scene after all checks; ``progress`` is called with the stage and its share done.
+
+    Raises
+    ------
+    InputError, SceneError, ResolutionError
+        If the lattice's origin, a boundary, a condition or the spacing does not fit.
+    """
     layout = lay_out(scene, options, progress)
     check_layout(layout, scene)
     tables = tabulate(layout, progress)
@@ -144,7 +157,7 @@ def build_tables(
 
 
 def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization:
-    """Return E and N of a layout; no closest point is asked for."""
+    """Return the tables of a layout: E and the difference neighbours."""
     extension, data, centres = extend_rows(layout, lambda stage, share: progress(stage, 0.8 * share))
     neighbours = _neighbours(layout.unknowns, centres)
     neighbours.flags.writeable = False
@@ -153,10 +166,10 @@ def tabulate(layout: Layout, progress: Progress = no_progress) -> Discretization
 
 
 def read_only(matrix: csr_array) -> csr_array:
-    """Return ``matrix`` with arrays that nothing can write to.
+    """Return ``matrix`` after making its arrays read-only.
 
     SciPy sorts the indices of an operand in place where it needs them sorted (``abs`` does): a matrix that shares the
-    arrays, or code that relies on the order in a row, would then be wrong in silence.
+    arrays, or code that relies on the order in a row, would then be wrong without an error.
     """
     for part in (matrix.data, matrix.indices, matrix.indptr):
         part.flags.writeable = False
@@ -164,10 +177,10 @@ def read_only(matrix: csr_array) -> csr_array:
 
 
 def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
-    """Return which rows of E (unknowns, 2 d) the difference stencil of each unknown reads.
+    """Return the rows of E (unknowns, 2 d) that the difference stencil of each unknown reads.
 
-    A neighbour across a boundary is read through its ghost. A ghost's neighbour on the ghost's own side is
-    that neighbour's ghost; one on the side that it continues, or past an open end, is the node itself.
+    A neighbour on the other side of a boundary is read through its ghost. The stencil of a ghost reads the ghost of a
+    neighbour that is on its own node's side, and the node itself on the side that it continues, or past an open end.
     """
     band, numbering = unknowns.band, unknowns.numbering
     nodes = np.concatenate([np.arange(band.inner), *(group.nodes[: group.unknowns] for group in unknowns.ghosts)])
@@ -178,17 +191,18 @@ def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
 
 
-# Other data in the same tables
+# New data in existing tables
 
 
 def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretization:
-    """Return the tables of the scene ``old`` with the data of ``new``, which differs in its equation and data alone.
+    """Return the tables of the scene ``old`` with the data of ``new``, which differs only in its equation and data.
 
     Raises
     ------
     SceneError
-        If the tables contain what changes: the equation's diffusivity on both sides of a boundary that couples them, a
-        wall, whose flux of zero has no rows, or one condition where there would be several.
+        If a change affects the tables themselves: that of a diffusivity that a transmission uses, of data of a
+        condition without data in the tables (zero flux), or to different data where one condition object serves several
+        loops or sides.
     """
     laws = list(zip(_laws(old), _laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]
@@ -219,7 +233,7 @@ def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretizat
 
 
 def _laws(scene: Scene) -> list[tuple[str, Law]]:
-    """Return the laws of a scene, each with the label that :class:`BoundaryData` has."""
+    """Return the laws of the conditions of a scene, each with its label in :class:`BoundaryData`."""
     edge = [(EDGE_CONDITION, condition.law) for condition in scene.edge_conditions]
     sides = [
         (f"boundary {boundary.name!r}", boundary.condition(side).law) for boundary in scene.boundaries for side in SIDES
@@ -227,29 +241,29 @@ def _laws(scene: Scene) -> list[tuple[str, Law]]:
     return sides + edge
 
 
-# What a solve cost
+# Cost of a solve
 
 
 @dataclass(frozen=True)
 class Work:
-    """Machine-independent measures of a solve.
+    """Machine-independent measures of the cost of a solve.
 
     Attributes
     ----------
     unknowns : int
-        Inner nodes and ghosts.
+        Number of inner nodes and of ghosts that are unknowns.
     nodes : int
-        Nodes of the band, outer ones included.
+        Number of nodes of the band, outer nodes included.
     ghosts : int
-        Unknowns that are ghosts.
+        Number of unknowns that are ghosts.
     first_order_ghosts : int
-        Ghosts of order 1 because their mirror point lies beyond another boundary, or by request.
+        Number of ghosts of order 1, by request or because their mirror point lies beyond another boundary.
     nonzeros : int
-        Stored entries of E and N.
+        Number of stored entries of E and N.
     operator_applications : int
-        Products with A, all channels together.
+        Number of products with A, all channels together.
     closest_point_queries : int
-        Of the surface and of all boundaries.
+        Number of closest point queries of the surface and of all boundaries.
     table_bytes : int
         Bytes of E, N and the closest point records.
     queries : mapping
@@ -267,12 +281,12 @@ class Work:
     queries: Mapping[str, int] = field(default_factory=dict)
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the measures as plain values."""
+        """Return the measures as a dictionary of plain values."""
         return asdict(self)
 
 
 def measure_work(tables: Discretization, operator: Operator, report: SolveReport | None) -> Work:
-    """Return the sizes of the tables, and the operations of the solve."""
+    """Return the sizes of the tables and the number of operations of the solve (zero without a ``report``)."""
     layout, matrix, feet = tables.layout, tables.extension, tables.layout.band.feet
     first_order = sum(np.count_nonzero(ghosts.orders[: ghosts.unknowns] == 1) for ghosts in layout.ghosts)
     stored = sum(part.nbytes for part in (matrix.data, matrix.indices, matrix.indptr))

@@ -1,8 +1,8 @@
-"""Reading a band at surface points, seen from their sides: the one operator behind E and evaluation.
+"""The matrix that interpolates the unknowns of a band at points of the manifold, each read from its own side.
 
-The closest point extension E, the evaluation of a solution and the transfers between bands all are
-*interpolate in this band at these surface points, and in each node of a stencil take the unknown that
-is on the point's own side of every boundary*.
+The closest point extension E, the evaluation of a solution and the transfers between bands are all this matrix: it
+*interpolates in the band at these points, and at each node of a stencil takes the unknown on the point's own side of
+every boundary*.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cpmkit.types import Floats, Progress, no_progress
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Rows that are built at a time: their memory is small beside the tables.
+#: Number of rows that are built at a time, so that their memory is small compared with the matrix.
 EXTENSION_CHUNK_ROWS = 16384
 
 
@@ -37,20 +37,20 @@ def extend(
     coefficient: Floats | None = None,
     progress: Progress = no_progress,
 ) -> csr_array:
-    """Return the matrix that reads the unknowns at surface ``points``.
+    """Return the matrix that interpolates the unknowns at ``points`` of the manifold.
 
     Parameters
     ----------
     unknowns : Unknowns
-        Of the band that is read.
+        Unknowns of the band that is interpolated in.
     points : (n, d) float64
         Points of the manifold, relative to the lattice's origin.
     centres : Centres
-        How each point sees the boundaries, and on which sheet it is.
+        The side of each boundary, and the sheet, that each point is on.
     coefficient : (n,) float64, optional
-        Multiplies each row.
+        Factor of each row.
     progress : callable, optional
-        Called with the share of the stage "tables" that is done.
+        Called with the stage "tables" and the share of it that is done.
 
     Returns
     -------
@@ -59,7 +59,7 @@ def extend(
     Raises
     ------
     ResolutionError
-        If a stencil leaves the band, which the laws of a closest point source exclude.
+        If a stencil leaves the band, which cannot happen with a source that obeys the rules of closest point sources.
     """
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim
@@ -78,7 +78,7 @@ def extend(
 
 
 def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_array, Sequence[BoundaryData], Centres]:
-    """Return E (rows, unknowns), the boundary data added to E u, and the centres of the rows' stencils."""
+    """Return E (rows, unknowns), the boundary data that are added to E u, and the centres of its rows' stencils."""
     formula = _formula_of_rows(layout)
     centres = row_centres(layout, formula)
     extension = extend(layout.unknowns, formula.points, centres, formula.coefficient, progress)
@@ -92,7 +92,7 @@ def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_a
 
 
 def _formula_of_rows(layout: Layout) -> RowFormula:
-    """Return the formulas of all rows of E: the band's nodes, then each boundary's ghosts."""
+    """Return the formulas of all rows of E: of the band's nodes, then of each boundary's ghosts."""
     parts, numbering = [layout.formula, *(group.formula for group in layout.ghosts)], layout.numbering
     numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
@@ -107,7 +107,10 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 
 
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
-    """Return how all rows of E see the boundaries, and on which sheets they read if their ``formula`` is given."""
+    """Return the centres of the stencils of all rows of E, with the nodes' and ghosts' sides of each boundary.
+
+    Their closest points and normals, which choose the sheet, are included if the rows' ``formula`` is given.
+    """
     band, owner, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
     side_views = []
     for index, view in enumerate(layout.boundaries.side_views):

@@ -1,10 +1,10 @@
-"""The operator of the collocation form: A = c I - M with M = diag(L) + (L - diag L) E, from tables and an equation.
+"""The operator A = c I - M of the collocation form, M = diag(L) + (L - diag L) E, from the tables and an equation.
 
 King et al. (2024), eq. 3 and section 5.3; in its section 5.4, a screened problem needs n = -1, not 1.
 
-L is the cross Laplacian of second order, or the same with a variable diffusivity and a velocity:
-``A u = diagonal u - W (E u + g)`` with the weights W of the difference neighbours. The ghosts' rows are rows of the PDE
-like all others (Krylov methods stagnate on purely algebraic ghost rows).
+L is the second order cross Laplacian, or its generalisation to a variable diffusivity and a velocity:
+``A u = diagonal u - W (E u + g)`` with the weights W of the difference neighbours and the boundary data g. The ghosts'
+rows are rows of the PDE like those of nodes (Krylov methods stagnate on purely algebraic ghost rows).
 """
 
 from __future__ import annotations
@@ -30,24 +30,24 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Central differences oscillate where advection over one spacing outweighs diffusion by more than this.
+#: Central differences oscillate where the ratio of advection over one spacing to diffusion is larger than this.
 MOST_CELL_PECLET = 2.0
-#: A mirror point nearer to its boundary than this share of the spacing may lie on either side, to rounding.
+#: A mirror point nearer to its boundary than this share of the spacing may be on either side because of rounding.
 AMBIGUOUS_MIRROR_SPACINGS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class ExtensionOperator:
-    """A, with E and the differences stored separately: ``A u = diagonal u - scale W E u``.
+    """The operator ``A u = diagonal u - scale W E u``, with E and W stored separately.
 
     Attributes
     ----------
     extension : csr_array (rows, n)
-        E.
+        The extension matrix E.
     differences : csr_array (n, rows)
-        W: the weights of the difference neighbours.
+        W, the weights of the difference neighbours.
     diagonal : float or (n, 1) float64
-        Of c I - diag(L).
+        The diagonal of c I - diag(L).
     scale : float
         Factor of W, often ``1 / spacing^2``.
     """
@@ -59,21 +59,21 @@ class ExtensionOperator:
 
     @property
     def size(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return int(self.extension.shape[1])
 
     @property
     def nonzeros(self) -> int:
-        """Entries stored in E and W."""
+        """The number of entries stored in E and W."""
         return int(self.extension.nnz + self.differences.nnz)
 
     @property
     def symmetric(self) -> bool:
-        """False: a stencil that reads a node is not read by it."""
+        """False: if the stencil of a node reads another node, the stencil of that node need not read the first."""
         return False
 
     def apply(self, u: Floats) -> Floats:
-        """Return A u for u of shape (n,) or (n, channels)."""
+        """Return A u for u (n,) or (n, channels)."""
 
         def subtract_from_diagonal(start: int, stop: int, rows: Floats) -> Floats:
             return np.asarray(self._diagonal(slice(start, stop), u) * u[start:stop] - self.scale * rows)
@@ -81,13 +81,14 @@ class ExtensionOperator:
         return self._differences.product(self._extension @ u, subtract_from_diagonal)
 
     def apply_rows(self, u: Floats, rows: Ints) -> Floats:
-        """Return the entries ``rows`` of A u; only the entries of E u that they read are computed."""
+        """Return the entries ``rows`` (r,) of A u, computing only those entries of E u that they need."""
         read = self.differences[rows]
         columns = np.unique(read.indices)
         product = read[:, columns] @ (self.extension[columns] @ u)
         return np.asarray(self._diagonal(rows, u) * u[rows] - self.scale * product)
 
     def _diagonal(self, rows: Any, u: Floats) -> Any:
+        """Return the diagonal at ``rows``, in a shape that multiplies the rows of ``u``."""
         if not isinstance(self.diagonal, np.ndarray):
             return self.diagonal
         return self.diagonal[rows, 0] if u.ndim == 1 else self.diagonal[rows]
@@ -101,11 +102,11 @@ class ExtensionOperator:
         return ThreadedProduct(self.differences)
 
     def spread(self, datum: Floats) -> Floats:
-        """Return the terms in b of data (rows, channels) that are added to E u: ``scale W datum``."""
+        """Return ``scale W datum`` (n, channels), the right-hand side of a datum (rows, channels) added to E u."""
         return np.asarray(self.scale * (self.differences @ datum))
 
     def to_csr(self) -> csr_array:
-        """Return A as one sparse matrix."""
+        """Return A as one sparse matrix (n, n)."""
         from scipy.sparse import diags_array
 
         diagonal = np.broadcast_to(np.ravel(self.diagonal), self.size)
@@ -113,18 +114,18 @@ class ExtensionOperator:
         return matrix
 
     def pieces(self) -> tuple[int, Ints]:
-        """Return how many sets of unknowns are coupled among themselves alone, and the set of each unknown (n,)."""
+        """Return the number of sets of unknowns that A does not couple, and the set (n,) of each unknown."""
         count, n = sum(self.differences.shape), self.size
         _, label = connected_unknowns(count, [(self.differences, 0, n), (self.extension, n, 0)])
         return int(label[:n].max(initial=-1)) + 1, label[:n]
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> ExtensionOperator:
-        """Return ``I + factor A``; the mass of this form is the identity."""
+        """Return the operator ``I + factor A``; the mass matrix of this form is the identity."""
         assert mass is None
         return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
 
     def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> ExtensionOperator:
-        """Return ``A - shift M``, M the identity or the boundary mass of Steklov conditions."""
+        """Return ``A - shift M``, where M is the identity or, if given, the boundary mass of Steklov conditions."""
         if mass is None:
             return replace(self, diagonal=self.diagonal - shift)
         assert isinstance(mass, BoundaryMass)
@@ -133,16 +134,17 @@ class ExtensionOperator:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryMass:
-    """B of ``A u = lambda B u`` where du/db = lambda u at boundaries: ``scale W S``.
+    """The boundary mass ``B = scale W S`` of the eigenproblem ``A u = lambda B u`` with du/db = lambda u at boundaries.
 
-    With ``u(ghost) = u(mirror) + s lambda u(y)``, y the foot on the boundary, E u becomes ``E u + lambda S u``.
+    With ``u(ghost) = u(mirror) + s lambda u(y)``, y the closest point on the boundary, E u becomes ``E u + lambda S
+    u``.
 
     Attributes
     ----------
     operator : ExtensionOperator
-        A, with its W.
+        A, whose W and scale are used.
     reads : csr_array (rows, n)
-        S: reads u at y, times the ghost's factor s.
+        S, which interpolates u at y and multiplies by the ghost's factor s.
     """
 
     operator: ExtensionOperator
@@ -155,15 +157,15 @@ class BoundaryMass:
         return matrix
 
     def apply(self, u: Floats) -> Floats:
-        """Return B u for u of shape (n,) or (n, channels)."""
+        """Return B u for u (n,) or (n, channels)."""
         return np.asarray(self.matrix @ u)
 
 
-# From an equation's terms
+# Operators from the terms of an equation
 
 
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
-    """Return A of an equation's terms.
+    """Return the operator A of an equation: c u - div(a grad u), and the advection v . grad u if there is a velocity.
 
     Raises
     ------
@@ -192,12 +194,12 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
 
 
 def check_terms(terms: Terms) -> None:
-    """Refuse terms that the form has no rows for.
+    """Raise if the form cannot discretise one of the terms: a conservative velocity.
 
     Raises
     ------
     SceneError
-        With what to do instead.
+        With the alternatives.
     """
     if terms.conservative:
         raise SceneError(
@@ -207,18 +209,18 @@ def check_terms(terms: Terms) -> None:
 
 
 def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
-    """Return a coefficient of one channel, named ``label`` in errors, at the unknowns, (n, 1)."""
+    """Return a scalar coefficient at the unknowns (n, 1); ``label`` is its name in errors."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
     return tables.read_at_rows(data, label)[tables.numbering.row_of_unknown]
 
 
 def _diffusivity(tables: Discretization, data: Data) -> Floats:
-    """Return a (rows,) at all rows of E, continued across boundaries and past edges.
+    """Return the diffusivity a (rows,) at all rows of E, extrapolated across boundaries and past edges.
 
-    With a constant there it would be wrong by O(spacing) where the flux is not zero, and so would be the solution
-    beside Neumann and Robin conditions (measured on a circle: order 1.0). Its logarithm is continued, so that it
-    stays positive.
+    A diffusivity continued as a constant would be wrong by O(spacing) where the flux is not zero, and so would be the
+    solution near Neumann and Robin conditions (measured on a circle: order 1.0). The logarithm is extrapolated, so that
+    a stays positive.
     """
     layout = tables.layout
 
@@ -237,10 +239,10 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
 
 
 def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
-    """Return a (g,) at ghosts, continued along the line through the boundary and their mirror point.
+    """Return the diffusivity a (g,) at ghosts, extrapolated along the line through the boundary and the mirror point.
 
-    Where that lies nearer to the boundary than the points at which sources are read, it may be on either side: the line
-    then goes through those points.
+    If the mirror point is nearer to the boundary than the point at which sources are read, it may be on either side
+    because of rounding; the line then goes through the latter point. ``log_at`` returns log a (k,) at points (k, d).
     """
     first = log_at(ghosts.sources.points)
     at_boundary = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
@@ -252,7 +254,7 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
 
 
 def _with_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
-    """Return ``values`` (n,) plus the terms of a formula."""
+    """Return ``values`` (n,) plus the formula's further terms, coefficient times log a at each further point."""
     total = values.copy()
     for term in formula.terms:
         np.add.at(total, term.rows, term.coefficient * log_at(term.points))
@@ -260,14 +262,16 @@ def _with_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], 
 
 
 def _advection_weights(tables: Discretization, velocity: VectorField, diffusive: Floats) -> Floats:
-    """Return the weights (n, 2 d) of the neighbours in ``spacing^2 v . grad u``, by central differences.
+    """Return the weights (n, 2 d) of the difference neighbours in ``spacing^2 v . grad u``, by central differences.
+
+    ``diffusive`` (n, 2 d) are the weights of diffusion.
 
     Raises
     ------
     InputError
-        If the velocity has another number of coordinates.
+        If the velocity has the wrong number of coordinates.
     ResolutionError
-        If advection over one spacing outweighs diffusion more than twice: the solution would oscillate.
+        If advection over one spacing is more than twice as strong as diffusion: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
     v = tables.read_at_rows(velocity, "the velocity", None)[tables.numbering.row_of_unknown]

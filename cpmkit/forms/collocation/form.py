@@ -1,4 +1,4 @@
-"""The collocation form: the paper's closest point method, as the families of equations see it."""
+"""The collocation form: the closest point method of King et al. (2024) behind the interface that all forms have."""
 
 from __future__ import annotations
 
@@ -42,22 +42,22 @@ if TYPE_CHECKING:
 
     from cpmkit.linear.solve_report import SolveReport
 
-#: Rounds in which initial ghosts read their formulas: each reads a mirror point, beside the boundary by other ghosts.
+#: Number of times that initial ghosts are set by their formulas: near the boundary these read further ghosts.
 GHOST_READING_ROUNDS = 3
-#: Share of the ghosts that may stand on their boundary, and count to either side by rounding.
+#: Share of the ghosts that may be on their boundary, where rounding decides which side they continue.
 ON_BOUNDARY_GHOSTS_SHARE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
 class Collocation(Reader):
-    """A scene on the band's nodes and ghosts.
+    """A scene discretised by collocation; the unknowns are values at the band's inner nodes and at ghosts.
 
     Attributes
     ----------
     scene : Scene
-        With its equation.
+        The scene, with its equation.
     tables : Discretization
-        The band and its tables.
+        The band with its extension and differences.
     """
 
     form: ClassVar[str] = "collocation"
@@ -70,53 +70,69 @@ class Collocation(Reader):
 
     @property
     def size(self) -> int:
-        """Number of unknowns: inner nodes and ghosts."""
+        """The number of unknowns: inner nodes and ghosts."""
         return self.tables.unknowns.count
 
     @property
     def options(self) -> Options[CollocationOptions]:
-        """Options of the lattice and of this form, by which coarser solutions are made."""
+        """The options of the lattice and of this form, from which coarser discretizations are made."""
         return self.tables.layout.options
 
     @property
     def traits(self) -> FormTraits:
-        """Measures of work by tables and queries."""
+        """The traits of the form: its record of work is :class:`Work`."""
         return FormTraits(work_record=Work)
 
     @cached_property
     def points(self) -> Floats:
-        """(p, d) the feet of the inner nodes that are not past an edge."""
+        """(p, d) the closest points of the inner nodes that are not past an edge, in the scene's coordinates."""
         return self.tables.layout.lattice.to_scene(self.tables.layout.band.feet.points[self._on_manifold])
 
     @cached_property
     def _on_manifold(self) -> Ints:
+        """(p,) the inner nodes that are not past an edge."""
         band = self.tables.layout.band
         return np.flatnonzero(band.feet.edge[: band.inner] < 0)
 
     def check(self, solver: str) -> None:
-        """Refuse waves that would grow, and a factorisation that does not fit."""
+        """Raise if a factorisation would not fit in memory, or if waves would grow without bound.
+
+        Raises
+        ------
+        InputError, ResolutionError
+            With the alternatives.
+        """
         layout = self.tables.layout
         if solver == "direct":  # the memory of other solvers was checked before the tables
             check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
         check_waves(self.scene, layout)
 
     def with_scene(self, scene: Scene) -> Collocation:
-        """Return the same tables for a scene that differs in its equation and its data alone."""
+        """Return the same tables for a scene that differs in its equation and its data alone.
+
+        Raises
+        ------
+        SceneError
+            If the form cannot discretise the equation, or a change affects the tables themselves.
+        """
         check_terms(scene.problem.terms())
         return replace(self, scene=scene, tables=with_new_data(self.tables, self.scene, scene))
 
     # Equations
 
     def stiffness(self, terms: Terms) -> ExtensionOperator:
-        """Return A; conditions are in its ghosts' rows."""
+        """Return the operator A of the terms; the conditions are in the ghosts' rows."""
         return build_operator(self.tables, terms)
 
     def load(self, f: Data, time: float | None = None) -> Floats:
-        """Return f at the unknowns, each on the side that it continues, (n, channels)."""
+        """Return f (n, channels) at the unknowns, at ghosts on the side that they continue."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
-        """Return the terms (n, channels) of the boundary data in b, through E."""
+        """Return what the boundary data add to the right-hand side, (n, channels).
+
+        With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u.
+        """
         assert isinstance(stiffness, ExtensionOperator)
         if of == "laplacian":  # with the signs that v = -Lap u has
             second = (
@@ -131,40 +147,43 @@ class Collocation(Reader):
 
     @cached_property
     def _steady_data(self) -> Floats:
+        """(rows, channels) the sum of the boundary data that do not change in time."""
         return self._sum_of(datum for datum in self.tables.data if not datum.takes_time)
 
     def _time_dependent_data(self, time: float) -> Floats:
+        """Return the sum (rows, channels) of the boundary data that change in time, at ``time``."""
         return self._sum_of((datum for datum in self.tables.data if datum.takes_time), time)
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
+        """Return the sum (rows, channels) of ``data`` in each row of E."""
         return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
     def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
-        """Return B of Steklov conditions, None without any."""
+        """Return the boundary mass of Steklov conditions; None if there are none."""
         assert isinstance(stiffness, ExtensionOperator)
         reads = self.tables.read_in_place_of(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
 
     @cached_property
     def state_fluxes(self) -> list[FluxRows]:
-        """Rows of E whose datum is a nonlinear flux."""
+        """The rows of E whose data are nonlinear fluxes."""
         return find_flux_rows(self.tables)
 
     def linearise(self, seen: Sequence[Floats]) -> Collocation:
-        """Return the tables with the fluxes' tangents in their rows; no closest point is asked for."""
+        """Return the form with each nonlinear flux replaced by its tangent at the values (k,) of u in ``seen``."""
         return replace(self, tables=linearise_fluxes(self.tables, self.state_fluxes, seen))
 
     # Values
 
     def at_points(self, u: Floats, rows: Ints | None = None) -> Floats:
-        """Return the values (p, channels) at the feet: unknowns are values."""
+        """Return the values (p, channels) of the unknowns ``u`` at :attr:`points`, or at its ``rows``."""
         return u[self._on_manifold if rows is None else self._on_manifold[rows]]
 
     def project(self, values: Floats, start: Floats | None = None, time: float | None = None) -> Floats:
-        """Return the values at the nodes, continued past boundaries and edges by the conditions.
+        """Return the unknowns (n, channels) with ``values`` (p, channels) at the nodes, continued by the conditions.
 
-        Unless ``start`` gives them, ghosts start from the value of the nearest foot on the side that they continue: a
-        ghost that stands on its boundary reads itself, and has no other value.
+        Ghosts start from ``start``, or else from the value of the nearest node on the side that they continue: a ghost
+        that is on its boundary reads itself, and keeps that value. Nodes past an edge are continued likewise.
         """
         from scipy.spatial import cKDTree
 
@@ -182,16 +201,17 @@ class Collocation(Reader):
         return self._apply_formulas(u, self.tables.datum(time))
 
     def reaction_load(self, function: Callable[[Floats, Floats], Floats], u: Floats) -> Floats:
-        """Return ``function`` of u at all unknowns, at ghosts of the value that they continue."""
+        """Return ``function(u, points)`` (n, channels) at all unknowns; ghosts use the values that they continue."""
         return function(u, self.tables.layout.lattice.to_scene(self.tables.sources.points))
 
     def interpolate(
         self, data: Data, label: str, time: float = 0.0, in_range: bool = False, step: float = 0.0
     ) -> Floats:
-        """Return ``data`` at the unknowns, continued across boundaries by their conditions.
+        """Return ``data`` at the unknowns (n, channels), continued across boundaries and edges by their conditions.
 
-        If the ghosts started with the values at their feet, they would be off by the order of the spacing until
-        diffusion over one spacing has corrected them: in runs with very short steps, to the end.
+        With a ``step``, the conditions' data are replaced by their difference quotients over the step. Ghosts do not
+        start with the data at their closest points: these would be wrong by the order of the spacing until diffusion
+        over one spacing has corrected them, with very short steps until the end of the run.
         """
         if step:
             datum = (self._time_dependent_data(time + step) - self._time_dependent_data(time)) / step
@@ -200,7 +220,7 @@ class Collocation(Reader):
         return self._apply_formulas(self.tables.read_sources(data, label, time), datum)
 
     def _apply_formulas(self, u: Floats, datum: Floats) -> Floats:
-        """Return u (n, channels) with ghosts and nodes past an edge set by E and ``datum`` (rows, channels)."""
+        """Return u (n, channels) with the ghosts and nodes past an edge set by E and ``datum`` (rows, channels)."""
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
@@ -211,24 +231,33 @@ class Collocation(Reader):
         return continued
 
     def inner(self, u: Floats, v: Floats) -> Floats:
-        """Return means (k, m) of products over the feet, which are about those over the manifold."""
+        """Return the means (k, m) of the products of columns of u (n, k) and v (n, m) over the nodes' closest points.
+
+        They approximate means over the manifold.
+        """
         return np.asarray(self.at_points(u).T @ self.at_points(v) / len(self._on_manifold))
 
-    # Free constants, means and signs
+    # Free constants and means
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces on which a constant is free, found by flood fill over sides."""
+        """Return the border that fixes the constant on each component on which it is free; None if there is none."""
         return find_border(self.tables, self.scene)
 
     def means_without_flux(self) -> csr_array | None:
-        """Return the means over pieces that nothing flows out of; None at order 1: too inexact."""
+        """Return the matrix (components, n) of means over the components that no flux leaves, None if there is none.
+
+        It is None also at order 1, where means are too inexact.
+        """
         if self.tables.layout.order == 1:
             return None
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
     def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return u without its free constants and with its means corrected."""
+        """Return u (n, channels) with mean zero where a constant is free, and corrected means where there is no flux.
+
+        The result includes the imbalances found; ``b`` (n, channels) is the right-hand side.
+        """
         defects: tuple[Imbalance, ...] = ()
         if isinstance(operator, Bordered):
             u, defects = remove_constants(self.tables, self.scene, operator, u)
@@ -238,7 +267,7 @@ class Collocation(Reader):
     # Diagnosis
 
     def warnings(self) -> tuple[str, ...]:
-        """Return a warning for each feature that the spacing does not resolve."""
+        """Return the warnings about features of the scene that the spacing does not resolve."""
         conditions = [
             DataAtPoints(f"the datum of {datum.name}", datum.data, datum.points)
             for datum in self.tables.data
@@ -249,10 +278,12 @@ class Collocation(Reader):
 
     @cached_property
     def _joint_warnings(self) -> list[str]:
+        """The warnings about places where parts of different dimension meet."""
         return mixed_joint_warnings(self.scene.surface, self.spacing)
 
     @cached_property
     def _has_sharp_bends(self) -> bool:
+        """Whether the surface has creases, or bends too sharply for the spacing."""
         return bool(sharp_bends(self.tables.layout, self.tables.layout.lattice.spacing))
 
     def diagnosis(
@@ -262,10 +293,11 @@ class Collocation(Reader):
         difference: float = 0.0,
         eigenvalues: bool = False,
     ) -> Diagnosis:
-        """Return the order of the conditions, 1 where the surface bends too sharply; degree - 1 at most.
+        """Return what is known of the error: its order, reasons for a lower order, and nodes that have twins.
 
-        The error of interpolation is divided by the square of the spacing. Where parts of unlike dimension meet,
-        differences of two solutions say nothing of their errors.
+        The order is that of the conditions and at most degree - 1 (the error of interpolation is divided by the square
+        of the spacing), and 1 where the surface bends too sharply. If parts of different dimension meet, the diagnosis
+        says that differences between solutions do not measure their errors.
         """
         layout, sharp = self.tables.layout, self._has_sharp_bends
         return Diagnosis(
@@ -277,13 +309,13 @@ class Collocation(Reader):
         )
 
     def work(self, operator: Operator, report: SolveReport | None) -> Work:
-        """Return the sizes of the tables, and the operations of the solve."""
+        """Return the sizes of the tables and the number of operations of the solve."""
         return measure_work(self.tables, operator, report)
 
     # Saved solutions
 
     def describe(self) -> dict[str, Any]:
-        """Return the form's options, the origin, and by how much boundaries were snapped."""
+        """Return the form's options, the lattice's origin, and how far each boundary was moved to the manifold."""
         layout = self.tables.layout
         pairs = zip(self.scene.boundaries, layout.boundaries.on_lattice, strict=True)
         return {
@@ -295,7 +327,7 @@ class Collocation(Reader):
         }
 
     def arrays(self) -> dict[str, Any]:
-        """Return the options of the lattice, the nodes and the ghosts."""
+        """Return the arrays that are saved: options of the lattice, inner nodes, ghosts and their sides."""
         return {
             **{name: np.array(value) for name, value in self.tables.layout.options.as_dict().items()},
             "nodes": self.tables.layout.band.nodes[: self.tables.layout.band.inner],
@@ -304,7 +336,10 @@ class Collocation(Reader):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Compare the nodes, and the sides that ghosts continue; a node on a boundary may be on either by rounding."""
+        """Return how the nodes and ghosts differ from ``saved`` ones, empty if they do not.
+
+        A few ghosts may continue the other side: for nodes on a boundary, rounding decides.
+        """
         band, unknowns = self.tables.layout.band, self.tables.unknowns
         same = np.array_equal(band.nodes[: band.inner], saved["nodes"])
         if not same or not np.array_equal(unknowns.ghost_nodes, saved.get("ghosts", ())):
@@ -315,12 +350,12 @@ class Collocation(Reader):
 
 
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
-    """Refuse, before anything is built, terms that the form has no rows for, whatever the ``options``.
+    """Raise if the form cannot discretise a term or condition of the scene; called before anything is built.
 
     Raises
     ------
     SceneError, InputError
-        With what to do instead.
+        With the alternatives.
     """
     del options
     if scene.has_tensor:
@@ -342,7 +377,7 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 
 
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
-    """Discretise a scene by collocation; ``progress`` is called with the stage and the share of it that is done.
+    """Return the scene discretised by collocation; ``progress`` is called with the stage and its share done.
 
     Raises
     ------

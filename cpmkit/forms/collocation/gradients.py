@@ -1,13 +1,13 @@
 """The surface gradient of a solution.
 
 On the manifold it is the gradient of a function that is constant along normals (Ruuth and Merriman 2008,
-principle 1), here of the interpolant of the band's values; the part along the normal that discretisation leaves is
-projected away.
+principle 1), here of the interpolant of the band's values; its part along the normal, a discretisation error, is
+removed by projection.
 
-A ghost that carries a value continues the solution by a straight line, so that second derivatives of the interpolant
-jump there, the interpolant is bent, and its gradient is of first order only. The values themselves are of second order
-up to the boundary, and so is the gradient where stencils hardly reach a ghost. Read there at three distances, a
-parabola in the distance continues it.
+A ghost of a Dirichlet condition continues the solution linearly, so that second derivatives of the interpolant jump at
+the boundary (a bend), and its gradient is of first order only. The values are of second order up to the boundary, and
+so is the gradient where stencils hardly reach a ghost. There the gradient is computed at three distances, and a
+parabola in the distance extrapolates it to the boundary.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ from cpmkit.types import SIDES, Bools, Floats, Ints, Side
 if TYPE_CHECKING:
     from cpmkit.forms.collocation.read_points import Reader
 
-#: Points at which the gradient is read at a time: their weights are small beside the tables.
+#: Number of points at which the gradient is computed at a time, so that their weights need little memory.
 GRADIENT_CHUNK_POINTS = 8192
-#: Distances, in spacings, from which the gradient is continued. From 2 on it still feels the bend, on an arc at
+#: Distances, in spacings, from which the gradient is extrapolated. From 2 on the bend still affects it, on an arc at
 #: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
 CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
-#: A sample counts as inside if it is as far from all bends as the first distance, less this share.
+#: A sample may be used if its distance from all bends is at least the first distance, less this share.
 INSIDE_SLACK_SHARE = 0.1
 
 
@@ -47,13 +47,18 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
     Parameters
     ----------
     reader : Reader
-        Of the tables.
+        The discretised scene.
     values : (unknowns, channels) float64
         The solution.
     local : (n, d) float64
-        Relative to the lattice's origin.
+        Points relative to the lattice's origin.
     sides : mapping
         The side from which points on a boundary are read, by the boundary's number.
+
+    Raises
+    ------
+    InputError
+        If a point is too far from the manifold.
     """
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
@@ -63,7 +68,7 @@ def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mappi
         gradient[part] = _interpolant_gradient(reader, values, feet, side_views)
         bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
         bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
-        order = np.lexsort((bends.distance, bends.rows))  # of each point the nearest bend
+        order = np.lexsort((bends.distance, bends.rows))  # the nearest bend of each point comes first
         bends = bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
         rows, samples, weights = _samples_inside(reader, feet, side_views, bends, sides)
         if len(rows):
@@ -86,6 +91,7 @@ def _interpolant_gradient(
 
 
 def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
+    """Return ``vectors`` (n, channels, d) at ``feet`` projected on the tangent spaces there."""
     n, channels, dim = vectors.shape
     each: Ints = np.repeat(np.arange(n), channels)
     surface = reader.tables.layout.surface
@@ -98,14 +104,14 @@ def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Bends(Rows):
-    """Points of a batch beside a bend of the interpolant.
+    """Points of a batch near a bend of the interpolant, at a boundary or edge with a Dirichlet condition.
 
     Attributes
     ----------
     rows : (k,) int64
-        Their numbers in the batch, each once.
+        Numbers of the points in the batch.
     distance : (k,) float64
-        From the boundary or the edge.
+        Distances from the boundary or the edge.
     inward : (k, d) float64
         Unit vectors away from it, on the point's side.
     """
@@ -116,6 +122,7 @@ class Bends(Rows):
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
+    """Return, for each boundary, the points that are on a side with a Dirichlet condition."""
     bends = []
     for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
         on_left = view.signed >= 0
@@ -127,7 +134,10 @@ def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends
 
 
 def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
-    """Return the points whose stencils read nodes past an edge with a value, with the nearest place of it so read."""
+    """Return the points whose stencils contain a node past an edge with a Dirichlet condition.
+
+    Their distances are those from the nearest point of the edge that is the closest point of such a node.
+    """
     layout = reader.tables.layout
     band, nothing = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
     loops = np.unique(band.feet.edge[band.feet.edge >= 0])
@@ -150,16 +160,16 @@ def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
 def _samples_inside(
     reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
 ) -> tuple[Ints, ClosestPoints, Floats]:
-    """Return the samples from which gradients beside bends are continued.
+    """Return the samples from which gradients near bends are extrapolated.
 
     Returns
     -------
     rows : (k,) int64
-        Points of the batch that have room for their samples.
+        Points of the batch all of whose samples may be used.
     samples : ClosestPoints
-        s samples for each of them.
+        s samples for each of these points.
     weights : (k, s) float64
-        Of the samples.
+        Weights of the samples.
     """
     distances = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing
     offsets = (distances - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
@@ -175,7 +185,7 @@ def _samples_inside(
 def _usable_samples(
     reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
 ) -> Bools:
-    """Return which samples, of the points ``rows``, lie on their points' sides and away from every bend."""
+    """Return which samples (m,), of the points ``rows`` (m,), are on their points' sides and far from all bends."""
     usable: Bools = samples.edge < 0
     sample_views = reader.side_views(samples.points, sides)
     for at_point, at_sample in zip(side_views, sample_views, strict=True):

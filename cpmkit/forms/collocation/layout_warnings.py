@@ -1,4 +1,4 @@
-"""Warnings about a layout: where a scene leaves the method's safe range."""
+"""Warnings about a layout: features of a scene for which the solution is less accurate."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from cpmkit.types import SIDES
 #: Normals that turn by more than this (radians) over one spacing are a sharp bend: on a radius of 3 spacings the
 #: solution is off by half a percent of its range.
 SHARP_TURN_RADIANS = 1 / 3
-#: Sharp turns beside a smaller share of the nodes are no warning, nor are stencils that read another sheet.
+#: Least shares of the nodes with sharp turns, and of the stencils that read another sheet, that give a warning.
 SHARP_SHARE, MIXED_SHARE = 5e-3, 1e-3
 #: Neighbours whose normals have a smaller cosine than this are on different sheets or flanks; feet of neighbours
 #: farther apart than so many spacings do not determine the curvature between them.
 SAME_FLANK_COSINE, MOST_CHORD_SPACINGS = 0.2, 2.0
-#: A surface's search may doubt this share of the nodes before it is worth a warning.
+#: Share of the nodes whose closest points are doubtful above which there is a warning.
 DOUBTFUL_NODES_SHARE = 1e-4
 #: Closest points of neighbouring nodes that lie this many spacings apart have jumped from one part to another: on a
 #: surface that the band resolves none do, near a medial axis inside the band some do.
 JUMP_SPACINGS = 2.0
-#: A larger share of jumping feet is worth a warning: Spot with 0.5 percent of them differs from finite elements by 2
+#: Share of jumping feet above which there is a warning: Spot with 0.5 percent of them differs from finite elements by 2
 #: percent of the range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
 #: A boundary farther off the surface than so many spacings is probably a mistake.
@@ -60,9 +60,9 @@ def layout_warnings(layout: Layout, scene: Scene) -> tuple[str, ...]:
 
 
 def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
-    """Return warnings of bends, sheets, rims, mixed sides and junctions.
+    """Return the warnings about bends, sheets, rims, mixed sides and junctions, for a solve at ``spacing``.
 
-    They are judged for ``spacing``, below that of the layout where this is a coarser rehearsal.
+    ``spacing`` is smaller than that of the layout where the layout is a coarser one of a dry run.
     """
     return [
         *(sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # beside a crease the other sheet is a flank
@@ -82,7 +82,7 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
 
 
 def sharp_bends(layout: Layout, spacing: float) -> list[str]:
-    """Return a warning if the surface has creases, or bends more sharply than the band is wide."""
+    """Return a warning, in a list, if the surface has creases or bends too sharply for the band; else an empty list."""
     if layout.surface.manifold_dim != layout.surface.dim - 1:
         return []
     band, directions = layout.band, foot_directions(layout.band)
@@ -106,6 +106,7 @@ def sharp_bends(layout: Layout, spacing: float) -> list[str]:
 
 
 def _mixed_sheets(layout: Layout) -> list[str]:
+    """Return a warning if many stencils read nodes of another sheet."""
     sheets, band = layout.band.sheets, layout.band
     if sheets is None or len(sheets.mixed) <= MIXED_SHARE * band.inner:
         return []
@@ -118,7 +119,10 @@ def _mixed_sheets(layout: Layout) -> list[str]:
 
 
 def _jumping_feet(layout: Layout) -> list[str]:
-    """Return a warning of jumps where sheets are not separated: of other manifolds, and by the plain method."""
+    """Return a warning if closest points jump between neighbouring nodes and sheets are not separated.
+
+    Sheets are not separated on manifolds other than hypersurfaces, and on request.
+    """
     band = layout.band
     if layout.options.own.sheets and layout.surface.manifold_dim == layout.surface.dim - 1:
         return []
@@ -135,6 +139,7 @@ def _jumping_feet(layout: Layout) -> list[str]:
 
 
 def _doubtful_feet(layout: Layout) -> list[str]:
+    """Return a warning if the surface marks the closest points of many nodes as doubtful."""
     doubtful = layout.band.feet.doubtful
     if doubtful is None or np.mean(doubtful) <= DOUBTFUL_NODES_SHARE:
         return []
@@ -149,6 +154,7 @@ def _doubtful_feet(layout: Layout) -> list[str]:
 
 
 def _first_order_ghosts(layout: Layout) -> list[str]:
+    """Return a warning for each boundary of order 2 some of whose ghosts are of order 1."""
     warnings = []
     for boundary, ghosts in zip(layout.boundaries.definitions, layout.ghosts, strict=True):
         order = min(boundary.condition(side).order or layout.order for side in SIDES)
@@ -162,7 +168,7 @@ def _first_order_ghosts(layout: Layout) -> list[str]:
 
 
 def _meeting_boundaries(layout: Layout) -> list[str]:
-    """Return warnings of crossings of different values, and of strips too narrow for the lattice."""
+    """Return the warnings about crossings of different values, and about strips narrower than a spacing."""
     names, spacing = [boundary.name for boundary in layout.boundaries.definitions], layout.lattice.spacing
     warnings = []
     for crossing in layout.sector_jumps[:1]:
@@ -184,6 +190,7 @@ def _meeting_boundaries(layout: Layout) -> list[str]:
 
 
 def _snapped_boundaries(layout: Layout) -> list[str]:
+    """Return a warning for each boundary that is far off the surface."""
     spacing = layout.lattice.spacing
     return [
         f"Boundary {boundary.name!r} lies up to {on_lattice.gap:.3g} off the surface, {on_lattice.gap / spacing:.2g} "
@@ -197,6 +204,7 @@ def _snapped_boundaries(layout: Layout) -> list[str]:
 
 
 def _facing_rims(layout: Layout, spacing: float) -> list[str]:
+    """Return a warning for the narrowest gap between rims, if values leak across it."""
     warnings = []
     for rims in (rims for rims in layout.facing_rims if rims.gap <= WIDE_GAP_SPACINGS * spacing):
         width = rims.gap / spacing
@@ -213,6 +221,7 @@ def _facing_rims(layout: Layout, spacing: float) -> list[str]:
 
 
 def _rim_strips(layout: Layout, spacing: float) -> list[str]:
+    """Return a warning for each boundary less than a spacing from a rim."""
     names = [boundary.name for boundary in layout.boundaries.definitions]
     return [
         f"Boundary {names[strip.boundary]!r} runs {strip.width:.2g} from a rim, {strip.width / spacing:.2g} spacings, "

@@ -1,8 +1,8 @@
-"""Means over the components of a manifold, free constants taken out by them, and means that are corrected.
+"""Means over the components of a manifold, and their use: removing free constants, and correcting wrong means.
 
-The integral over the manifold is that over the space around it, of the extension times a bump in the distance
-(Kublik and Tsai 2016, whose Jacobian an even bump makes 1 to second order). The plain mean over a band's nodes is
-not one over the manifold: the band is thicker where the surface is oblique to the lattice.
+An integral over the manifold is the integral over the surrounding space of the extended function times a bump in the
+distance (Kublik and Tsai 2016; for an even bump their Jacobian is 1 to second order). The plain mean over a band's
+nodes is not the mean over the manifold: the band is thicker where the surface is oblique to the lattice.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Nodes farther past an end than this many spacings weigh nothing.
+#: Nodes farther past an end than this many spacings have weight zero.
 TAIL_SPACINGS = 2.0
-#: Nothing is divided by a smaller distance past or from an end, in spacings.
+#: Least distance past or from an end, in spacings, that is divided by.
 LEAST_END_DISTANCE_SPACINGS = 1e-6
 #: Nodes past an end may reduce the total weight of a component to this share; below it, on a component hardly wider
 #: than their reach, the mean is taken over the component's own nodes alone.
@@ -41,19 +41,21 @@ CONSTANT_RANGE_SHARE = 1e-6
 def mean_weights(tables: Discretization) -> Floats:
     """Return the weight (n,) of each unknown in means over the components of a manifold.
 
-    A node weighs by its distance from the manifold. Nodes past an edge, and ghosts, continue the solution past the
-    end of their component; they weigh by how far past it they are, so that the end need not fall on a node. Without
-    them the mean is off in first order (a cap, spacing 0.05: by 3e-3 of the range, with them by 6e-4).
+    The weight of a node is a function of its distance from the manifold. Nodes past an edge, and ghosts, continue the
+    solution past the end of their component; their weight is also a function of how far past the end they are, so that
+    the end need not be at a node. Without them the mean has an error of first order (a cap, spacing 0.05: 3e-3 of the
+    range, with them 6e-4).
     """
     bump, beyond = _bumps_and_ends(tables)
     return bump * _tail(beyond)
 
 
 def _end_weights(tables: Discretization) -> Floats:
-    """Return the weight (n,) in fluxes of the boundary data at each unknown, ``2 t gamma`` at t past an end.
+    """Return the weight (n,) of each unknown in sums of the fluxes through ends.
 
-    The sum, over that of the mean's weights and the square of the spacing, is the flux gamma through the ends over
-    the measure of the component.
+    The datum of an unknown t past an end is ``2 t gamma`` for a flux gamma. The weighted sum of the data, divided by
+    the sum of :func:`mean_weights` and by the square of the spacing, is the flux through all ends over the component's
+    measure.
     """
     bump, beyond = _bumps_and_ends(tables)
     t = np.clip(beyond, LEAST_END_DISTANCE_SPACINGS, TAIL_SPACINGS)
@@ -61,7 +63,7 @@ def _end_weights(tables: Discretization) -> Floats:
 
 
 def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
-    """Return the bump's value at each unknown (n,), and how many spacings it lies past the end of its component."""
+    """Return the bump (n,) of each unknown, and how many spacings (n,) it is past the end of its component."""
     band, inner = tables.layout.band, tables.layout.band.inner
     reach = 0.5 * (band.degree + 1) * band.spacing
     offset = (band.positions - band.feet.points)[:inner]
@@ -79,17 +81,17 @@ def _bumps_and_ends(tables: Discretization) -> tuple[Floats, Floats]:
 
 
 def _past_edge(tables: Discretization, offset: Floats) -> Floats:
-    """Return how far along the manifold each inner node (n,) lies past an edge, zero where it does not.
+    """Return how far (inner,) along the manifold each inner node is past an edge, zero for other nodes.
 
-    With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point lies
-    ``t (1 + k r)`` from the foot, in a direction along which the node is ``t (1 + k r / 2)`` from it. At order 1
-    there is no mirror point, and zero is returned.
+    With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point is ``t (1 + k
+    r)`` from the closest point, in a direction along which the node is ``t (1 + k r / 2)`` from it. At order 1 there is
+    no mirror point, and zero is returned.
     """
     band = tables.layout.band
     rows = np.flatnonzero(band.feet.edge[: len(offset)] >= 0)
     inwards = tables.layout.formula.points[rows] - band.feet.points[rows]
     length = np.linalg.norm(inwards, axis=1)
-    # the mirror point of a node beside the end is the end itself, to rounding
+    # the mirror point of a node at the end equals the end up to rounding
     has_mirror = length > LEAST_END_DISTANCE_SPACINGS * band.spacing
     along = np.divide(-np.sum(offset[rows] * inwards, axis=1), length, out=np.zeros(len(rows)), where=has_mirror)
     past = np.zeros(len(offset))
@@ -98,10 +100,10 @@ def _past_edge(tables: Discretization, offset: Floats) -> Floats:
 
 
 def _bump(distance: Floats, degree: int) -> Floats:
-    """Return the Kaiser-Bessel window at distances in units of its radius, ``(degree + 1) / 2`` spacings.
+    """Return the Kaiser-Bessel window at ``distance`` (n,) in units of its radius of ``(degree + 1) / 2`` spacings.
 
-    Its spectrum is zero at the lattice's own frequency and below 1e-3 of its peak at all higher ones, so that sums
-    hardly depend on where the nodes lie.
+    Its spectrum is zero at the lattice's own frequency and below 1e-3 of its peak at all higher frequencies, so that
+    sums hardly depend on the position of the lattice.
     """
     shape = np.pi * np.sqrt((degree + 1.0) ** 2 - 1.0)
     inside = np.i0(shape * np.sqrt(np.maximum(1.0 - distance**2, 0.0))) / np.i0(shape)
@@ -109,10 +111,10 @@ def _bump(distance: Floats, degree: int) -> Floats:
 
 
 def _tail(beyond: Floats) -> Floats:
-    """Return the weight of a node ``beyond`` spacings past an end; at 0 it is 1, from ``TAIL_SPACINGS`` on 0.
+    """Return the weights (n,) of nodes ``beyond`` (n,) spacings past an end: 1 at 0, and 0 from ``TAIL_SPACINGS`` on.
 
-    With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal
-    rule. It is continuous, and its first moment vanishes, so that sums along a line are of third order.
+    With t the first node's distance, ``tail(t) + tail(t + 1) = 1/2 - t``: the end correction of the trapezoidal rule.
+    The weight is continuous, and its first moment vanishes, so that sums along a line are of third order.
     """
     t = np.mod(beyond, 1.0)
     first = 1.0 - 3.5 * t + 2.0 * t**2
@@ -120,7 +122,10 @@ def _tail(beyond: Floats) -> Floats:
 
 
 def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr_array, Ints, Ints]:
-    """Return the means (count, n) over components, the unknowns on them, and their components; -1 is none."""
+    """Return the matrix (count, n) of means over components, the unknowns (m,) on them, and their components (m,).
+
+    ``component`` (n,) is that of each unknown, -1 for unknowns on none.
+    """
     from scipy.sparse import csr_array
 
     members = np.flatnonzero(component >= 0)
@@ -142,7 +147,10 @@ def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr
 
 
 def find_border(tables: Discretization, scene: Scene) -> Border | None:
-    """Return the border that fixes free constants: indicators and means of components where no condition does."""
+    """Return the border that fixes free constants: indicators and means of components on which they are free.
+
+    None if no constant is free.
+    """
     from scipy.sparse import csr_array
 
     count, component = singular_components(tables, scene)
@@ -156,7 +164,7 @@ def find_border(tables: Discretization, scene: Scene) -> Border | None:
 def remove_constants(
     tables: Discretization, scene: Scene, operator: Bordered, u: Floats
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return the solution (n, channels) with mean zero on each component, and the data that do not balance."""
+    """Return u (n, channels) with mean zero on each component, and the imbalances of the data on them."""
     u, means = operator.border.remove_means(u)
     sizes = _data_sizes(tables, scene, operator)
     defects = [
@@ -167,7 +175,7 @@ def remove_constants(
 
 
 def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Floats:
-    """Return the mean size (components, channels) of f, and of the fluxes through the ends, on each component."""
+    """Return the mean absolute value (components, channels) of f plus that of the fluxes through ends, by component."""
     indicator, stiffness = operator.border.indicator, operator.operator
     assert isinstance(stiffness, ExtensionOperator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
@@ -183,7 +191,10 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
 def _defect(
     tables: Discretization, scene: Scene, border: Border, number: int, value: Floats, size: Floats
 ) -> Imbalance:
-    """Return the imbalance ``value`` (channels,) of the data on a component; the order of its error is 1 or 2."""
+    """Return the record of the imbalance ``value`` (channels,) of the data on component ``number``.
+
+    Its order of accuracy, 1 or 2, decides how large an imbalance discretisation explains.
+    """
     layout, band = tables.layout, tables.layout.band
     members = border.indicator.tocsc()[:, [number]].indices.astype(np.int64)
     nodes = members[members < band.inner]
@@ -204,7 +215,7 @@ def _defect(
 
 
 def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
-    """Return where a component is, by its sorted unknowns: a point of it, its share, the boundaries around it."""
+    """Return the location of a component, given its sorted unknowns: a point, its share, the boundaries around it."""
     layout = tables.layout
     nodes = members[: np.searchsorted(members, layout.band.inner)]
     middle = layout.band.feet.points[nodes[[len(nodes) // 2]]]
@@ -222,17 +233,17 @@ def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, 
     }
 
 
-# Means. Integrated over a closed surface, or one between walls, -div(a grad u) vanishes, so c times the mean of u is
-# the mean of f. The operators of the closest point method do not conserve: on meshes with creases and thin parts a
+# Means. The integral of -div(a grad u) over a closed surface, or over one between walls, is zero, so c times the mean
+# of u is the mean of f. The closest point method is not conservative: on meshes with creases and thin parts a
 # small flux is lost or gained, and where c is small the mean of u is off by that flux over c.
 
 
 def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) shifted on each component that nothing flows out of, and how far its mean was off there.
+    """Return u (n, channels) with a corrected mean on each component without flux, and the imbalances corrected.
 
-    Nothing is done where c varies or is zero, where there is a velocity, and where c is so large that a leak
-    shows near its place and not as a constant; nor for small leaks of a component with edges, where means are less
-    exact, or for any of it at order 1, where they are off by as much as u.
+    Nothing is corrected where c varies or is zero, where there is a velocity, and where c is so large that a lost flux
+    changes u locally and not by a constant; nor on a component with edges, where means are less exact, if the imbalance
+    is small or the order is 1, at which means are as inexact as u.
     """
     terms, layout = scene.problem.terms(), tables.layout
     if callable(terms.c) or terms.c <= 0 or terms.velocity is not None:

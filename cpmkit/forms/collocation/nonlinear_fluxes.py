@@ -1,4 +1,4 @@
-"""Nonlinear fluxes, linearised: a Robin condition in the tables, made of the rows of a Neumann condition."""
+"""Linearised nonlinear fluxes: rows of a Neumann condition in the tables are made those of a Robin condition."""
 
 from __future__ import annotations
 
@@ -24,20 +24,21 @@ LEAST_FLUX_SLOPE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class FluxRows:
-    """Rows of E whose datum is a nonlinear flux, and how they read u at the boundary.
+    """Rows of E whose datum is a nonlinear flux, and the matrices that read u at the boundary.
 
-    With F the datum's factor, such a row is ``R u + F du/db``, and its value at the boundary ``R u + F0 du/db``: the
-    formula of a Robin condition, if ``du/db = gamma - beta u`` is put in at the boundary.
+    With F the datum's factor, such a row is ``R u + F du/db``, and its value at the boundary ``R u + F0 du/db``: with
+    ``du/db = gamma - beta u`` at the boundary this becomes the formula of a Robin condition.
 
     Attributes
     ----------
     law : Nonlinear
+        The law of the flux.
     datum : BoundaryData
-        The rows, F in each, and the points where u is read.
+        The rows, their factors F, and the points where u is read.
     reads : csr_array (rows, unknowns)
-        Reads u at the boundary, each row from the side that it continues.
+        Interpolates u at the boundary, in each row from the side that the row continues.
     rest : csr_array (rows, unknowns)
-        R; of rows that read several points, ``reads``.
+        R; in rows that read several points, equal to ``reads``.
     half : (k,) float64
         F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
     """
@@ -50,33 +51,34 @@ class FluxRows:
 
     @property
     def points(self) -> Floats:
-        """(k, d) where the flux is read."""
+        """(k, d) the points where the flux is evaluated."""
         return self.datum.points
 
     @property
     def guess(self) -> float:
-        """Value of u at which Newton's method starts."""
+        """The value of u from which Newton's method starts."""
         return self.law.guess
 
     def read(self, values: Floats) -> Floats:
-        """Return u (k,) where the datum is read, from the ``values`` (unknowns, 1)."""
+        """Return u (k,) at the datum's points, from the ``values`` (unknowns, 1)."""
         return np.asarray((self.reads @ values)[self.datum.rows, 0])
 
     def grows(self, values: Floats) -> bool:
-        """Return whether the flux changes with u, beyond rounding, where u is ``values`` (k,)."""
+        """Return whether the flux depends on u, beyond rounding, where u is ``values`` (k,)."""
         return bool(np.any(np.abs(self.datum.factor * self.slope(values)) > LEAST_FLUX_SLOPE))
 
     def slope(self, values: Floats) -> Floats:
-        """Return j' (k,) where u is ``values`` (k,)."""
+        """Return the derivative j'(u) (k,) of the flux where u is ``values`` (k,)."""
         return self.law.slope_at(values, self.datum.points)
 
 
 def find_flux_rows(tables: Discretization) -> list[FluxRows]:
-    """Return the rows of E whose data are nonlinear fluxes."""
+    """Return a record for each datum of the tables that is a nonlinear flux."""
     return [_flux_rows(datum.law, datum, tables) for datum in tables.data if isinstance(datum.law, Nonlinear)]
 
 
 def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> FluxRows:
+    """Return the rows of E of a nonlinear flux, with the matrices that read u at its points."""
     from scipy.sparse import diags_array
 
     layout, rows = tables.layout, datum.rows
@@ -94,14 +96,20 @@ def _flux_rows(law: Nonlinear, datum: BoundaryData, tables: Discretization) -> F
 
 
 def _known_values(values: Floats, _points: Floats) -> Floats:
-    """Return data whose ``values`` (n,) are known at the points of a datum, and only there."""
+    """Return ``values`` (n,), data known only at the points of their datum."""
     return values
 
 
 def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: Sequence[Floats]) -> Discretization:
-    """Return the tables with ``du/db = j(v) + j'(v) (u - v)`` in place of the fluxes, v being ``seen`` there.
+    """Return the tables with each flux replaced by its tangent ``du/db = j(v) + j'(v) (u - v)``.
 
-    A flux that does not change with u stays a flux, and fixes no constant.
+    ``seen`` gives the values v (k,) of u at each flux's points. A flux that does not depend on u remains a Neumann
+    condition, and fixes no constant.
+
+    Raises
+    ------
+    ResolutionError
+        If a flux grows with u so strongly that the spacing is too coarse.
     """
     from scipy.sparse import diags_array
 
@@ -122,12 +130,12 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
 
 
 def _divisor(flux: FluxRows, slope: Floats, spacing: float) -> Floats:
-    """Return ``1 - F0 slope`` (k,).
+    """Return ``1 - F0 slope`` (k,), by which the rows of a linearised flux are divided.
 
     Raises
     ------
     ResolutionError
-        If the flux grows with u more strongly than the spacing can follow.
+        If it is not positive: the flux grows with u so strongly that the spacing is too coarse.
     """
     growth = flux.half * flux.datum.factor * slope
     worst = int(growth.argmax()) if len(growth) else -1

@@ -13,7 +13,7 @@ from cpmkit.scene.conditions import check_order
 
 
 def check_sheets(sheets: Any, what: str) -> bool:
-    """Return whether sheets are separated; a surface is no longer unfolded.
+    """Return ``sheets``, whether sheets are separated, if it is true or false; ``what`` is its name in the error.
 
     Raises
     ------
@@ -27,12 +27,12 @@ def check_sheets(sheets: Any, what: str) -> bool:
 
 
 def refuse_removed(names: Iterable[str]) -> None:
-    """Refuse an option that former releases had.
+    """Raise if ``names`` contain an option that only former releases had.
 
     Raises
     ------
     InputError
-        With what to use in its place.
+        With the replacement.
     """
     if "balance" in names:
         raise InputError(

@@ -1,4 +1,4 @@
-"""Reading a solution at points of the manifold, from either side of a boundary."""
+"""Evaluation of a solution, its gradient and its conormal derivative at points, from either side of a boundary."""
 
 from __future__ import annotations
 
@@ -31,20 +31,22 @@ from cpmkit.types import SIDES, Bools, Floats, Side, Sides
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Points nearer to a boundary than this many spacings are read from the side that the caller names.
+#: Points nearer to a boundary than this many spacings are read from the side given by the caller.
 READ_FROM_SIDE_SPACINGS = 1e-3
-#: Points that are read at a time.
+#: Number of points that are evaluated at a time.
 EVALUATION_CHUNK_POINTS = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
 class Reader(Discretized):
-    """The part of the form that reads values at points: the tables, and the scene with its boundaries' names.
+    """A discretised scene that evaluates vectors of unknowns at points.
 
     Attributes
     ----------
     scene : Scene
+        The scene, with its boundaries' names and conditions.
     tables : Discretization
+        The band with its extension and differences.
     """
 
     scene: Scene
@@ -52,17 +54,34 @@ class Reader(Discretized):
 
     @property
     def spacing(self) -> float:
-        """Spacing of the lattice, in the scene's unit."""
+        """The spacing of the lattice, in the scene's unit."""
         return self.tables.layout.lattice.spacing
 
     @property
     def radius(self) -> float:
-        """Radius of the tube, in the scene's unit: points farther from the manifold cannot be read."""
+        """The radius of the tube, in the scene's unit; points farther from the manifold cannot be evaluated."""
         band = self.tables.layout.band
         return reading_radius(band.dim, band.degree) * band.spacing
 
     def evaluate(self, values: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
-        """Return ``values`` (unknowns, channels) interpolated at points (k, d), (k, channels); data of ``time``."""
+        """Return ``values`` interpolated at the points of the manifold nearest to ``points``, (k, channels).
+
+        Parameters
+        ----------
+        values : (unknowns, channels) float64
+            A vector of unknowns for each channel.
+        points : array_like (k, d)
+            Points within :attr:`radius` of the manifold.
+        side : "left", "right" or mapping, optional
+            The side from which points on boundaries are read, of all boundaries or by name.
+        time : float, optional
+            Time at which data are read that fill strips between close boundaries.
+
+        Raises
+        ------
+        InputError
+            If a point is too far from the manifold, or ``side`` names no boundary, or a boundary without sides.
+        """
         sides, layout = self.side_numbers(side), self.tables.layout
         local = self.to_local_points(points)
         read = np.empty((len(local), values.shape[1]))
@@ -77,26 +96,27 @@ class Reader(Discretized):
         return read
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
-        """Return the matrix (k, unknowns) that interpolates at points; strips between boundaries are not filled."""
+        """Return the matrix (k, unknowns) that interpolates at ``points`` (k, d), without the filling of strips."""
         feet = self.checked_closest_points(self.to_local_points(points))
         centres = Centres.of_points(feet, self.side_views(feet.points, self.side_numbers(side)))
         return extend(self.tables.unknowns, feet.points, centres)
 
     def gradient(self, values: Floats, points: Any = None, side: Sides = None) -> Floats:
-        """Return the surface gradient (k, channels, d) of ``values`` at points (k, d), by default the form's own."""
+        """Return the surface gradient (k, channels, d) of ``values`` at points (k, d), by default :attr:`points`."""
         points = self.points if points is None else points
         return surface_gradient(self, values, self.to_local_points(points), self.side_numbers(side))
 
     def conormal_derivative(
         self, values: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
-        """Return du/db (k, channels) at points near a boundary, b out of the side: -v on the left, +v on the right.
+        """Return the derivative du/db (k, channels) at points (k, d) near a boundary, or near the edge without one.
 
-        Without a boundary, at points of the edge, b outwards.
+        The conormal b points out of ``side``: it is -v on the left and +v on the right, where v points to the left; at
+        the edge it points outwards.
         """
         surface, local = self.tables.layout.surface, self.to_local_points(points)
         if boundary is None or side is None:
-            # Conormals are those of feet that the localized surface found on its edge itself.
+            # The localized surface is queried again because conormals need its own records of points on the edge.
             outward = outward_conormals(surface, surface.closest_point(local), 0.5 * self.spacing)
             return np.asarray(np.einsum("ncd,nd->nc", surface_gradient(self, values, local, {}), outward))
         ((index, _),) = self.side_numbers({boundary: side}).items()
@@ -108,15 +128,21 @@ class Reader(Discretized):
         return np.asarray(-to_left if side == "left" else to_left)
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> None:
-        """Refuse a boundary without sides; the form has no better rule than a quadrature."""
+        """Return None, which asks for quadrature of the conormal derivative, the form having no better rule.
+
+        Raises
+        ------
+        InputError
+            If ``side`` names a boundary that has no sides.
+        """
         if isinstance(boundary, str) and side is not None:
             self.side_numbers({boundary: side})
 
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distance (k,) of points of the manifold from boundary ``name``, positive on its left.
 
-        NaN where the point has no side of it: past an open end, farther than twice the tube's radius,
-        where the boundary has no part on the point's sheet, or if the boundary is a point on a surface.
+        It is NaN where the point has no side: past an open end, farther away than twice the tube's radius, where no
+        part of the boundary is on the point's sheet, and everywhere if the boundary is a point on a surface.
         """
         boundary = self.tables.layout.boundaries.on_lattice[self._index(name)]
         local = self.checked_closest_points(self.to_local_points(points)).points
@@ -126,12 +152,12 @@ class Reader(Discretized):
         return signed
 
     def checked_closest_points(self, local: Floats) -> ClosestPoints:
-        """Return the feet of points (k, d) near the manifold, both relative to the lattice's origin.
+        """Return the closest points of ``local`` (k, d), both relative to the lattice's origin.
 
         Raises
         ------
         InputError
-            If a point is farther away than the tube's radius.
+            If a point is farther from the manifold than the tube's radius.
         """
         feet = self.tables.layout.surface.closest_point(local)
         worst = float(feet.distance.max(initial=0.0))
@@ -143,7 +169,10 @@ class Reader(Discretized):
         return feet
 
     def side_views(self, local: Floats, sides: Mapping[int, Side]) -> list[SideView]:
-        """Return how each boundary sees points of the manifold; those on boundary k from the side ``sides[k]``."""
+        """Return for each boundary the distances and sides of points ``local`` (k, d) of the manifold near it.
+
+        Points on boundary k count to the side ``sides[k]``, if given.
+        """
         views = []
         for index, boundary in enumerate(self.tables.layout.boundaries.on_lattice):
             view = boundary.side_view(local, 2 * self.radius, self.spacing)
@@ -156,10 +185,11 @@ class Reader(Discretized):
         return views
 
     def to_local_points(self, points: Any) -> Floats:
-        """Return points (k, d), checked, relative to the lattice's origin."""
+        """Return ``points`` (k, d), checked, relative to the lattice's origin."""
         return self.tables.layout.lattice.to_local(as_points(points, self.scene.surface.dim))
 
     def _index(self, name: str) -> int:
+        """Return the number of the boundary called ``name``; raise an InputError if there is none."""
         names = [boundary.name for boundary in self.scene.boundaries]
         if name not in names:
             raise InputError(
@@ -168,12 +198,14 @@ class Reader(Discretized):
         return names.index(name)
 
     def side_numbers(self, side: Sides) -> dict[int, Side]:
-        """Return ``side`` as a side for each boundary's number; one side is that of all boundaries with a left.
+        """Return the sides given by ``side`` by the number of their boundary.
+
+        A single side is that of all boundaries that have a left; a mapping gives sides by boundary name.
 
         Raises
         ------
         InputError
-            If it names no boundary, or one without sides.
+            If ``side`` names no boundary, or a boundary without sides.
         """
         on_lattice = self.tables.layout.boundaries.on_lattice
         if side is None:
@@ -192,16 +224,16 @@ class Reader(Discretized):
         return sides
 
 
-# Strips between two boundaries nearer than a spacing, in which no stencil finds room
+# Strips between two boundaries less than about a spacing apart, too narrow for a stencil
 
 
 def _fill_strips(
     values: Floats, points: Floats, layout: Layout, side_views: Sequence[SideView], time: float | None
 ) -> None:
-    """Set ``values`` (n, channels) at those ``points`` (n, d) that lie in a strip.
+    """Overwrite the ``values`` (n, channels) at the ``points`` (n, d) that lie in a strip between two boundaries.
 
-    Between two given values to the linear interpolant, beside a single one to that value: with a strip narrower than a
-    spacing the solution is that to first order. Between two fluxes nothing is known, and nothing is changed.
+    Between two prescribed values they become the linear interpolant; beside a single prescribed value, this value: in a
+    strip narrower than a spacing the solution is that to first order. Between two fluxes nothing is changed.
     """
     boundaries, lattice = layout.boundaries.definitions, layout.lattice
     for strip in layout.strips:
@@ -224,7 +256,7 @@ def _fill_strips(
 def _prescribed_values(
     boundary: BoundarySet, view: SideView, lattice: Lattice, channels: int, time: float | None
 ) -> tuple[Floats, Bools]:
-    """Return the values (k, channels) that a boundary prescribes on the sides of the points, and where it does so."""
+    """Return the values (k, channels) that a boundary prescribes on the points' sides, and where (k,) it does."""
     values, fixed = np.zeros((len(view.rows), channels)), np.zeros(len(view.rows), dtype=bool)
     for side in SIDES:
         law = boundary.condition(side).law

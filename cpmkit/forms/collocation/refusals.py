@@ -1,4 +1,4 @@
-"""Scenes that a layout refuses: boundaries without effect, contradictory conditions, bridged gaps, unstable waves."""
+"""Refused layouts: boundaries without effect, contradictory conditions, bridged gaps and unstable waves."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 #: A curve is resolved at a spacing of this share of its extent.
 RESOLVED_EXTENT_SHARE = 0.25
-#: Entries of tables that are scanned at a time.
+#: Number of entries of tables that are scanned at a time.
 TABLE_CHUNK_ENTRIES = 1 << 17
 #: Leapfrog's step is at most this many spacings over speed sqrt(d). The largest eigenvalue of A is at most
 #: 4 d speed^2 / spacing^2 (that of a solid, in the plane and in space; 5.9 and 8.7 instead of 8 and 12 on curves and
@@ -39,14 +39,14 @@ IMPLICIT_LEAST_SPACINGS = 0.3
 
 
 def check_layout(layout: Layout, scene: Scene) -> None:
-    """Refuse conditions that would have no effect, or that contradict each other.
+    """Raise if conditions would have no effect, or contradict each other.
 
     Raises
     ------
     SceneError
-        If two boundaries at one place hold different conditions, a boundary on a rim another than the edge, a flux is
-        given where nothing can flow, a condition on an edge that is not there, or conductivities that are not those of
-        the problem.
+        If two boundaries at one place have different conditions, a boundary on a rim has another condition than the
+        edge, a flux is given at a point that no flux passes, a condition for an edge that the manifold does not have,
+        or conductivities that differ from the problem's diffusivity.
     ResolutionError
         If the spacing does not resolve a boundary, an edge, or a gap.
     InputError
@@ -64,7 +64,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
 
 
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
-    """Refuse boundaries whose ghosts no node reads, unless another boundary at the same place has the same condition.
+    """Raise if no node reads the ghosts of a boundary, unless another boundary repeats its condition at the same place.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
 
 
 def _without_effect(layout: Layout, number: int) -> str:
-    """Return the error of a boundary that the lattice does not resolve."""
+    """Return the error message for boundary ``number``, which the lattice does not resolve."""
     boundary, spacing = layout.boundaries.on_lattice[number], layout.lattice.spacing
     extent = float(np.linalg.norm(np.ptp(boundary.source.bounds, axis=0)))
     middle = place(layout.lattice.to_scene(boundary.samples.mean(axis=0)[None])[0])
@@ -101,6 +101,7 @@ def _without_effect(layout: Layout, number: int) -> str:
 
 
 def _check_fluxes_at_points(layout: Layout) -> None:
+    """Raise if a condition other than Dirichlet is given at a boundary without sides, such as a point of a surface."""
     for boundary, on_lattice in zip(layout.boundaries.definitions, layout.boundaries.on_lattice, strict=True):
         conditions = map(boundary.condition, SIDES)
         kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
@@ -114,6 +115,7 @@ def _check_fluxes_at_points(layout: Layout) -> None:
 
 
 def _check_same_place(layout: Layout, scene: Scene) -> None:
+    """Raise if two boundaries at the same place have different conditions."""
     time = scene.problem.start_time
     for strip in layout.strips:
         first, second = (layout.boundaries.definitions[number] for number in (strip.first, strip.second))
@@ -129,7 +131,7 @@ def _check_same_place(layout: Layout, scene: Scene) -> None:
 
 
 def _equivalent(condition: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
-    """Return whether two conditions prescribe the same at ``points`` (k, d) of the scene."""
+    """Return whether two conditions prescribe the same values or fluxes at ``points`` (k, d) of the scene."""
     if same_condition(condition, other):
         return True
     first, second, incomparable = condition.law, other.law, (Interface, Nonlinear)
@@ -148,7 +150,7 @@ def _equivalent(condition: Condition, other: Condition, points: Floats, channels
 
 
 def _check_laws(scene: Scene, layout: Layout) -> None:
-    """Refuse mixed laws whose beta vanishes, and conductivities that are not the problem's diffusivity."""
+    """Raise if the beta of a mixed law vanishes, or a conductivity differs from the problem's diffusivity."""
     for label, condition, points in _condition_points(scene, layout):
         law = condition.law
         if isinstance(law, Mixed) and len(points) and not np.any(beta_at(law, points, label)):
@@ -162,7 +164,7 @@ def _check_laws(scene: Scene, layout: Layout) -> None:
 
 
 def _condition_points(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floats]]:
-    """Yield each condition with its label and the points (n, d) at which it is read, in the scene's coordinates."""
+    """Yield each condition with its label and its points (n, d), in the scene's coordinates."""
     to_scene, feet = layout.lattice.to_scene, layout.band.feet
     for boundary, view, ghosts in zip(scene.boundaries, layout.boundaries.side_views, layout.ghosts, strict=True):
         foot = view.foot[np.searchsorted(view.rows, ghosts.nodes)]
@@ -183,6 +185,7 @@ def _condition_points(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condi
 
 
 def _check_rims(layout: Layout, scene: Scene) -> None:
+    """Raise if a boundary on a rim has another condition than the edge, or one with coupled sides is near a rim."""
     spacing, time = layout.lattice.spacing, scene.problem.start_time
     for strip in layout.rim_strips:
         boundary, edge = layout.boundaries.definitions[strip.boundary], edge_condition(scene.edge, strip.loop)
@@ -203,6 +206,7 @@ def _check_rims(layout: Layout, scene: Scene) -> None:
 
 
 def _check_gaps(layout: Layout) -> None:
+    """Raise if the narrowest gap between rims is so narrow that stencils bridge it."""
     spacing = layout.lattice.spacing
     for rims in layout.facing_rims:
         if not rims.local and rims.gap <= BRIDGED_GAP_SPACINGS * spacing:
@@ -214,7 +218,7 @@ def _check_gaps(layout: Layout) -> None:
 
 
 def _check_edges(scene: Scene, layout: Layout) -> None:
-    """Refuse conditions on loops of the edge that no node lies past."""
+    """Raise if a condition is given for a loop of the edge that has no nodes past it."""
     resolved = np.unique(layout.band.feet.edge[layout.band.feet.edge >= 0]).tolist()
     if isinstance(scene.edge, Mapping):
         loops = {whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge}
@@ -234,18 +238,18 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
 
 
 # Waves. A has complex eigenvalues: their imaginary parts are a few percent of the largest eigenvalues for degrees 3 and
-# 5, ten times as much for degrees 2 and 4 (measured on circles and arcs with all conditions). An undamped scheme lets
-# such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Leapfrog is damped therefore, and the implicit
-# scheme damps waves that its step does not resolve.
+# 5, ten times as much for degrees 2 and 4 (measured on circles and arcs with all conditions). In an undamped scheme
+# such waves grow, by exp(0.01 to 0.05 speed t / spacing) for degree 3. Therefore leapfrog is damped, and the implicit
+# scheme damps the waves that its step does not resolve.
 
 
 def check_waves(scene: Scene, layout: Layout) -> None:
-    """Refuse waves that would grow without bound.
+    """Raise if waves would grow without bound.
 
     Raises
     ------
     InputError
-        If the degree is one with which waves grow.
+        If leapfrog is used with an even degree.
     ResolutionError
         If the step is too long for leapfrog, or too short for the implicit scheme.
     """

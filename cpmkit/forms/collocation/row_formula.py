@@ -1,4 +1,4 @@
-"""Formulas of the rows of the extension: ``value = sum of coefficient * u(points) + data``."""
+"""Formulas of the rows of the extension matrix: ``value = sum of coefficient * u(points) + data``."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryData:
-    """The term of boundary data in some rows: ``factor * data(points)``.
+    """The term ``factor * data(points)`` of boundary data in some rows of a batch.
 
     Attributes
     ----------
     rows : (k,) int64
-        Which rows of a batch.
+        Numbers of the rows in the batch.
     factor : (k,) float64
-        Multiplies the data.
+        Factors of the data.
     points : (k, d) float64
-        Where they are read, in the scene's coordinates.
+        Points at which the data are evaluated, in the scene's coordinates.
     data : Data
-        As a condition gives them.
+        The data of a condition.
     label : str
         Name of the boundary or edge, for errors.
     law : Law
-        Of the condition that gives them.
+        The law of the condition.
     part : "datum", "jump" or "flux"
-        Which of the law's data they are.
+        Which of the law's data these are.
     at_corners : bool
-        Whether the points lie beside corners, across which a flux jumps.
+        Whether the points are near corners, across which a flux jumps.
     """
 
     rows: Ints
@@ -52,12 +52,12 @@ class BoundaryData:
 
     @property
     def name(self) -> str:
-        """Name of the data in errors."""
+        """The name of the data in errors."""
         return self.label if self.part == "datum" else f"the {self.part} of {self.label}"
 
     @property
     def takes_time(self) -> bool:
-        """True where the data change in time."""
+        """Whether the data depend on time."""
         return takes_time(self.data)
 
     def scale(self, coefficient: Floats) -> BoundaryData:
@@ -65,13 +65,13 @@ class BoundaryData:
         return replace(self, factor=self.factor * coefficient[self.rows])
 
     def renumber(self, numbers: Ints) -> BoundaryData:
-        """Return the data with row k of the batch called ``numbers[k]``; -1 leaves it out."""
+        """Return the data with row k of the batch renumbered to ``numbers[k]``; rows with -1 are dropped."""
         chosen = numbers[self.rows] >= 0
         return replace(self, rows=numbers[self.rows[chosen]], factor=self.factor[chosen], points=self.points[chosen])
 
 
 def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: float | None = None) -> Floats:
-    """Return the sum (rows, channels) of all ``data`` in each of so many rows."""
+    """Return the sum (rows, channels) of the terms ``data`` in each of ``rows`` rows, at ``time``."""
     total = np.zeros((rows, channels))
     for datum in data:
         values = evaluate_data(datum.data, datum.points, channels, datum.name, time)
@@ -81,22 +81,22 @@ def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: fl
 
 @dataclass(frozen=True, eq=False)
 class ExtraPoint:
-    """A further point that some rows read.
+    """A further point of the manifold at which each of some rows reads u.
 
     Attributes
     ----------
     rows : (k,) int64
-        Which rows of a batch.
+        Numbers of the rows in a batch.
     points : (k, d) float64
         Points of the manifold, relative to the lattice's origin.
     coefficient : (k,) float64
-        Factor of u there.
+        Factors of u there.
     side_views : sequence of SideView
-        How each boundary sees the points; their rows count the points.
+        For each boundary, the distances and sides of the points near it; their rows number the points.
     owner : int
-        The boundary whose ghosts read; -1 where nodes do.
+        The boundary whose ghosts read the points; -1 for nodes.
     feet : ClosestPoints, optional
-        The surface's records of the points: where several of its sheets share the band.
+        The surface's records of the points; given where several of its sheets share the band.
     """
 
     rows: Ints
@@ -107,7 +107,7 @@ class ExtraPoint:
     feet: ClosestPoints | None = None
 
     def renumber(self, numbers: Ints) -> ExtraPoint:
-        """Return the points with row k of the batch called ``numbers[k]``, -1 leaves it out; without side views."""
+        """Return the points with row k renumbered to ``numbers[k]``, rows with -1 dropped, without side views."""
         chosen = numbers[self.rows] >= 0
         feet = None if self.feet is None else self.feet.take(chosen)
         return ExtraPoint(numbers[self.rows[chosen]], self.points[chosen], self.coefficient[chosen], feet=feet)
@@ -120,15 +120,15 @@ class RowFormula:
     Attributes
     ----------
     points : (n, d) float64
-        Points of the manifold, relative to the lattice's origin.
+        The point of the manifold that each row reads, relative to the lattice's origin.
     coefficient : (n,) float64
-        Factor of u there.
+        Factors of u there.
     data : sequence of BoundaryData
         Terms of boundary data.
     terms : sequence of ExtraPoint
         Further points that some rows read.
     feet : ClosestPoints, optional
-        The surface's records of the points: where several of its sheets share the band.
+        The surface's records of the points; given where several of its sheets share the band.
     """
 
     points: Floats
@@ -142,7 +142,7 @@ class RowFormula:
 
 
 def extrapolation_weights(nodes: Floats, at: Floats) -> Floats:
-    """Return the weights (n, m) with which values at ``nodes`` (n, m) give their polynomial's value ``at`` (n,)."""
+    """Return the Lagrange weights (n, m) that extrapolate values at ``nodes`` (n, m) to ``at`` (n,)."""
     count = nodes.shape[1]
     weights = np.ones_like(nodes)
     for k in range(count):

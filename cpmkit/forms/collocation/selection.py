@@ -1,7 +1,8 @@
-"""Which unknown, or which row of E, a stencil reads in each of its nodes: the node's own, its twin's or its ghost's.
+"""Choose the unknowns, or the rows of the extension matrix E, that a stencil reads at each of its nodes.
 
-A stencil reads, in each node, the value that belongs to its own sheet of the surface and to its own side of every
-boundary. One function chooses, for interpolation and difference stencils alike.
+At each node a stencil reads the value on its own sheet of the surface and on its own side of every boundary: the
+node's own unknown, that of its twin on another sheet, or that of its ghost, which continues one side of a boundary.
+The same function chooses for interpolation stencils and for difference stencils.
 King et al. (2024), eq. 12, as eq. 13 for the stencils of nodes and eq. 14 for those of ghosts.
 """
 
@@ -26,14 +27,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Numbering:
-    """Rows of E are the nodes of the band, then each boundary's ghosts; unknowns are those of them that are read.
+    """The numbers of the rows of E and of the unknowns.
+
+    Rows are the nodes of the band, then the ghosts of each boundary in turn. Unknowns are numbered in the same order,
+    but are only the rows whose values E reads: the inner nodes, and the first ghosts of each boundary.
 
     Attributes
     ----------
     nodes, inner : int
-        How many nodes there are, and how many of them, the first, are unknowns.
+        Number of nodes of the band, and of its inner nodes, which come first and are unknowns.
     ghosts, unknown_ghosts : tuple of int
-        The same of each boundary's ghosts.
+        For each boundary, the number of its ghosts, and of those that are unknowns, which come first.
     """
 
     nodes: int
@@ -43,65 +47,65 @@ class Numbering:
 
     @property
     def rows(self) -> int:
-        """Number of rows of E."""
+        """The number of rows of E."""
         return self.nodes + sum(self.ghosts)
 
     @property
     def unknowns(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return self.inner + sum(self.unknown_ghosts)
 
     @cached_property
     def first_rows(self) -> Ints:
-        """(boundaries + 1,) the first row of each boundary's ghosts, and the number of rows."""
+        """(boundaries + 1,) the first row of each boundary's ghosts, then the number of rows."""
         return np.cumsum([self.nodes, *self.ghosts]).astype(np.int64)
 
     @cached_property
     def first_unknowns(self) -> Ints:
-        """(boundaries + 1,) the first unknown of each boundary's ghosts, and the number of unknowns."""
+        """(boundaries + 1,) the first unknown of each boundary's ghosts, then the number of unknowns."""
         return np.cumsum([self.inner, *self.unknown_ghosts]).astype(np.int64)
 
     def rows_of(self, boundary: int) -> slice:
-        """Return the rows of a boundary's ghosts."""
+        """Return the slice of the rows of E that are ghosts of this boundary."""
         return slice(int(self.first_rows[boundary]), int(self.first_rows[boundary + 1]))
 
     def unknowns_of(self, boundary: int) -> slice:
-        """Return the unknowns of a boundary's ghosts."""
+        """Return the slice of the unknowns that are ghosts of this boundary."""
         return slice(int(self.first_unknowns[boundary]), int(self.first_unknowns[boundary + 1]))
 
     @cached_property
     def row_of_unknown(self) -> Ints:
-        """(unknowns,) the row of E that belongs to each unknown, ascending."""
+        """(unknowns,) the row of E of each unknown, ascending."""
         ghosts = [first + np.arange(n) for first, n in zip(self.first_rows, self.unknown_ghosts, strict=False)]
         return np.concatenate([np.arange(self.inner), *ghosts])
 
     @cached_property
     def unknown_of_row(self) -> Ints:
-        """(rows,) the unknown that belongs to each row of E, -1 where there is none."""
+        """(rows,) the unknown of each row of E, -1 where the row's value is not an unknown."""
         unknown = np.full(self.rows, -1)
         unknown[self.row_of_unknown] = np.arange(self.unknowns)
         return unknown
 
     @cached_property
     def boundary_of_row(self) -> Ints:
-        """(rows,) the boundary whose ghost each row belongs to, -1 for nodes."""
+        """(rows,) the number of the boundary whose ghost each row is, -1 for nodes."""
         return np.repeat(np.arange(-1, len(self.ghosts)), [self.nodes, *self.ghosts])
 
 
 @dataclass(frozen=True, eq=False)
 class Centres:
-    """Where n stencils are centred on a surface.
+    """The points of a surface at which n stencils are centred.
 
     Attributes
     ----------
     side_views : sequence of SideView
-        How each boundary sees the centres; their rows number the stencils.
+        For each boundary, the distances and sides of the centres near it; their rows are numbers of stencils.
     owner : (n,) int64
-        The boundary whose ghost the stencil belongs to; -1 where it belongs to a node or a point.
+        The boundary whose ghost the stencil belongs to; -1 for the stencil of a node or of any other point.
     feet : ClosestPoints, optional
-        The surface's records of the centres: where several of its sheets share the band.
+        The surface's closest point records of the centres; needed where several of its sheets share the band.
     normals : (n, d) float64, optional
-        Of the surface, NaN where they are not known yet.
+        Unit normals of the surface at the centres, NaN where not computed yet.
     """
 
     side_views: Sequence[SideView]
@@ -111,17 +115,17 @@ class Centres:
 
     @classmethod
     def of_points(cls, feet: ClosestPoints, side_views: Sequence[SideView] = ()) -> Centres:
-        """Return the centres of stencils at points of the surface that belong to no ghost."""
+        """Return the centres of stencils at the points of these records; no stencil belongs to a ghost."""
         return cls(side_views, np.full(len(feet), -1), feet)
 
     @classmethod
     def of_nodes(cls, band: Band, nodes: Ints) -> Centres:
-        """Return the centres of stencils at the feet of nodes (n,), which see no boundary."""
+        """Return the centres of stencils at the closest points of ``nodes`` (n,), without side views of boundaries."""
         n = None if band.sheets is None else band.sheets.normals[nodes]
         return cls((), np.full(len(nodes), -1), band.feet.take(nodes), n)
 
     def take(self, rows: Ints) -> Centres:
-        """Return the centres of the stencils ``rows`` (ascending), numbered from zero."""
+        """Return the centres of the stencils ``rows`` (ascending), renumbered from zero."""
         side_views = []
         for view in self.side_views:
             position = np.searchsorted(rows, view.rows)
@@ -133,14 +137,14 @@ class Centres:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknowns, which stencils read: the inner nodes of a band, and after them the ghosts of each boundary.
+    """The unknowns that stencils read: the inner nodes of a band, then the ghosts of each boundary.
 
     Attributes
     ----------
     band : Band
-        The nodes.
+        The nodes and their closest points.
     ghosts : sequence of Ghosts
-        Those of each boundary.
+        The ghosts of each boundary.
     """
 
     band: Band
@@ -148,18 +152,18 @@ class Unknowns:
 
     @cached_property
     def numbering(self) -> Numbering:
-        """The numbers of rows of E and of unknowns."""
+        """The numbers of the rows of E and of the unknowns."""
         counts = tuple(len(group.nodes) for group in self.ghosts)
         return Numbering(len(self.band.nodes), self.band.inner, counts, tuple(group.unknowns for group in self.ghosts))
 
     @property
     def count(self) -> int:
-        """Number of unknowns."""
+        """The number of unknowns."""
         return self.numbering.unknowns
 
     @property
     def ghost_nodes(self) -> Ints:
-        """(g, 2) the number of its boundary, and of its node in the band, of each ghost that is an unknown."""
+        """(g, 2) for each ghost that is an unknown, the number of its boundary and of its node in the band."""
         parts = [
             np.stack([np.full(group.unknowns, index), group.nodes[: group.unknowns]], axis=1)
             for index, group in enumerate(self.ghosts)
@@ -168,24 +172,32 @@ class Unknowns:
 
     @property
     def ghost_sides(self) -> Bools:
-        """(g,) whether each ghost that is an unknown continues the left of its boundary."""
+        """(g,) for each ghost that is an unknown, whether it continues the solution from the left of its boundary."""
         return np.concatenate([np.zeros(0, bool), *(group.carries_left[: group.unknowns] for group in self.ghosts)])
 
     def select(self, centres: Centres, columns: Ints) -> Ints:
-        """Return the unknowns (n, s) that n stencils read in the inner nodes ``columns`` (n, s).
+        """Return the unknowns (n, s) that n stencils read at the inner nodes ``columns`` (n, s).
 
-        That of the stencil's own sheet, and, where a boundary runs between, the ghost that continues its side.
+        At each node this is the unknown on the stencil's own sheet or, where a boundary separates node and centre, the
+        ghost that continues the solution from the stencil's side.
         """
         numbers = [group.unknown_numbers for group in self.ghosts]
         return self._select(centres, columns, self.band.inner, numbers, self.numbering.first_unknowns)
 
     def select_rows(self, centres: Centres, columns: Ints) -> Ints:
-        """Return the rows of E (n, s) that n stencils read in the nodes ``columns`` (n, s) of the band, likewise."""
+        """Return the rows of E (n, s) that n stencils read at the nodes ``columns`` (n, s) of the band.
+
+        They are chosen as in :meth:`select`, with outer nodes and all ghosts allowed.
+        """
         numbers = [group.numbers for group in self.ghosts]
         return self._select(centres, columns, len(self.band.nodes), numbers, self.numbering.first_rows)
 
     def _select(self, centres: Centres, columns: Ints, readable: int, numbers: Sequence[Ints], first: Ints) -> Ints:
-        """Return the choice among the sites below ``readable`` and the ghosts of these ``numbers``."""
+        """Return the numbers (n, s) that n stencils read at the nodes ``columns`` (n, s).
+
+        Nodes below ``readable`` may be read. For each boundary, ``numbers`` (nodes,) is the number of each node's ghost
+        (-1: none), and ``first`` (boundaries + 1,) what is added to it.
+        """
         nodes = self._on_own_sheet(centres, columns, readable)
         if not any(len(view.rows) for view in centres.side_views):
             return nodes
@@ -197,14 +209,14 @@ class Unknowns:
         return selected
 
     def _on_own_sheet(self, centres: Centres, columns: Ints, readable: int) -> Ints:
-        """Return stencils (n, s) with nodes of other sheets replaced by their twins."""
+        """Return the nodes (n, s) of stencils; a node of another sheet is replaced by its twin (below ``readable``)."""
         sheets = self.band.sheets
         if sheets is None:
             return columns
         touched = np.flatnonzero(sheets.counts(columns).any(axis=1))
         if not len(touched):
             return columns
-        assert centres.feet is not None  # recorded wherever several sheets share the band
+        assert centres.feet is not None  # always given where several sheets share the band
         feet, n = centres.feet.take(touched), np.full((len(touched), self.band.dim), np.nan)
         if centres.normals is not None:
             n = centres.normals[touched]
@@ -219,17 +231,17 @@ class Unknowns:
 def visible_ghosts(
     centres: Centres, nodes: Ints, numbers: Sequence[Ints], directors: Sequence[Floats]
 ) -> tuple[Ints, Ints]:
-    """Return the ghosts that stencils read in place of nodes that lie across a boundary.
+    """Return the ghosts that stencils read in place of nodes on the other side of a boundary.
 
-    A node is replaced where the directors of stencil and node have a negative product and the node
-    has a ghost there (past an open end it has none). Where several boundaries are crossed, the
-    stencil's own comes first, else the one nearest to it. (Differs from adding the weight once a
-    boundary, which counts it twice where two are crossed.)
+    A node is replaced if the directors of stencil and node have a negative product and the node has a ghost there (past
+    an open end it has none). If several boundaries lie between, the ghost of the boundary that the stencil itself
+    belongs to is read, else that of the boundary nearest to the stencil. (Differs from adding the weight once for each
+    boundary, which counts it twice where two boundaries are crossed.)
 
     Parameters
     ----------
     centres : Centres
-        Of n stencils.
+        Centres of the n stencils.
     nodes : (n, s) int64
         Node numbers of the stencils.
     numbers : sequence of (nodes,) int64
@@ -240,7 +252,7 @@ def visible_ghosts(
     Returns
     -------
     boundary, number : (n, s) int64
-        The boundary whose ghost is read and the ghost's number; -1 where the node itself is.
+        The boundary whose ghost is read and the ghost's number; both -1 where the node itself is read.
     """
     boundary = np.full(nodes.shape, -1)
     number = np.full(nodes.shape, -1)

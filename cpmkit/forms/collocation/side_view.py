@@ -1,12 +1,13 @@
-"""Boundaries on a lattice: how far surface points are from a boundary, and on which side of it.
+"""Boundaries on a lattice: the distance of surface points from a boundary, and the side of it that they are on.
 
 For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surface, n its normal at y, t the direction of
 travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
-solid in space v is the normal of the surface C. The side of a point is decided here once, as the
-director D, and used everywhere: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
-times one fixed vector, or times n, which is local and does not see the sign of n, where that comes back reversed.
+solid in space v is the normal of the surface C. Here alone the side of a point is decided, as the
+director D: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
+times one fixed vector, or times n (a local choice that does not depend on the sign of n) where the surface is not
+orientable along C.
 King et al. (2024): z - y is eq. 10 (there y is cp_C(x)), (z - y) . v is eq. 11, ((z - y) . v) v is eq. 17.
-In its section 4, C lies in S; here C may be off it by its ``gap``, and is snapped.
+In its section 4, C is a part of S; here C may be off S by its ``gap``, and is snapped.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from cpmkit.types import Bools, Floats, Ints
 #: A point nearer to the boundary than this many spacings counts as left of it.
 #: (Differs from King et al. (2024), section 4.2: 0.1 spacing^2, on either side.)
 ON_BOUNDARY_SPACINGS = 1e-9
-#: Closest points are looked for in blocks of this many spacings before the points in them are.
+#: Closest points of blocks of this many spacings are computed before those of the points in them.
 BLOCK_SPACINGS = 4
 #: Where several sheets share a band: if the chord from a boundary points to neither side by more than this (cosine),
 #: the walk along the surface decides; if that does not either, points farther than ``NEAR_BOUNDARY_SPACINGS`` have no
@@ -42,24 +43,24 @@ UNCLEAR_SIDE_COSINE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SideView(Rows):
-    """Some of a batch of surface points, as one boundary sees them.
+    """Those of a batch of surface points that are near one boundary, with their distances and sides.
 
     Attributes
     ----------
     rows : (k,) int64
-        Which points of the batch these are, ascending.
+        Numbers of the points in the batch, ascending.
     foot : (k, d) float64
         y, the closest point on the boundary, snapped to the manifold.
     end : (k,) bool
-        True where y is an end of an open curve inside the manifold, not one on its rim.
+        Whether y is an end of an open curve inside the manifold, not on its rim.
     distance : (k,) float64
         ``|z - y|``.
     signed : (k,) float64
         ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
     conormal : (k, d) float64
-        v, the one that points to the left; zero where the boundary has no sides.
+        v, the conormal that points to the left; zero where the boundary has no sides.
     director : (k, d) float64
-        D; zero where nothing is crossed.
+        D, whose product with that of another point is negative on the other side; zero where no side is crossed.
     """
 
     rows: Ints
@@ -72,9 +73,9 @@ class SideView(Rows):
 
 
 def points_near(source: LocalSource, points: Floats, radius: float, spacing: float) -> tuple[Ints, ClosestPoints]:
-    """Return which of ``points`` (n, d) lie within ``radius`` of the source, and their closest points.
+    """Return the numbers (k,) of ``points`` (n, d) within ``radius`` of the source, and their closest points.
 
-    Closest points of blocks are found first, and those of single points only where the block is near enough.
+    Closest points of blocks are computed first, and those of single points only where the block is near enough.
     """
     side = BLOCK_SPACINGS * spacing
     blocks, member = np.unique(np.floor(points / side).astype(np.int64), axis=0, return_inverse=True)
@@ -89,20 +90,20 @@ def points_near(source: LocalSource, points: Floats, radius: float, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnLattice:
-    """An oriented boundary as a lattice sees it.
+    """An oriented boundary on a lattice.
 
     Attributes
     ----------
     oriented : OrientedBoundary
-        Where it lies and what defines its left, relative to the lattice's origin.
+        The boundary with the definition of its left, relative to the lattice's origin.
     gap : float
-        How far the boundary is from the manifold at most, where it was sampled: by so much it is snapped.
+        Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.
     samples : (s, d) float64
         Points of the boundary, ``spacing`` apart or less.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     sheets : Sheets or None
-        Where the manifold has several sheets in one band: the boundary is seen on its own alone.
+        Given where the manifold has several sheets in one band: a point then sees only the boundary on its own sheet.
     """
 
     oriented: OrientedBoundary
@@ -113,31 +114,32 @@ class BoundaryOnLattice:
 
     @property
     def source(self) -> LocalSource:
-        """Where the boundary lies."""
+        """The source of the boundary."""
         return self.oriented.source
 
     @property
     def surface(self) -> LocalSource:
-        """The manifold it lies in."""
+        """The manifold that the boundary is on."""
         return self.oriented.surface
 
     @property
     def has_sides(self) -> bool:
-        """True where the boundary cuts the manifold in two locally."""
+        """Whether the boundary cuts the manifold in two locally."""
         return self.oriented.has_sides
 
     @cached_property
     def on_sheets(self) -> BoundaryOnSheets | None:
-        """The boundary as each sheet sees it, where several share a band."""
+        """The boundary with its samples on each sheet, where several share a band; otherwise None."""
         if self.sheets is None:
             return None
         samples = SurfacePoints.on(self.surface, self.samples, self.spacing)
         return BoundaryOnSheets(self.source, self.surface, samples, self.spacing, self.sheets.signed)
 
     def side_view(self, points: Floats, radius: float, spacing: float) -> SideView:
-        """Return how the boundary sees those surface ``points`` (n, d) that lie within ``radius`` of it.
+        """Return the distances and sides of those ``points`` (n, d) of the surface within ``radius`` of the boundary.
 
-        Where several sheets share a band, it sees those alone on whose sheet it runs, from its nearest part there.
+        Where several sheets share a band, these are only points with a part of the boundary on their own sheet, and the
+        nearest such part counts.
         """
         rows, feet = points_near(self.source, points, radius + self.gap, spacing)
         walked = None
@@ -166,12 +168,12 @@ class BoundaryOnLattice:
         return view.take(clear | (distance <= NEAR_BOUNDARY_SPACINGS * spacing))
 
     def _from_point(self, on_surface: ClosestPoints, offset: Floats, spacing: float) -> Floats:
-        """Return directors T (z - y), seen from a point on a surface.
+        """Return the directors T (z - y) (n, d) of a boundary at a point of a surface, T the tangential projection.
 
         King et al. (2024), section 4.5 and eq. 17 without the tangent.
-        A foot on the point itself gets a tiny director along one tangent, chosen once, so that stencils
-        see the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
-        point, a whole line of nodes then has its foot there and none of them would feel the condition; a pin
+        Where z is the point itself, the director is a tiny vector along a fixed tangent, so that stencils
+        cross the point there too. (Differs from "zero means no crossing": on a lattice with a node above the
+        point, a whole line of nodes then has its closest point there and the condition affects none of them; a pin
         of 1 at the pole of a sphere, a ring of 0.1 elsewhere, read 0.06 at spacing 0.05 instead of 0.9.)
         """
         director = project_tangent(self.surface, on_surface, offset, 0.5 * spacing)
@@ -184,14 +186,14 @@ class BoundaryOnLattice:
         return director
 
     def _director_axis(self, axis: Floats, left: Floats) -> Floats:
-        """Return the vectors, (d,) or (n, d), whose multiples by (z - y) . v are the directors.
+        """Return the vectors, (d,) or (n, d), that (z - y) . v is multiplied by to give the directors.
 
-        Where signs agree all along the boundary, the sign of (z - y) . v is the director, times one vector for all
-        points. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare vectors at two
-        points: where the normals there differ by more than a right angle (a tube two spacings thick, a steep ridge
-        under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side seem to face each other,
-        and values bleed across the curve. Where the normal comes back reversed, that is D; where the direction of
-        travel does, D = ((z - y) . v) v, which sees the sign of neither.
+        Where left is known by sign all along the boundary, this is one vector for all points, so that only the sign of
+        (z - y) . v counts. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare
+        vectors at two points: where the normals there differ by more than a right angle (a tube two spacings thick, a
+        steep ridge under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side would count
+        as on opposite sides, and values leak across the curve. Where the normal changes sign along the curve, it is n;
+        where the direction of travel does, it is v: D = ((z - y) . v) v does not depend on either sign.
         """
         if self.oriented.left.known:
             return np.asarray(np.eye(self.surface.dim)[0], dtype=np.float64)
@@ -200,20 +202,21 @@ class BoundaryOnLattice:
 
 @dataclass(frozen=True, eq=False)
 class BoundariesOnBand:
-    """All boundaries of a scene, and how the band's nodes see them.
+    """All boundaries of a scene, with the distances and sides of the band's nodes.
 
     Attributes
     ----------
     definitions : sequence of BoundarySet
         Their names and conditions, as the scene gives them.
     on_lattice : sequence of BoundaryOnLattice
-        As the lattice sees them.
+        The boundaries on the lattice.
     side_views : sequence of SideView
-        How the band's nodes see each boundary.
+        For each boundary, the distances and sides of the band's nodes near it.
     behind : (k,) int64
-        The nodes past an edge that read their feet, because their mirror points lie beyond a boundary.
+        The nodes past an edge that read their closest points, because a boundary separates them from their mirror
+        points.
     diffusivity : Data
-        Of the problem.
+        The diffusivity of the problem.
     """
 
     definitions: Sequence[BoundarySet]
@@ -231,7 +234,7 @@ def put_on_lattice(
     oriented: Callable[[BoundarySet], OrientedBoundary],
     sheets: Sheets | None = None,
 ) -> BoundaryOnLattice:
-    """Return ``boundary`` as the lattice sees it.
+    """Return ``boundary`` on the lattice, snapped to the surface and oriented.
 
     Parameters
     ----------
@@ -240,13 +243,14 @@ def put_on_lattice(
     surface : LocalSource
         The manifold.
     lattice : Lattice
-        Its origin and spacing.
+        Origin and spacing.
     radius : float
-        How far the boundary may be from the surface: the radius of the tube.
+        Largest distance of the boundary from the surface: the radius of the tube.
     oriented : callable
-        Of a boundary: :meth:`cpmkit.Scene.oriented`, which caches its result. Called once the boundary lies well.
+        :meth:`cpmkit.Scene.oriented`, which returns the orientation of a boundary and caches it. It is called after the
+        other checks.
     sheets : Sheets, optional
-        Where the manifold has several in one band.
+        Given where the manifold has several sheets in one band.
 
     Raises
     ------

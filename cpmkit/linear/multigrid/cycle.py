@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: The largest eigenvalue by Lanczos' method, a lower bound, is multiplied by this.
+#: Factor of Lanczos' estimate of the largest eigenvalue, which is a lower bound.
 EIGENVALUE_MARGIN = 1.1
 #: A finest matrix with more entries is not rounded to float32: the rounded copy would be an eighth of the memory at the
 #: peak, and save a tenth of the time of a solve.
 MAX_ROUNDED_ENTRIES = 1 << 25
-#: A diagonal entry below this share of the largest is zero: of a piece with one unknown on which constants are free.
+#: A diagonal entry below this share of the largest counts as zero: a piece of one unknown whose constant is free.
 ZERO_DIAGONAL_SHARE = 1e-14
 #: Largest ratio of diagonal entries for float32: above it a cycle becomes indefinite, as penalties on slivers between
 #: close curves round away the stiffness beside them.
@@ -58,10 +58,10 @@ class Level:
 
 @dataclass(frozen=True, eq=False)
 class SmoothedLevel:
-    """The smoother of a level, with its matrix, and P from the next coarser level.
+    """The smoother of a level, with its matrix, and the prolongation from the next coarser level.
 
-    Entries are in float32, but of a large finest level and where the diagonal's entries differ too much. That changes
-    the cycle by about 1e-7, and not the solution, whose equations are in float64.
+    Entries are in float32, except on a large finest level and where the diagonal's entries differ too much. That
+    changes the cycle by about 1e-7, and not the solution, whose equations are in float64.
     """
 
     smoother: Smoother
@@ -75,7 +75,7 @@ class Cycle:
     Attributes
     ----------
     levels : tuple of SmoothedLevel
-        From the finest on; none where the matrix is small.
+        All levels but the coarsest, from the finest on; none where the matrix is small.
     coarsest : SymmetricFactors
         Factors of the coarsest matrix.
     is_rounded : bool
@@ -88,11 +88,11 @@ class Cycle:
 
     @property
     def products(self) -> int:
-        """Number of products with the finest matrix that one cycle takes."""
+        """The number of products with the finest matrix in one cycle."""
         return self.levels[0].smoother.iteration.products if self.levels else 0
 
     def apply(self, b: Floats, depth: int = 0) -> Floats:
-        """Return x (n, channels), about the solution of ``A x = b`` on the level number ``depth``."""
+        """Return an approximate solution x (n, channels) of ``A x = b`` on level ``depth``."""
         if depth == len(self.levels):
             return self.coarsest.solve(b)
         level = self.levels[depth]
@@ -116,9 +116,9 @@ def build_cycle(
     matrix : csr_array (n, n)
         A, positive definite, except for constants on free pieces and for ``waves``.
     levels : sequence of Level
-        From the finest on.
+        The steps to coarser levels, from the finest on.
     piece : (n,) int64
-        The number of the free piece that an unknown is on, -1 where constants are not free.
+        For each unknown, the number of the piece of the manifold with a free constant that it is on, -1 for none.
     waves : bool
         Whether A has negative eigenvalues, with eigenfunctions that all levels resolve.
     half : SymmetricCsr, optional
@@ -139,7 +139,7 @@ def build_cycle(
         strips.append(_exact_strip(matrix if len(halves) == 1 else current, strip, waves, is_rounded))
         coarser = coarse_operator(matrix, P) if current is None else current.galerkin_product(P)
         halves.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
-        if len(halves) == 2:  # worth its time for the largest level alone
+        if len(halves) == 2:  # takes time, which only the largest level is worth
             release_memory()
         coarse_piece = np.full(P.shape[1], -1)
         coarse_piece[P.indices] = np.repeat(piece, np.diff(P.indptr))
@@ -167,7 +167,7 @@ def build_cycle(
 
 
 def needs_float64(diagonal: Floats) -> bool:
-    """Return True if float32 loses the stiffness of the unknowns with the smallest entries of a diagonal (n,)."""
+    """Return whether float32 would lose the stiffness of unknowns with small entries of the ``diagonal`` (n,)."""
     positive = diagonal[diagonal > ZERO_DIAGONAL_SHARE * diagonal.max(initial=0.0)]
     return len(positive) > 0 and bool(positive.max() > MAX_DIAGONAL_RATIO * positive.min())
 
@@ -185,6 +185,7 @@ def stabilise_lines(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
 
 
 def _exact_strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool, is_rounded: bool) -> Strip | None:
+    """Return the strip of ``unknowns`` (k,), for which the smoother solves exactly; None if there are none."""
     if not len(unknowns):
         return None
     if isinstance(matrix, SymmetricCsr):
@@ -195,6 +196,13 @@ def _exact_strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool, 
 def _smoother(
     diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool, sweeps: int
 ) -> Smoother:
+    """Return the smoother of a level: Gauss-Seidel for matrices stored as upper halves, else Chebyshev, after a strip.
+
+    Raises
+    ------
+    IndefiniteError
+        If an entry of the diagonal or an eigenvalue has the wrong sign.
+    """
     swept = abs(diagonal) > ZERO_DIAGONAL_SHARE * diagonal.max()
     if exact is not None:
         swept[exact.unknowns] = False
@@ -209,7 +217,7 @@ def _smoother(
 
 
 def _without_singular(strip: Ints, piece: Ints) -> Ints:
-    """Return the strip without one unknown of each free piece that lies in it whole: A would be singular there."""
+    """Return the strip without one unknown of each free piece that is entirely in it, where A would be singular."""
     count = piece.max(initial=-1) + 1
     inside = np.bincount(piece[strip] + 1, minlength=count + 1) == np.bincount(piece + 1, minlength=count + 1)
     inside[0] = False
@@ -218,7 +226,7 @@ def _without_singular(strip: Ints, piece: Ints) -> Ints:
 
 
 def _pin_constants(matrix: csr_array, piece: Ints) -> csr_array:
-    """Return the matrix with a number added to the diagonal of one unknown of each free piece: it fixes constants."""
+    """Return the matrix with the diagonal increased at one unknown of each free piece, which fixes its constant."""
     from scipy.sparse import dia_array
 
     labels, first = np.unique(piece, return_index=True)
@@ -232,13 +240,14 @@ LANCZOS_RESIDUAL = 3e-2
 
 
 def largest_eigenvalue(matrix: UnsignedCsr | SymmetricCsr, inverse: Floats, waves: bool = False) -> float:
-    """Return the largest eigenvalue of ``D^-1 A``, to about a hundredth from below, by Lanczos' method.
+    """Return the largest eigenvalue of ``D^-1 A`` by Lanczos' method, a lower bound within about a hundredth.
 
-    On the unknowns where ``inverse`` (n,), which is D^-1, is not zero. 8 to 12 products with A are usual.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero. 8 to 12 products are
+    usual.
 
     Raises
     ------
-    Indefinite
+    IndefiniteError
         If there is a negative eigenvalue, and no ``waves`` are expected.
     """
     root = np.sqrt(inverse)[:, None]
@@ -265,4 +274,5 @@ def largest_eigenvalue(matrix: UnsignedCsr | SymmetricCsr, inverse: Floats, wave
 
 
 def _dot(a: Floats, b: Floats) -> float:
+    """Return the scalar product of a and b (n, channels)."""
     return float(np.einsum("nc,nc->", a, b))  # BLAS would wake other threads, which then wait for work

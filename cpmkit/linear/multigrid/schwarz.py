@@ -37,7 +37,7 @@ RESTART_ITERATIONS = 50
 
 @dataclass(frozen=True, eq=False)
 class Block:
-    """Some unknowns with the factors of their rows and columns of a matrix.
+    """Some unknowns, with the factors of the matrix restricted to them.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Block:
 
 @dataclass(frozen=True, eq=False)
 class Schwarz:
-    """Overlapping blocks; each unknown is an own unknown of one block."""
+    """A smoother of overlapping blocks; each unknown is an own unknown of one block."""
 
     blocks: Sequence[Block]
 
@@ -69,7 +69,13 @@ class Schwarz:
 
 
 def build_schwarz(matrix: csr_array) -> Schwarz:
-    """Return overlapping blocks of a matrix whose pattern is symmetric."""
+    """Return the smoother of a matrix whose pattern is symmetric.
+
+    Raises
+    ------
+    RuntimeError
+        If a block is singular.
+    """
     blocks = []
     for own in bisect_unknowns(matrix):
         unknowns = np.unique(matrix[own].indices).astype(np.int64)
@@ -79,7 +85,7 @@ def build_schwarz(matrix: csr_array) -> Schwarz:
 
 
 def bisect_unknowns(matrix: csr_array, most: int = MAX_BLOCK_UNKNOWNS) -> list[Ints]:
-    """Return the unknowns in compact parts of at most ``most``, each in ascending order.
+    """Return compact parts of at most ``most`` unknowns each, in ascending order.
 
     A part is bisected into the first and the second half of a breadth-first search from an unknown at its end.
     """
@@ -170,7 +176,7 @@ class PreconditionedAdvection:
     operator : Operator
         The operator.
     cycle : SchwarzCycle
-        Of A; where constants are free, of A with one unknown of each piece pinned.
+        The cycle of A; where constants are free, of A with one unknown of each piece pinned.
     max_iterations : int
         Most iterations.
     """
@@ -201,6 +207,7 @@ class PreconditionedAdvection:
         return u, judge(self.operator, b, u, "multigrid", tolerance, max(taken, default=0), products, remedy)
 
     def _solve_channel(self, b: Floats, tolerance: float, start: Floats | None) -> tuple[Floats, int]:
+        """Return u (n,) with ``A u = b`` for one channel b (n,), and the iterations from ``start``, zero if None."""
         from scipy.sparse.linalg import LinearOperator, gmres
 
         if not b.any():
@@ -224,12 +231,12 @@ class PreconditionedAdvection:
         return np.asarray(u), len(steps)
 
     def for_operator(self, operator: Operator) -> PreconditionedAdvection:
-        """Return the iteration for another operator with the same cycle."""
+        """Return the iteration with the same cycle for another operator."""
         return replace(self, operator=operator)
 
     @property
     def step_products(self) -> int:
-        """Number of products with A of one cycle, for each channel."""
+        """The number of products with A in one cycle, for each channel."""
         return 1
 
 

@@ -1,8 +1,8 @@
-"""Smoothers of a level: Gauss-Seidel or Chebyshev iterations, and an exact solve on the strip beside conditions.
+"""Smoothers of a level: Gauss-Seidel or Chebyshev iterations, and an exact solve on the strip near conditions.
 
-Chebyshev's iteration serves large levels, whose products all threads share, and waves. Penalties and couplings of
-conditions make eigenvalues of D^-1 A large whose eigenvectors are zero outside of the strip. The strip is solved
-exactly, and the iteration runs on the other unknowns, where conditions do not change the eigenvalues.
+Chebyshev's iteration is for large levels, whose products use all threads, and for waves. Penalties and couplings of
+conditions cause large eigenvalues of D^-1 A whose eigenvectors are zero outside the strip. The strip is solved
+exactly, and the iteration runs on the other unknowns, whose eigenvalues the conditions do not change.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ FINEST_SWEEPS, COARSER_SWEEPS = 2, 1
 
 @dataclass(frozen=True, eq=False)
 class Chebyshev:
-    """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), which is D^-1, is not zero.
+    """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
 
     Attributes
     ----------
     matrix : UnsignedCsr or SymmetricCsr
         A.
     inverse : (n,) float64
-        D^-1.
+        The diagonal of D^-1.
     largest : float
-        Upper end of the interval of damped eigenvalues, above all of them.
+        Upper end of the interval of damped eigenvalues, an upper bound of all eigenvalues.
     steps : int
         Number of products with A.
     """
@@ -49,16 +49,18 @@ class Chebyshev:
 
     @property
     def products(self) -> int:
-        """Number of products with A before and after a coarser level together."""
+        """The number of products with A before and after a coarser level together."""
         return 2 * self.steps
 
     def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x, zero if None, after steps towards the solution of ``A x = b``, and the residual."""
+        """Return x and ``b - A x``, both (n, channels), after :attr:`steps` steps from x, zero if None."""
         x = self.after(x, b)
         return x, self.matrix.residual(x, b)
 
     def after(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x, zero if None, after steps towards the solution of ``A x = b``; they are their own adjoint.
+        """Return x (n, channels) after :attr:`steps` steps towards the solution of ``A x = b`` from x, zero if None.
+
+        The steps are their own adjoint.
 
         Notes
         -----
@@ -81,10 +83,10 @@ class Chebyshev:
 
 @dataclass(frozen=True, eq=False)
 class GaussSeidel:
-    """Gauss-Seidel sweeps, on the unknowns where ``inverse`` (n,), of A's diagonal, is not zero; for one thread.
+    """Gauss-Seidel sweeps on the unknowns where ``inverse`` (n,), of A's diagonal, is not zero; for one thread.
 
     Two sweeps reduce the error as much as three steps of Chebyshev's iteration, and update the residual as well: an
-    iteration reads the finest matrix five times in place of seven, and needs no eigenvalue. One sweep on the finest
+    iteration reads the finest matrix five times instead of seven, and needs no eigenvalue. One sweep on the finest
     level takes one and a half to two times as many iterations.
 
     Attributes
@@ -103,26 +105,26 @@ class GaussSeidel:
 
     @property
     def products(self) -> int:
-        """Number of products with A that take as much time as all sweeps."""
+        """The number of products with A that take as much time as all sweeps."""
         return 2 * self.sweeps
 
     def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x, zero if None, after steps towards the solution of ``A x = b``, and the residual."""
+        """Return x and ``b - A x``, both (n, channels), after backward sweeps from x, zero if None."""
         return self.matrix.sweep_backward(x, b, self.inverse, self.sweeps)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x after sweeps towards the solution, the adjoint of ``before``."""
+        """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`before`."""
         return self.matrix.sweep_forward(x, b, self.inverse, self.sweeps)
 
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Unknowns beside conditions that are solved for exactly while the others are fixed.
+    """The unknowns near conditions, which are solved for exactly while the others are fixed.
 
     Attributes
     ----------
     unknowns : (k,) int64
-        Their numbers.
+        Numbers of these unknowns.
     rows : UnsignedCsr
         Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
     factors : SymmetricFactors
@@ -135,13 +137,14 @@ class Strip:
 
     @classmethod
     def of(cls, rows: csr_array, unknowns: Ints, waves: bool = False, is_rounded: bool = True) -> Strip:
-        """Return the strip of ``unknowns`` (k,), with their ``rows`` (k, n) of A; ``is_rounded`` as the level's matrix.
+        """Return the strip of ``unknowns`` (k,), given their ``rows`` (k, n) of A.
 
-        With ``waves`` A may be indefinite on the strip, which can be as wide as a wave on a coarse level.
+        ``is_rounded`` is that of the level's matrix. With ``waves`` A may be indefinite on the strip, which can be as
+        wide as a wave on a coarse level.
 
         Raises
         ------
-        Indefinite
+        IndefiniteError
             If A restricted to the strip has a pivot that is not positive, and no ``waves`` are expected.
         """
         kind = SymmetricFactors if waves else PositiveFactors
@@ -150,7 +153,7 @@ class Strip:
         return cls(unknowns, compiled_rows.in_float32() if is_rounded else compiled_rows, factors)
 
     def solve(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x, zero if None, corrected on the strip so that its equations are satisfied; x is overwritten."""
+        """Return x (n, channels), zero if None, changed on the strip so that its equations hold; x is overwritten."""
         if x is None:
             x = np.zeros_like(b)
             x[self.unknowns] = self.factors.solve(b[self.unknowns])
@@ -161,7 +164,7 @@ class Strip:
 
 @dataclass(frozen=True, eq=False)
 class Smoother:
-    """A solve on the strip and then an iteration on the way down; the same in reverse order on the way up.
+    """A solve on the strip and then an iteration before the coarser level; both in reverse order after it.
 
     Each is the adjoint of the other, which makes the cycle symmetric.
     """
@@ -170,10 +173,10 @@ class Smoother:
     strip: Strip | None
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x after smoothing from zero towards the solution of ``A x = b``, and the residual."""
+        """Return x and ``b - A x``, both (n, channels), after smoothing from zero towards the solution."""
         return self.iteration.before(None if self.strip is None else self.strip.solve(None, b), b)
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x after smoothing towards the solution of ``A x = b``; x may be overwritten."""
+        """Return x (n, channels) after smoothing towards the solution of ``A x = b``; x may be overwritten."""
         x = self.iteration.after(x, b)
         return x if self.strip is None else self.strip.solve(x, b)

@@ -27,7 +27,7 @@ from cpmkit.linear.residuals import judge
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.types import Floats, Progress, no_progress
 
-#: The most unknowns of a coarsest level, which is factorised, and of one that has to resolve waves.
+#: Most unknowns of a coarsest level, which is factorised, and most of a coarsest level that has to resolve waves.
 MAX_FACTORISED, MAX_FACTORISED_WAVES = 20_000, 100_000
 
 
@@ -46,7 +46,7 @@ class MultigridSolver:
     def prepare(
         self, operator: Operator, levels: Sequence[Any] = ()
     ) -> PreconditionedCG | PreconditionedAdvection | PreconditionedGMRES:
-        """Return the iteration, with the operators of all levels, their smoothers and factors.
+        """Return the Krylov iteration with its cycle: matrices of all levels, their smoothers and the coarsest factors.
 
         Raises
         ------
@@ -82,6 +82,7 @@ class MultigridSolver:
 
 
 def _advection(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedAdvection:
+    """Return the iteration for an operator with advection; raise a SceneError if a block is singular."""
     try:
         return prepare_advection(operator, levels, max_iterations)
     except RuntimeError as error:
@@ -91,12 +92,12 @@ def _advection(operator: Operator, levels: Sequence[Any], max_iterations: int) -
 
 
 def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
-    """Refuse a coarsest level that is too large to be factorised.
+    """Raise if the coarsest level is too large to be factorised.
 
     Raises
     ------
     SceneError
-        If its ``unknowns``, of ``size`` on the finest level, are more than is accepted.
+        If its ``unknowns``, of ``size`` on the finest level, are too many.
     """
     if waves and unknowns > MAX_FACTORISED_WAVES:
         raise SceneError(
@@ -113,7 +114,7 @@ def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
 
 @dataclass(frozen=True, eq=False)
 class PreconditionedGMRES:
-    """A symmetric operator, real or complex, that is not positive, with a cycle that preconditions GMRES.
+    """A symmetric operator, real or complex, that is not positive definite, with the cycle that preconditions GMRES.
 
     Attributes
     ----------
@@ -159,6 +160,7 @@ class PreconditionedGMRES:
         return u, judge(self.operator, b, u, "multigrid", tolerance, iterations, products, REMEDY)
 
     def _precondition(self, residual: Any) -> Any:
+        """Return the cycle applied to a real or complex ``residual`` (n, channels)."""
         if not np.iscomplexobj(residual):
             return self.cycle.apply(residual)
         parts = np.split(self.cycle.apply(np.concatenate([residual.real, residual.imag], axis=1)), 2, axis=1)
@@ -166,10 +168,10 @@ class PreconditionedGMRES:
 
 
 def prepare_indefinite(operator: Operator, levels: Sequence[Level], max_iterations: int) -> PreconditionedGMRES:
-    """Return the iteration for ``A - i s M``, or for standing waves on the levels that resolve them.
+    """Return the iteration for ``A - i s M``, or for standing waves, with levels that resolve them.
 
     The cycle of waves is that of A: smoothers damp components for which A is positive on all levels that resolve a
-    wave, and the coarsest of these levels, on which A has negative eigenvalues, is factorised as it is.
+    wave, and the coarsest of these levels, on which A has negative eigenvalues, is factorised without change.
 
     Raises
     ------

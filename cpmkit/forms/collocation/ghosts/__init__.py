@@ -1,1 +1,1 @@
-"""Ghosts of a boundary: where they stand, and the formulas of their values."""
+"""Ghosts of a boundary: their positions, and the formulas of their values."""

@@ -1,4 +1,4 @@
-"""Where the ghosts of a boundary stand, where and with which weights they read u, and where they read other data."""
+"""The positions of the ghosts of a boundary, and the points and weights with which they read u and other data."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, OneSided, Value
 from cpmkit.types import Bools, Floats, Ints
 
-#: Data that jump across a boundary are read at least this share of the spacing inside their side.
+#: Data that jump across a boundary are read at least this share of the spacing away from it, on their side.
 INSIDE_SIDE_SPACINGS = 1e-6
 #: Cosine of the angle up to which two boundaries run side by side.
 ALONGSIDE_COSINE = 0.9
 #: Data are read at this distance from the boundary, in spacings, and at twice that distance. (At 0.25 the Dziuk surface
 #: of the studies is a fifth less accurate at a spacing of 0.1.)
 SIDE_READING_SPACINGS = 0.15
-#: A point inside whose distance from the boundary is below this share of the intended one has met an edge or a fold.
+#: Where a point's distance from the boundary is below this share of the intended one, there is an edge or a fold.
 LEAST_INSIDE_SHARE = 0.75
 
 
 def mirror_distance(law: Law, t: Floats, spacing: float) -> Floats:
-    """Return how far beyond the boundary (n,) a ghost of order 2 at the distance ``t`` (n,) from it reads."""
+    """Return how far (n,) beyond the boundary a ghost of order 2 at distance ``t`` (n,) from it reads u."""
     return np.maximum(t, 0.5 * spacing) if isinstance(law, Value) else t
 
 
@@ -48,20 +48,20 @@ def coefficient_and_factor(
     Parameters
     ----------
     law : OneSided
-        With its alpha.
+        The law, with its alpha.
     beta : (n,) float64
-        Its beta at the ghosts' feet.
+        Its beta at the boundary's points nearest to the ghosts.
     t, s : (n,) float64
         Distance of the ghost from the boundary, and from its mirror point.
     first_order : (n,) bool
-        Ghosts of order 1.
+        Whether the ghost is of order 1.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
 
     Raises
     ------
     ResolutionError
-        If the condition feeds the solution more strongly than the spacing can follow.
+        If the condition makes the solution grow so strongly that the spacing is too coarse.
     """
     if isinstance(law, Value):
         ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
@@ -82,7 +82,7 @@ def coefficient_and_factor(
 
 @dataclass(frozen=True, eq=False)
 class GhostGeometry:
-    """The ghosts of boundary ``index``: how it sees their nodes, the nodes' feet, and directions across it.
+    """The g ghosts of boundary ``index``: their nodes' distances and sides, and the directions across the boundary.
 
     Attributes
     ----------
@@ -91,17 +91,18 @@ class GhostGeometry:
     boundaries : BoundariesOnBand
         All boundaries of the scene.
     lattice : Lattice
-        Its spacing is that of the ghosts.
+        Origin and spacing.
     seen : SideView
-        How the boundary sees the nodes' feet.
+        Distances and sides of the nodes' closest points; its rows are the nodes.
     foot_point : (g, d) float64
-        Those feet.
+        The points that the nodes read without a boundary: their closest points, or mirror points past an edge.
     direction : (g, d) float64
-        Unit vectors from them towards the boundary and on.
+        Unit vectors from there towards the boundary and across it.
     past_edge : (g,) bool
-        True for nodes past an edge that the boundary separates from what they continue; their place counts as the foot.
+        True for nodes past an edge that the boundary separates from the part that they continue; for them
+        ``foot_point`` is the node's own place in the tangent plane of the edge.
     own_feet : ClosestPoints, optional
-        The surface's records of the nodes' feet: where several of its sheets share the band.
+        The surface's records of ``foot_point``; given where several of its sheets share the band.
     """
 
     index: int
@@ -118,12 +119,12 @@ class GhostGeometry:
 
     @property
     def spacing(self) -> float:
-        """Spacing of the lattice."""
+        """The spacing of the lattice."""
         return self.lattice.spacing
 
     @property
     def boundary(self) -> BoundaryOnLattice:
-        """The boundary itself."""
+        """The boundary on the lattice."""
         return self.boundaries.on_lattice[self.index]
 
     @property
@@ -133,12 +134,12 @@ class GhostGeometry:
 
     @cached_property
     def start(self) -> ClosestPoints | None:
-        """The surface's records of the boundary's points, from which its sheets are walked; None where it has one."""
+        """The surface's records of the boundary's points, from which walks on sheets start; None for a single sheet."""
         return None if self.boundary.sheets is None else self.boundary.surface.closest_point(self.seen.foot)
 
     @cached_property
     def _ahead(self) -> Floats:
-        """(g,) how far beyond the boundary ghosts of order 2 read."""
+        """(g,) how far beyond the boundary ghosts of order 2 read u."""
         ahead = np.empty(len(self))
         for condition, rows in self.sides():
             ahead[rows] = mirror_distance(condition.law, self.seen.distance[rows], self.spacing)
@@ -146,23 +147,26 @@ class GhostGeometry:
 
     @cached_property
     def mirror(self) -> ClosestPoints:
-        """The g points at which ghosts of order 2 read."""
+        """The g mirror points, at which ghosts of order 2 read u."""
         # King et al. (2024), eq. 15, has cp_S(2 y - x); here it is cp_S(2 y - z), or farther behind y.
         goal = self.seen.foot + self._ahead[:, None] * self.direction
         return nearest_on_sheet(self.boundary.surface, self.start, goal, self.spacing)
 
     @cached_property
     def is_hidden(self) -> Bools:
-        """(g,) which mirror points lie beyond another boundary."""
+        """(g,) whether the mirror point is beyond another boundary."""
         reach = 2 * float(self._ahead.max(initial=0.0))
         return beyond_another(self, np.arange(len(self)), self.mirror.points, reach)
 
     def at_boundary(self, rows: Ints) -> Floats:
-        """Return the boundary's points (k, d) of the ghosts ``rows``, in the scene's coordinates."""
+        """Return the boundary's points (k, d) nearest to the ghosts ``rows`` (k,), in the scene's coordinates."""
         return self.lattice.to_scene(self.seen.foot[rows])
 
     def sides(self) -> list[tuple[Condition, Ints]]:
-        """Return each condition with the ghosts that continue its side: a node on the right has a ghost of the left."""
+        """Return each condition with the numbers (k,) of the ghosts that continue its side.
+
+        A node on the right has a ghost that continues the left.
+        """
         boundary = self.boundaries.definitions[self.index]
         left, right = boundary.condition("left"), boundary.condition("right")
         if same_condition(left, right):
@@ -170,9 +174,10 @@ class GhostGeometry:
         return [(left, np.flatnonzero(self.seen.signed < 0)), (right, np.flatnonzero(self.seen.signed >= 0))]
 
     def side_views(self, rows: Ints, points: Floats, radius: float, own_side: bool = False) -> list[SideView]:
-        """Return how each boundary is seen from ``points`` (k, d) that the ghosts ``rows`` (k,) read.
+        """Return for each boundary the distances and sides of ``points`` (k, d) that the ghosts ``rows`` (k,) read.
 
-        Their own boundary counts as seen from the side that they continue, or from the one on which they stand.
+        For the ghosts' own boundary the points count to the side that they continue, or with ``own_side`` to their
+        node's.
         """
         seen, sign = self.seen.take(rows), 1.0 if own_side else -1.0
         own = replace(seen, rows=np.arange(len(rows)), director=sign * seen.director, signed=sign * seen.signed)
@@ -182,18 +187,18 @@ class GhostGeometry:
         ]
 
     def with_side_views(self, term: ExtraPoint, radius: float, own_side: bool = False) -> ExtraPoint:
-        """Return a point that ghosts read, with how each boundary is seen from there."""
+        """Return ``term`` with the side views of its points within ``radius``, as in :meth:`side_views`."""
         side_views = self.side_views(term.rows, term.points, radius, own_side)
         return replace(term, owner=self.index, side_views=side_views)
 
 
 def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: float) -> Bools:
-    """Return which ``points`` (k, d), read by the ghosts ``rows``, lie beyond another boundary than the ghosts' own.
+    """Return which ``points`` (k, d), read by the ghosts ``rows`` (k,), are beyond another boundary than the ghosts'.
 
-    Points on a surface do not count: the solution goes on around them. Nor does a boundary that starts
-    where this one is met (on the sphere, an arc and a point at its end, spacing 0.05: error 6e-4, and
-    3.6e-3 if such ghosts were of order 1), nor one that is met at an angle and holds one value for both sides, across
-    which the solution goes on (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
+    Boundaries that are points on a surface do not count: the solution is continuous around them. Nor does a boundary
+    that starts at this one (on the sphere, an arc and a point at its end, spacing 0.05: error 6e-4, and 3.6e-3 if such
+    ghosts were of order 1), nor one that meets this one at an angle and has one value on both sides, across which the
+    solution is continuous (an arc that ends on a circle, spacing 0.1: error 3e-3 instead of 1.5e-2).
     """
     foot, beyond, spacing = geometry.seen.foot[rows], np.zeros(len(rows), dtype=bool), geometry.spacing
     for boundary, other in zip(geometry.boundaries.definitions, geometry.boundaries.on_lattice, strict=True):
@@ -203,7 +208,7 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
         at_foot = other.side_view(foot[at_point.rows], 2 * reach, spacing)
         facing = at_point.take(at_foot.rows)
         opposite = np.sum(facing.director * at_foot.director, axis=1) < 0
-        # where they meet, neither lies beyond the other
+        # where the two boundaries meet, neither is beyond the other
         opposite &= np.abs(at_foot.signed) > INSIDE_SIDE_SPACINGS * spacing
         left, right = boundary.condition("left"), boundary.condition("right")
         if isinstance(left.law, Value) and same_condition(left, right):  # one value, across which u is continuous
@@ -213,15 +218,16 @@ def beyond_another(geometry: GhostGeometry, rows: Ints, points: Floats, reach: f
     return beyond
 
 
-# Data that jump across a boundary. A curve given by points, or snapped to a mesh, is off the place at which a formula
-# jumps by a share of the spacing. Nearer than that the value of either side may come back, so data are read at points
-# inside and extrapolated to the boundary.
+# Data that jump across a boundary. A curve given by points, or snapped to a mesh, is off the place where a formula
+# jumps, by a share of the spacing. Nearer than that the value may be that of either side, so data are read at points
+# farther inside and extrapolated to the boundary.
 
 
 def ghost_sources(geometry: GhostGeometry) -> RowFormula:
-    """Return where ghosts read right-hand sides: at points inside the side that they continue, as if on the boundary.
+    """Return the formula by which ghosts read right-hand sides at the boundary, from the side that they continue.
 
-    Where another boundary or an edge is in the way, or the boundary has no sides, they read just inside.
+    It extrapolates from two points inside that side. Where another boundary or an edge leaves no room for them, or the
+    boundary has no sides, ghosts read a single point just inside.
     """
     seen, boundary, spacing = geometry.seen, geometry.boundary, geometry.spacing
     just_inside = seen.foot + INSIDE_SIDE_SPACINGS * spacing * geometry.direction
@@ -237,7 +243,11 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
 def node_sources(
     feet: Floats, boundary: BoundaryOnLattice, others: list[BoundaryOnLattice], side_view: SideView
 ) -> RowFormula:
-    """Return where nodes with ``feet`` (k, d) nearly on a boundary, which sees them so, read right-hand sides."""
+    """Return the formula by which nodes nearly on a boundary read right-hand sides from their own side.
+
+    ``feet`` (k, d) are the nodes' closest points on the manifold, ``side_view`` their distances and sides; ``others``
+    are the other boundaries, near which the nodes read a single point.
+    """
     spacing, sign = boundary.spacing, np.sign(side_view.signed)[:, None]
     on_boundary = np.abs(side_view.signed)[:, None] < INSIDE_SIDE_SPACINGS * spacing
     just_inside = np.where(on_boundary, feet + sign * INSIDE_SIDE_SPACINGS * spacing * side_view.conormal, feet)
@@ -252,7 +262,10 @@ def node_sources(
 def _points_within(
     boundary: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats
 ) -> tuple[list[Floats], Bools]:
-    """Return two points (n, d) of the surface behind each foot on a boundary, and which feet (n,) have both."""
+    """Return two arrays of points (n, d) of the surface, 1 and 2 steps from each foot, and whether (n,) both exist.
+
+    ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit vectors.
+    """
     points, complete, step = [], np.ones(len(foot), dtype=bool), SIDE_READING_SPACINGS * boundary.spacing
     for k in (1, 2):
         on = nearest_on_sheet(boundary.surface, start, foot + k * step * direction, boundary.spacing)
@@ -262,7 +275,10 @@ def _points_within(
 
 
 def _extrapolation(just_inside: Floats, points: list[Floats], complete: Bools, at: Floats) -> RowFormula:
-    """Return how the line through data at 1 and 2 steps is read ``at`` (n,) steps; ``just_inside`` where incomplete."""
+    """Return the formula that extrapolates data linearly from ``points`` at 1 and 2 steps to ``at`` (n,) steps.
+
+    Rows that are not ``complete`` read the single point ``just_inside``.
+    """
     rows = np.flatnonzero(complete)
     weights = extrapolation_weights(np.tile([1.0, 2.0], (len(rows), 1)), at[rows])
     first, coefficient = just_inside.copy(), np.ones(len(just_inside))

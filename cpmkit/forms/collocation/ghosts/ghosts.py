@@ -1,8 +1,8 @@
-"""Ghosts: second unknowns at the nodes near a boundary, that continue the solution of its other side.
+"""Ghosts: second unknowns at the nodes near a boundary, which continue the solution of its other side.
 
 King et al. (2024), eq. 9: its BC DOFs, here within the radius of interpolation alone, eq. 4 with q = 0.
 
-A ghost stands where its node stands, on one side of the boundary, and continues the solution of the other side across
+A ghost is at its node, on one side of the boundary, and continues the solution of the other side across
 it: its value is a coefficient times u at a point, plus a factor times data (:func:`coefficient_and_factor`).
 """
 
@@ -36,26 +36,26 @@ UNDIRECTED_GHOST_SPACINGS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Ghosts:
-    """The ghosts of one boundary, unknowns first; after them nodes at which only E u is needed.
+    """The g ghosts of one boundary: first those that are unknowns, then those at which only E u is needed.
 
     Attributes
     ----------
     geometry : GhostGeometry
-        Where they stand, and the directions across the boundary.
+        The nodes of the ghosts, and the directions across the boundary.
     unknowns : int
-        How many of the ghosts are unknowns.
+        Number of ghosts that are unknowns.
     numbers : (band nodes,) int64
-        For each node of the band its ghost, -1 where it has none.
+        For each node of the band its ghost, -1 for none.
     formula : RowFormula
-        The formulas of their values.
+        The formulas of the ghosts' values.
     sources : RowFormula
-        Where right-hand sides are read: just inside the side that each ghost continues.
+        The formulas by which ghosts read right-hand sides, on the side that they continue.
     side_views : sequence of SideView
-        How each boundary is seen from the points that ghosts read.
+        For each boundary, the distances and sides of the points that ghosts read.
     orders : (g,) int64
-        Order of each ghost.
+        Order of accuracy of each ghost.
     behind : (g,) float64
-        Of ghosts that read one point: its distance from the boundary over that of the points where right-hand sides
+        For a ghost that reads one point, its distance from the boundary over that of the points where right-hand sides
         are read; NaN for others.
     """
 
@@ -70,32 +70,32 @@ class Ghosts:
 
     @property
     def nodes(self) -> Ints:
-        """(g,) numbers of the nodes in the band."""
+        """(g,) the numbers of the ghosts' nodes in the band."""
         return self.geometry.seen.rows
 
     @property
     def director(self) -> Floats:
-        """(g, d) D of the nodes; from the ghosts themselves the boundary is seen with -D."""
+        """(g, d) the directors D of the nodes; those of the ghosts are -D."""
         return self.geometry.seen.director
 
     @property
     def carries_left(self) -> Bools:
-        """(g,) whether the ghost continues the left side's solution."""
+        """(g,) whether the ghost continues the solution of the left side."""
         return self.geometry.seen.signed < 0
 
     @cached_property
     def unknown_numbers(self) -> Ints:
-        """(band nodes,) ``numbers`` of those ghosts that are unknowns, -1 elsewhere."""
+        """(band nodes,) for each node of the band its ghost, -1 if there is none that is an unknown."""
         return np.where(self.numbers < self.unknowns, self.numbers, -1)
 
 
 def build_ghosts(
     index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula, order: int
 ) -> Ghosts:
-    """Return the ghosts of boundary ``index``.
+    """Return the ghosts of boundary ``index`` for conditions of this ``order``.
 
-    A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's
-    point nearest to its foot is no open end. ``mirrored`` is what the band's nodes read, one point each.
+    A node has a ghost if it is within the reach of a stencil from the boundary, and the boundary's point nearest to its
+    closest point is no open end. ``mirrored`` is the formula of the band's nodes, which read one point each.
     """
     geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
     formula, radius = ghost_formula(geometry, order), 2 * reading_radius(band.dim, band.degree) * band.spacing
@@ -119,11 +119,11 @@ def build_ghosts(
 def _geometry(
     index: int, boundaries: BoundariesOnBand, band: Band, lattice: Lattice, mirrored: RowFormula
 ) -> tuple[GhostGeometry, int]:
-    """Return where the ghosts of a boundary stand, and how many of them are unknowns."""
+    """Return the geometry of the ghosts of a boundary, and the number of those that are unknowns."""
     boundary = boundaries.on_lattice[index]
     seen, unknowns = _ghost_nodes(boundary, boundaries.side_views[index], band)
     foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
-    coupled = boundaries.definitions[index].condition("left").couples  # their ghosts read where they stand, too
+    coupled = boundaries.definitions[index].condition("left").couples  # such ghosts read their own side, too
     if boundary.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
         seen, places, past_edge = straight_ahead(boundary, band, seen, boundaries.behind)
         foot_point = np.where(past_edge[:, None], places, foot_point)
@@ -133,7 +133,7 @@ def _geometry(
 
 
 def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -> tuple[SideView, int]:
-    """Return the view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
+    """Return the side view of the nodes that have a ghost, unknowns first, and the number of unknowns."""
     reach = reading_radius(band.dim, band.degree) * band.spacing + boundary.gap
     positions = band.positions[side_view.rows]
     rows, feet = points_near(boundary.source, positions, reach + band.spacing, band.spacing)
@@ -144,7 +144,7 @@ def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -
 
 
 def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
-    """Return unit vectors (g, d) from the nodes' feet towards the boundary and on into the side that is continued."""
+    """Return unit vectors (g, d) from ``foot_point`` (g, d) towards the boundary and across it."""
     touching = side_view.distance < UNDIRECTED_GHOST_SPACINGS * spacing
     length = np.where(touching, 1.0, side_view.distance)[:, None]
     across = -np.sign(np.nan_to_num(side_view.signed))[:, None] * side_view.conormal
@@ -152,7 +152,7 @@ def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floa
 
 
 def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: GhostGeometry) -> RowFormula:
-    """Return the formulas of ghosts, combined with that of the edge where their nodes stand past an edge.
+    """Return the formulas of the ghosts, combined with that of the edge for nodes past an edge.
 
     Ghosts whose boundary separates them from the edge keep their own formula.
     """
@@ -167,7 +167,7 @@ def _with_edge_formula(ghosts: RowFormula, mirrored: RowFormula, geometry: Ghost
 
 
 def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -> RowFormula:
-    """Return where right-hand sides are read, extrapolated where ghosts of a transmission read several points."""
+    """Return the formulas of right-hand sides, extrapolated for ghosts of a transmission that read several points."""
     factor, added = np.ones(len(sources)), list[ExtraPoint]()
     for part in parts:
         factor[part.rows] = part.source_factor
@@ -181,11 +181,20 @@ def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -
 
 @dataclass(frozen=True, eq=False)
 class GhostFormula:
-    """The formulas of a boundary's ghosts, without those of the edge.
+    """The formulas of a boundary's g ghosts, without the edge's conditions.
 
-    ``rows`` is read on the side that they continue, ``own_terms`` where they stand; ``coupled`` are those of a
-    transmission that read several points, ``orders`` (g,) is the order of each, lower than the condition's where there
-    is no room, and ``at_one_point`` (g,) tells which read one point, or that and their own node.
+    Attributes
+    ----------
+    rows : RowFormula
+        The formulas, with points on the side that the ghosts continue.
+    own_terms : list of ExtraPoint
+        Points that are read on the ghosts' own side.
+    coupled : list of CoupledGhosts
+        Ghosts of a transmission that read several points.
+    orders : (g,) int64
+        Order of each ghost, lower than the condition's where there is no room for it.
+    at_one_point : (g,) bool
+        Whether the ghost reads a single point, besides its own node.
     """
 
     rows: RowFormula
@@ -196,9 +205,9 @@ class GhostFormula:
 
 
 def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
-    """Return the formulas of a boundary's ghosts at an order, or at that of their condition.
+    """Return the formulas of a boundary's ghosts at this ``order``, or at that of their condition.
 
-    A ghost whose mirror point lies beyond another boundary is of order 1.
+    A ghost whose mirror point is beyond another boundary is of order 1.
     """
     count, points, feet = len(geometry), geometry.seen.foot.copy(), geometry.start
     coefficient, orders, at_one_point = np.zeros(count), np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)
@@ -215,7 +224,7 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
                 at_one_point[part.rows] = False
             rows = side[at_one_point[side]]
             orders[rows] = 1
-            mirrored = rows  # whatever their order
+            mirrored = rows  # they read the mirror point at either order
         else:
             if (condition.order or order) == 2:
                 orders[side[geometry.is_hidden[side]]] = 1

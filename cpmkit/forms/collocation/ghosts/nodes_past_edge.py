@@ -1,15 +1,15 @@
-"""The rim of an open surface or the ends of an open curve: where nodes past the edge read.
+"""The formulas of nodes past the edge: past the rim of an open surface or the ends of an open curve.
 
 King et al. (2024), eq. 5 (nodes past the edge), eq. 7 (their mirror points), eq. 8 (Dirichlet values).
 
-A node whose foot lies on the edge reads the manifold at a mirror point inside, by the same formula as
-a ghost, with z = y the foot, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
-needs no conormal b: at order 2 the mirror ``cp_S(2 y - x)``, at order 1 the foot itself.
+A node whose closest point y is on the edge reads the manifold at a mirror point inside, by the same formula as
+a ghost, with z = y, ``t = (x - y) . b`` and ``s = 2 (x - y) . b``. Zero Neumann, the default,
+needs no conormal b: at order 2 the mirror is ``cp_S(2 y - x)``, at order 1 it is y itself.
 
-Where a boundary lies between the rim and the mirror point, the node is on the rim's side of it all the same: it
-continues the strip between the two, at first order, for no mirror point has room there. A ghost past the edge continues
-what lies behind a boundary that runs alongside, by the boundary's condition and not by the edge's; where one ends on
-the edge, both conditions hold.
+If a boundary separates the rim from the mirror point, the node still belongs to the rim's side of it: it
+continues the strip between the two, at first order, because there is no room for a mirror point. A ghost past the edge
+continues the part behind a boundary parallel to the rim by the boundary's condition and not by the edge's; where a
+boundary ends on the edge, both conditions apply.
 
 At a corner of a rim b jumps, and a flux that is given at y alone is that of one side. With b_j the conormals beside the
 corner and ``x - y = sum t_j b_j`` in the tangent space, ``2 (x - y) . b du/db`` becomes ``2 sum t_j du/db_j``, each
@@ -41,36 +41,36 @@ from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edg
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
 from cpmkit.types import Bools, Floats, Ints
 
-#: Sides of a corner are looked for so many spacings beside it, on either side,
+#: Points on the sides of a corner are searched this many spacings from it, in either direction along the rim,
 BESIDE_SPACINGS = 0.6
-#: and by this share of that past the rim: feet of points on it may count as inside.
+#: and by this share of that past the rim, because the closest point of a point on the rim may count as inside.
 OUTWARD_SHARE = 0.1
-#: Fluxes are read nearer to the corner by this factor, where they are those of its sides and hardly others than there.
+#: Fluxes are read nearer to the corner by this factor: still on its sides, and with almost the values at the corner.
 READ_SHARE = 0.05
-#: A node that lies less far beyond a side, in spacings, is not beyond it.
+#: A node that is less than this many spacings beyond a side is not beyond it.
 LEAST_BEYOND_SPACINGS = 1e-9
-#: Points of a rim on both sides of a foot that are farther apart than this share of the most have no corner between.
+#: Two points of a rim farther apart than this share of the largest possible distance have no corner between them.
 STRAIGHT_SHARE = 0.97
-#: Conormals are differences over so many spacings: a corner nearer than that bends them.
+#: Conormals are differences over this many spacings; a corner nearer than that makes them wrong.
 CONORMAL_SPACINGS = 0.05
-#: Directions of conormals that add less than this share of the strongest one are bends and rounding.
+#: Singular values of conormals below this share of the largest come from bends and rounding, and count as zero.
 LEAST_SINGULAR_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class RimCorners:
-    """Nodes whose feet are corners of a rim.
+    """Nodes whose closest points are corners of a rim.
 
     Attributes
     ----------
     rows : (k,) int64
         Numbers of the nodes.
     points : (k, s, d) float64
-        Points of the rim on the sides of each corner.
+        For each of the s sides of the corner, a point of the rim on it.
     loops : (k, s) int64
-        The loops of the edge that these belong to.
+        The loops of the edge that these points are on.
     beyond : (k, s) float64
-        How far the node lies beyond each side: these times the conormals there add up to its offset from the corner.
+        How far the node is beyond each side: these times the conormals there sum up to its offset from the corner.
     """
 
     rows: Ints
@@ -86,18 +86,18 @@ class RimCorners:
 def rim_corners(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float
 ) -> list[RimCorners]:
-    """Return the corners among ``feet`` on a rim, of surfaces and of solids; a curve has none.
+    """Return the corners among ``feet`` on rims of surfaces and solids; curves have no corners.
 
     Parameters
     ----------
     surface : LocalSource
         The manifold.
     feet : ClosestPoints
-        Of n nodes.
+        Closest points of n nodes, on rims.
     beyond, outward : (n, d) float64
-        The offsets of the nodes from the feet, and the conormals at the feet.
+        The offsets of the nodes from them, and the outward conormals there.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     """
     dimension = surface.dimensions_at(feet)
     corners = []
@@ -111,7 +111,7 @@ def rim_corners(
 def _corners(
     surface: LocalSource, feet: ClosestPoints, beyond: Floats, outward: Floats, spacing: float, rows: Ints
 ) -> RimCorners:
-    """Return the corners among feet on parts of one dimension, which are numbered by ``rows``."""
+    """Return the corners among ``feet`` on parts of one dimension, whose nodes have the numbers ``rows``."""
     reach = BESIDE_SPACINGS * spacing
     directions = _along_rim(surface, feet, outward, spacing)
     places = feet.points[:, None] + reach * (directions + OUTWARD_SHARE * outward[:, None])
@@ -133,9 +133,9 @@ def _corners(
 
 
 def _along_rim(surface: LocalSource, feet: ClosestPoints, outward: Floats, spacing: float) -> Floats:
-    """Return unit vectors (n, s, d) in the tangent space at right angles to ``outward``, then their opposites.
+    """Return unit tangent vectors (n, s, d) at right angles to ``outward`` (n, d), then their opposites.
 
-    On a solid there are three, 120 degrees apart: one may run along an edge, where it meets no side.
+    On a solid there are three directions, 120 degrees apart, because a single one might run along an edge.
     """
     others = outward[:, None]
     if (surface.dimensions_at(feet) < surface.dim).all():
@@ -164,9 +164,9 @@ def read_past_edge(
     rows: Ints | None = None,
     most: int = 2,
 ) -> RowFormula:
-    """Return the formulas of all nodes of the band, with one point each: the foot, or a mirror point past an edge.
+    """Return the formulas of all nodes of the band: each reads its closest point, or past an edge a mirror point.
 
-    The edge's conditions are applied to the nodes ``rows`` alone, if given, and at the order ``most`` at most.
+    The edge's conditions are applied only to the nodes ``rows``, if given, and at most at order ``most``.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
@@ -186,7 +186,7 @@ def read_past_edge(
 def read_at_feet(
     surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, past: RowFormula, rows: Ints
 ) -> RowFormula:
-    """Return ``past`` with the nodes ``rows`` past the edge of first order: they read their feet."""
+    """Return the formulas ``past`` with the nodes ``rows`` past the edge at order 1: they read their closest points."""
     if not len(rows):
         return past
     at_feet = read_past_edge(surface, band, lattice, edge, 1, rows, most=1)
@@ -204,7 +204,7 @@ def read_at_feet(
 def _mirror(
     surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, law: OneSided, order: int, rows: Ints
 ) -> RowFormula:
-    """Return the formulas of nodes past one loop, at order 1 or 2."""
+    """Return the formulas of the nodes ``rows`` past a loop of the edge with this ``law``, at order 1 or 2."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     feet, start = band.feet.take(rows), None if band.sheets is None else band.feet.take(rows)
     laws = [condition.one_sided for condition in conditions_of_edge(edge)]
@@ -230,7 +230,7 @@ def _mirror(
 
 
 def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law: OneSided) -> list[RimCorners]:
-    """Return the corners all of whose sides have the law of the node's own loop, or all a flux alone."""
+    """Return the corners whose sides all have the law of the node's own loop, or all a prescribed flux."""
     chosen = []
     for corner in corners:
         accepted = np.ones(len(corner.rows), dtype=bool)
@@ -246,7 +246,10 @@ def _corners_of_fluxes(corners: Sequence[RimCorners], edge: EdgeConditions, law:
 def _data_beside_corners(
     datum: BoundaryData, corners: Sequence[RimCorners], edge: EdgeConditions, t: Floats, lattice: Lattice
 ) -> list[BoundaryData]:
-    """Return a flux with that of nodes at corners read on the sides of these, by how far they lie beyond each."""
+    """Return the terms of a flux; nodes at corners read it on each side, weighted by how far they are beyond it.
+
+    ``t`` (n,) is the distance of each node past the edge.
+    """
     away_from_corners, data = np.arange(len(t)), []
     for corner in corners:
         away_from_corners[corner.rows] = -1
@@ -260,7 +263,7 @@ def _data_beside_corners(
 
 
 def _straight(surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float) -> Floats:
-    """Return conormals, of solids to rounding: a node outside a solid lies straight above its foot."""
+    """Return the outward conormals (n, d); on solids they are the exact directions from closest points to nodes."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > UNDIRECTED_EDGE_SPACINGS * spacing
     outward = conormals.copy()
@@ -268,13 +271,13 @@ def _straight(surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyo
     return outward
 
 
-# Boundaries that run beside a rim, nearer to it than the nodes past it
+# Boundaries parallel to a rim, nearer to it than the nodes past it
 
 
 def separated_from_mirrors(
     boundaries: Sequence[BoundaryOnLattice], band: Band, past: RowFormula, radius: float
 ) -> Ints:
-    """Return the nodes (k,) past an edge whose mirror points lie beyond a boundary, as seen from their feet."""
+    """Return the nodes (k,) past an edge that a boundary separates from their mirror points."""
     nodes = np.flatnonzero((band.feet.edge >= 0) & (past.points != band.feet.points).any(axis=1))
     separated = np.zeros(len(nodes), dtype=bool)
     for boundary in boundaries:
@@ -290,19 +293,19 @@ def separated_from_mirrors(
 def straight_ahead(
     boundary: BoundaryOnLattice, band: Band, side_view: SideView, behind: Ints
 ) -> tuple[SideView, Floats, Bools]:
-    """Return how a boundary sees nodes past an edge that it separates from the manifold, at the places of the nodes.
+    """Return the side view of nodes past an edge that a boundary separates from the manifold, at the nodes' own places.
 
-    These are the nodes ``behind`` and others to whose feet the boundary runs parallel inside. They are taken to lie in
-    the tangent plane of the edge.
+    These are the nodes ``behind``, and others near which the boundary is parallel to the edge inside the manifold.
+    Their places are taken to be in the tangent plane of the edge.
 
     Returns
     -------
     side_view : SideView
-        With their feet on the boundary and distances; the entries of all other nodes stay as they are.
+        ``side_view`` with the feet on the boundary and distances of these nodes replaced.
     places : (g, d) float64
-        Where they are; zero for all others.
+        The nodes' places in the tangent plane of the edge; zero for nodes that are not past it.
     separated : (g,) bool
-        Which nodes they are.
+        Whether the boundary separates the node from the manifold.
     """
     places, separated = np.zeros((len(side_view.rows), band.dim)), np.zeros(len(side_view.rows), dtype=bool)
     past = np.flatnonzero(band.feet.edge[side_view.rows] >= 0)

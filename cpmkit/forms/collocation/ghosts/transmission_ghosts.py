@@ -1,6 +1,6 @@
-"""Ghosts of a transmission condition: the values of both sides, coupled by the jumps of value and flux.
+"""Ghosts of a transmission condition, whose values depend on both sides through the jumps of value and flux.
 
-With A the side on which a ghost stands and B the side whose solution it continues, ``u_A - u_B = jump + R (mean flow)``
+With A the side of a ghost's node and B the side whose solution it continues, ``u_A - u_B = jump + R (mean flow)``
 and ``k_A u_A' - k_B u_B' = -flux`` at the boundary, derivatives along the arc from B to A. A ghost of order 2 reads two
 points on each side; where there is no room for them, it is of order 1 and reads its own node and its mirror point.
 King et al. (2024), section 8, leaves such conditions open.
@@ -26,7 +26,7 @@ from cpmkit.types import Bools, Floats, Ints
 #: Points that a ghost of order 2 reads on each side, a spacing apart. (1.25 and 1.5 spacings have 1.2 to 5 times the
 #: error on arcs, caps and circles on the sphere, and vary more with the position of the lattice.)
 POINTS_EACH_SIDE = 2
-#: Points nearer to each other than this share of a spacing have met an edge or a fold.
+#: Where points are nearer to each other than this share of a spacing, there is an edge or a fold.
 CROWDED_STEP_SHARE = 0.5
 #: An arc of a smaller angle (radians) is as long as its chord.
 STRAIGHT_ARC_RADIANS = 1e-7
@@ -42,18 +42,18 @@ DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 @dataclass(frozen=True, eq=False)
 class PointsInside(Rows):
-    """Points of the manifold on one side of a boundary, one behind the other from each of n feet on it.
+    """Two points of the manifold on one side of a boundary, at one and two spacings from each of n points on it.
 
     Attributes
     ----------
     points : (n, 2, d) float64
         The points, nearest first.
     positions : (n, 2) float64
-        Arc lengths from the foot.
+        Arc lengths from the boundary.
     curvature : (n,) float64
-        Of the arc at the foot, in one over the unit of length.
+        Curvature of the arc at the boundary, in one over the unit of length.
     complete : (n,) bool
-        False where a point is not where it should be: the manifold ends or folds before.
+        False if a point is not at its intended distance: the manifold ends or folds before.
     feet : list of ClosestPoints
         The surface's records of the first points, and of the second.
     """
@@ -65,7 +65,7 @@ class PointsInside(Rows):
     feet: list[ClosestPoints]
 
     def terms(self, rows: Ints, weights: Floats) -> list[ExtraPoint]:
-        """Return these points as points that ``rows`` (n,) read with ``weights`` (n, 2)."""
+        """Return the points as further points that ``rows`` (n,) read with ``weights`` (n, 2)."""
         return [ExtraPoint(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(POINTS_EACH_SIDE)]
 
 
@@ -78,13 +78,13 @@ class CoupledGhosts:
     rows : (k,) int64
         Their numbers among the boundary's ghosts.
     terms_beyond, own_terms : list of ExtraPoint
-        Points that they read on the side that they continue, and on the side on which they stand.
+        Points that they read on the side that they continue, and on the side of their nodes.
     data : list of BoundaryData
         The jumps of value and flux.
     source_factor : (k,) float64
         Factor of a right-hand side read at the boundary.
     source_terms : list of ExtraPoint
-        Where else the right-hand side is read.
+        Further points at which the right-hand side is read.
     """
 
     rows: Ints
@@ -96,7 +96,7 @@ class CoupledGhosts:
 
 
 def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> CoupledGhosts | None:
-    """Return those of the ghosts ``rows`` that have room for two points on each side of the boundary, if any has."""
+    """Return those of the ghosts ``rows`` with room for two points on each side of the boundary; None if none has."""
     inside, has_room = _points_inside(geometry, rows, geometry.direction[rows])
     behind, has_room_behind = _points_inside(geometry, rows, -geometry.direction[rows])
     chosen = np.flatnonzero(has_room & has_room_behind)
@@ -124,7 +124,7 @@ def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> 
 def first_order_ghosts(
     geometry: GhostGeometry, law: Interface, rows: Ints
 ) -> tuple[Floats, list[BoundaryData], ExtraPoint]:
-    """Return the weights (k,) of u(mirror) in the ghosts ``rows``, their data, and how they read u where they stand."""
+    """Return the weights (k,) of u(mirror) in the ghosts ``rows``, their data, and the terms of u at their nodes."""
     seen = geometry.seen.take(rows)
     s = np.linalg.norm(geometry.foot_point[rows] - geometry.mirror.points[rows], axis=1)
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
@@ -134,6 +134,7 @@ def first_order_ghosts(
 
 
 def _data(geometry: GhostGeometry, law: Interface, rows: Ints, jump: Floats, flux: Floats) -> list[BoundaryData]:
+    """Return the data of the jump and of the flux in the ghosts ``rows`` (k,), with these factors (k,)."""
     points = geometry.at_boundary(rows)
     return [
         BoundaryData(rows, jump, points, law.jump, geometry.name, law, "jump"),
@@ -146,10 +147,10 @@ def first_order_weights(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n,) of u at the ghost's node, of u(mirror), of the jump and of the flux.
 
-    Means and differences of the four values at a ghost and its mirror point, a distance ``s`` (n,) apart, two of them
-    ghosts, replace values and slopes. ``k_own`` and ``k_beyond`` (n,) are the conductivities on the ghost's own side
-    and on the side that it continues. Where the second derivatives on the two sides differ, the ghosts are off by
-    ``s^2``, and the flux by one order less.
+    Values and slopes at the boundary are replaced by means and differences of the four values at a ghost's node and its
+    mirror point, a distance ``s`` (n,) apart, two of which are ghosts. ``k_own`` and ``k_beyond`` (n,) are the
+    conductivities on the node's own side and on the side that the ghost continues. Where the second derivatives on the
+    two sides differ, the error of the ghosts is of order ``s^2``, and that of the flux of order ``s``.
     """
     contact = 2 * law.resistance * k_own * k_beyond
     if law.resistance == 0:
@@ -173,12 +174,13 @@ def second_order_weights(
 ) -> tuple[Floats, Floats, Floats, Floats]:
     """Return the weights (n, k) on the ghost's own side and beyond, and the factors (n,) of the jump and the flux.
 
-    On each side a polynomial of degree k runs through the values there; the conditions couple them at the boundary.
+    On each side a polynomial of degree k interpolates the k values there; the two conditions at the boundary determine
+    the polynomials.
 
     Parameters
     ----------
     law : Interface
-        With its resistance.
+        The law, with its resistance.
     materials : two (n,) float64
         Conductivities on the ghost's own side, and on the side that it continues.
     own, beyond : (n, k) float64
@@ -186,7 +188,7 @@ def second_order_weights(
     at : (n,) float64
         Arc length from the boundary to the ghost.
     carries_left : (n,) bool
-        Which ghosts continue the left side.
+        Whether the ghost continues the left side.
     spacing : float
         Unit of length in which the small systems are well scaled.
     """
@@ -197,7 +199,7 @@ def second_order_weights(
     system[:, :k, :size] = (own / spacing)[:, :, None] ** powers
     system[:, k : 2 * k, size:] = (-beyond / spacing)[:, :, None] ** powers
     half = 0.5 * law.resistance / spacing
-    unit = 1.0 / (1.0 + half * (k_own + k_beyond))  # rows of like size, however large the resistance
+    unit = 1.0 / (1.0 + half * (k_own + k_beyond))  # rows of similar size for any resistance
     system[:, 2 * k, 0], system[:, 2 * k, size] = unit, -unit
     system[:, 2 * k, 1], system[:, 2 * k, size + 1] = -half * k_own * unit, -half * k_beyond * unit
     largest = np.maximum(k_own, k_beyond)
@@ -213,7 +215,10 @@ def second_order_weights(
 
 
 def _points_inside(geometry: GhostGeometry, rows: Ints, direction: Floats) -> tuple[PointsInside, Bools]:
-    """Return points behind the feet of the ghosts ``rows``, and which ghosts (k,) have room for them."""
+    """Return two points on one side of the boundary for each ghost of ``rows`` (k,), and whether (k,) it may read both.
+
+    They are one and two spacings from the boundary along ``direction`` (k, d).
+    """
     foot, boundary = geometry.seen.foot[rows], geometry.boundary
     start = None if geometry.start is None else geometry.start.take(rows)
     steps = geometry.spacing * np.arange(1, POINTS_EACH_SIDE + 1)
@@ -233,7 +238,10 @@ def _points_inside(geometry: GhostGeometry, rows: Ints, direction: Floats) -> tu
 
 
 def _curvature(chords: Floats, lengths: Floats) -> Floats:
-    """Return the curvatures (n,) of the parabolas through a foot and two points, ``chords`` (n, 2, d) away from it."""
+    """Return the curvatures (n,) of parabolas through a point and two points at ``chords`` (n, 2, d) from it.
+
+    ``lengths`` (n, 2) are the parameters of the latter two.
+    """
     slopes = chords / lengths[:, :, None]
     bend = 2 * (slopes[:, 1] - slopes[:, 0]) / (lengths[:, 1] - lengths[:, 0])[:, None]
     along = slopes[:, 0] / np.linalg.norm(slopes[:, 0], axis=1, keepdims=True)
@@ -243,7 +251,7 @@ def _curvature(chords: Floats, lengths: Floats) -> Floats:
 
 
 def arc_length(chords: Floats, curvature: Floats) -> Floats:
-    """Return the lengths of arcs over ``chords``: ``(2 / kappa) arcsin(kappa chord / 2)``.
+    """Return the lengths of arcs with these ``chords`` and ``curvature``: ``(2 / kappa) arcsin(kappa chord / 2)``.
 
     A chord is shorter than its arc by ``kappa^2 s^3 / 24``, a term of third order.
     """
@@ -256,7 +264,7 @@ def arc_length(chords: Floats, curvature: Floats) -> Floats:
 
 
 def conductivities(law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> tuple[Floats, Floats]:
-    """Return the conductivities (n,) on the side on which ghosts stand, and on the side that they continue.
+    """Return the conductivities (n,) on the side of the ghosts' nodes, and on the side that the ghosts continue.
 
     They are those of the condition, or else the problem's diffusivity.
     """
@@ -269,7 +277,7 @@ def conductivities(law: Interface, diffusivity: Data, side_view: SideView, latti
 
 
 def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view: SideView, lattice: Lattice) -> None:
-    """Refuse conductivities of a transmission that are not the problem's diffusivity beside the boundary.
+    """Raise if conductivities of a transmission differ from the problem's diffusivity near the boundary.
 
     Raises
     ------
@@ -294,7 +302,10 @@ def check_conductivities(name: str, law: Interface, diffusivity: Data, side_view
 
 
 def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice: Lattice) -> Floats:
-    """Return data (n,) at the boundary, extrapolated from one side: to second order where they are smooth there."""
+    """Return positive data (n,) at the boundary, extrapolated from the left (``sign`` 1) or from the right (-1).
+
+    The result is of second order where the data are smooth on that side.
+    """
     if not callable(data):
         return _data_beside(data, side_view, 0.0, lattice)
     first, second = (np.log(_data_beside(data, side_view, sign * share, lattice)) for share in READ_BESIDE_SPACINGS)
@@ -302,7 +313,7 @@ def _continued_to_boundary(data: Data, side_view: SideView, sign: float, lattice
 
 
 def _data_beside(data: Data, side_view: SideView, share: float, lattice: Lattice) -> Floats:
-    """Return data (n,) so many spacings to the left of the boundary."""
+    """Return positive data (n,) at points ``share`` spacings to the left of the boundary, to the right if negative."""
     points = lattice.to_scene(side_view.foot + share * lattice.spacing * side_view.conormal)
     values = evaluate_data(data, points, 1, "a conductivity of Transmission, or the diffusivity,")[:, 0]
     if np.any(values <= 0):

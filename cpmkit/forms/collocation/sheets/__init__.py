@@ -1,1 +1,1 @@
-"""Several sheets of a surface in one band: which unknown is on which."""
+"""Several sheets of a surface in one band, with a separate unknown for each sheet at a node."""

@@ -1,12 +1,13 @@
-"""Several sheets of a surface in one band: a lattice node may hold one unknown for each sheet on which it has a foot.
+"""Several sheets of a surface in one band: a lattice node may have one unknown for each sheet with a foot of the node.
 
 King et al. (2024), section 8, proposes such unknowns.
 
-A site is a node together with a foot. Every node of the band has one, its closest point; where another sheet's
-stencils need the node too, it gets a twin, a further site at the same node with its foot on that sheet.
+A foot of a node is a point of the surface whose normal passes through the node; a site is a node together with one of
+its feet. Every node of the band has a site with its closest point; where stencils of another sheet need the node too,
+it gets a twin, a further site at the same node with its foot on that sheet.
 
-A boundary's point nearest in space may lie on another sheet, too. For a point of the surface, only the part of the
-boundary on the point's own sheet counts: whether there is one within reach, and where the foot on it is.
+The point of a boundary that is nearest in space may be on another sheet, too. For a point of the surface, only the part
+of the boundary on the point's own sheet counts: whether there is one within reach, and its nearest point.
 """
 
 from __future__ import annotations
@@ -27,11 +28,11 @@ if TYPE_CHECKING:
     from cpmkit.grid.band import Band
 
 
-#: Normals of one sheet have at least this cosine.
+#: Normals at two points of one sheet have at least this cosine.
 SAME_SHEET_COSINE = -0.4
-#: Feet farther from each other than this many spacings, along their mean normal, lie on different sheets.
+#: Feet farther from each other than this many spacings, along their mean normal, are on different sheets.
 SHEET_HEIGHT_SPACINGS = 0.5
-#: The direction to a node nearer to its foot than this many spacings is not the normal.
+#: The direction from a foot to a node nearer than this many spacings is not taken as the normal.
 ON_FOOT_SPACINGS = 0.1
 
 
@@ -44,13 +45,13 @@ def same_sheet(
     signed: bool,
     slope: float = 0.0,
 ) -> Bools:
-    """Return which pairs of surface points (..., d) lie on one sheet.
+    """Return which pairs of surface points (..., d), given with their normals (..., d), are on one sheet.
 
     On a smooth sheet the chord between two points is at right angles to the mean of their normals, up to the third
-    order of its length: so ``|chord . (n + n')| / 2`` is small however the sheet curves, while between parallel sheets
-    it is their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is allowed for.
-    Normals without a sign are taken to point the same way. A ``slope`` above zero allows for more, in proportion to
-    the chord: for points farther apart than a stencil is wide.
+    order of its length: so ``|chord . (n + n')| / 2`` is small for any curvature, while between parallel sheets it is
+    their distance. Across a crease it is at most ``|chord| |n - n'| / 2``, which is added to the tolerance. Normals
+    that are not ``signed`` are turned to the same direction. A ``slope`` above zero increases the tolerance by that
+    multiple of the chord, for points farther apart than the width of a stencil.
     """
     if not signed:
         along = np.sum(normals * other_normals, axis=-1, keepdims=True)
@@ -66,22 +67,22 @@ def same_sheet(
 
 
 def has_signed_normals(source: LocalSource) -> bool:
-    """Return whether a surface's normals have a sign of their own everywhere."""
+    """Return whether the sign of a surface's normals is consistent everywhere."""
     return all(member.has_normals for member in source.members)
 
 
 @dataclass(frozen=True, eq=False)
 class FootDirections:
-    """Directions and distances from feet to their nodes: the direction is the normal of the surface at the foot.
+    """Unit vectors and distances from feet to their nodes; the vector is the surface's normal at the foot.
 
     Attributes
     ----------
     unit : (n, d) float64
-        Directions; zero where the node lies on its foot.
+        Unit vectors; zero where the node is its own foot.
     length : (n,) float64
         Distances, in units of length.
     reliable : (n,) bool
-        Whether the direction is the normal: not at an edge, nor where the foot is doubtful or too near to the node.
+        Whether the vector is the normal: not at an edge, nor where the foot is doubtful or too near to the node.
     """
 
     unit: Floats
@@ -90,7 +91,7 @@ class FootDirections:
 
 
 def foot_directions(band: Band) -> FootDirections:
-    """Return the directions from the feet of all sites of the band to their nodes; no source is asked."""
+    """Return the directions from the feet of all sites of the band to their nodes, without closest point queries."""
     offset = band.positions - band.feet.points
     length = np.linalg.norm(offset, axis=1)
     reliable = (length > ON_FOOT_SPACINGS * band.spacing) & (band.feet.edge < 0)
@@ -101,24 +102,24 @@ def foot_directions(band: Band) -> FootDirections:
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The twins of a band's nodes, and which site of a node lies on the sheet of a stencil.
+    """The twins of a band's nodes, and the choice of the site of a node that is on the sheet of a stencil.
 
     Attributes
     ----------
     source : LocalSource
         The surface.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     feet : ClosestPoints
-        Of all sites of the band.
+        Feet of all sites of the band.
     normals : (n, d) float64
-        At the feet.
+        Unit normals at the feet.
     first : (n + 1,) int64
         ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
     twins : (t,) int64
-        Numbers of sites.
+        Numbers of the sites that are twins.
     mixed : (m,) int64
-        Sites whose stencils still read a node of another sheet, because no foot on their own was found for it.
+        Sites whose stencils still read a node of another sheet, because it has no foot on their own sheet.
     """
 
     source: LocalSource
@@ -131,35 +132,35 @@ class Sheets:
 
     @property
     def signed(self) -> bool:
-        """Whether the surface's normals have a sign of their own."""
+        """Whether the sign of the surface's normals is consistent everywhere."""
         return has_signed_normals(self.source)
 
     def counts(self, sites: Ints) -> Ints:
-        """Return how many twins each of ``sites`` (...) has."""
+        """Return the number of twins (...) of each of ``sites`` (...)."""
         return np.asarray(self.first[sites + 1] - self.first[sites])
 
     def select_twins(
         self, at: ClosestPoints, normals: Floats, columns: Ints, readable: Bools, every: bool = False
     ) -> tuple[Ints, tuple[Ints, Ints]]:
-        """Return stencils (n, s) with sites of another sheet replaced by twins on their own.
+        """Return stencils (n, s) with sites of other sheets replaced by twins on the stencil's own sheet.
 
         Parameters
         ----------
         at : ClosestPoints
-            Where the stencils are centred, n points of the surface.
+            The centres of the stencils, n points of the surface.
         normals : (n, d) float64
-            There.
+            Unit normals there.
         columns : (n, s) int
-            Sites that they read.
+            Sites that the stencils read.
         readable : (sites,) bool
-            Which twins can be read here.
+            Whether a site may be chosen.
         every : bool
-            True to look at sites without twins, too: for the entries without a site.
+            True to test also sites without twins, for a complete list of ``missing``.
 
         Returns
         -------
         selected : (n, s) int
-            The sites read in their place.
+            The sites after replacement.
         missing : two (k,) int64
             Row and column of the entries for which no site exists on the stencil's own sheet.
         """
@@ -178,17 +179,18 @@ class Sheets:
         return selected, (row[replacement < 0], column[replacement < 0])
 
     def _on_sheet(self, feet: Floats, normals: Floats, site: Ints) -> Bools:
+        """Return whether (k,) each ``site`` (k,) is on the sheet of a surface point with normal, each (k, d)."""
         return same_sheet(feet, normals, self.feet.points[site], self.normals[site], self.spacing, self.signed)
 
     def _twins_of(self, site: Ints) -> Iterator[tuple[Ints, Ints]]:
-        """Yield, for each place in the lists of twins, which of the sites (k,) have a twin there, and the twins."""
+        """Yield, for each place in the lists of twins, the entries of ``site`` (k,) that have a twin there, and it."""
         count = self.counts(site)
         for index in range(int(count.max(initial=0))):
             entries = np.flatnonzero(count > index)
             yield entries, self.twins[self.first[site[entries]] + index]
 
 
-#: Below this cosine of their normals, height does not decide whether two points lie on one sheet, unless they are
+#: Below this cosine of their normals, height does not decide whether two points are on one sheet, unless they are
 #: within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
 LEVEL_NORMALS_COSINE, NEAR_BOUNDARY_SPACINGS = 0.5, 4.0
 #: Number of nearest boundary samples searched for one on a point's own sheet; points that are searched for at a time.
@@ -202,14 +204,14 @@ REACHED_GOAL_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints(Rows):
-    """Points of a surface, with its normals there.
+    """Points of a surface with their normals.
 
     Attributes
     ----------
     feet : ClosestPoints
         The surface's records of the points.
     normals : (n, d) float64
-        Of the surface.
+        Unit normals of the surface there.
     """
 
     feet: ClosestPoints
@@ -217,19 +219,19 @@ class SurfacePoints(Rows):
 
     @classmethod
     def on(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
-        """Return ``points`` (n, d), moved onto the surface."""
+        """Return ``points`` (n, d), moved to their closest points on the surface, with the normals there."""
         feet = surface.closest_point(points)
         return cls(feet, unit_normals(surface, feet, 0.5 * spacing))
 
     @property
     def points(self) -> Floats:
-        """(n, d) where they are."""
+        """(n, d) the points."""
         return self.feet.points
 
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnSheets:
-    """A boundary on a surface of several sheets in one band.
+    """A boundary on a surface that has several sheets in one band.
 
     Attributes
     ----------
@@ -238,9 +240,9 @@ class BoundaryOnSheets:
     samples : SurfacePoints
         Points of the boundary on the surface, a spacing apart or less.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     signed : bool
-        True where the surface's normals have a sign of their own.
+        Whether the sign of the surface's normals is consistent everywhere.
     """
 
     source: LocalSource
@@ -250,23 +252,24 @@ class BoundaryOnSheets:
     signed: bool
 
     def relative_to(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return the feet on the boundary, each on its point's own sheet.
+        """Return the points of the boundary nearest to ``points``, each on the sheet of its point.
 
         Parameters
         ----------
         points : (n, d) float64
-            Of the surface.
+            Points of the surface.
         nearest : ClosestPoints
-            Their closest points on the boundary.
+            Their closest points on the boundary, on any sheet.
         radius : float
             The boundary's samples are searched within this distance.
 
         Returns
         -------
         feet : ClosestPoints
-            On the boundary.
+            The points of the boundary.
         offset : (n, d) float64
-            From the feet to the points: the chord, or as long as that in the direction of the walk along the surface.
+            Vectors from there to the points: the chord, or a vector of its length in the direction of the walk on the
+            surface.
         on_sheet : (n,) bool
             False where the boundary has no part within reach that is on the point's sheet.
         """
@@ -281,9 +284,9 @@ class BoundaryOnSheets:
         return nearest.replace_rows(rows, feet), offset, on_sheet
 
     def _from_samples(self, start: ClosestPoints, targets: SurfacePoints) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return the feet of points, walked to along the boundary from samples; the rest as :meth:`relative_to`.
+        """Return feet on the boundary, found by walks along it from the samples ``start``; else as :meth:`relative_to`.
 
-        Where the walk strays to another sheet, over a sharp rim, the sample is the foot.
+        Where the walk leads to another sheet, over a sharp rim, the sample is the foot.
         """
         feet = walk(self.source, targets.points, start, self.spacing, lengthened=False).feet
         offset, on_sheet = self._offsets(SurfacePoints.on(self.surface, feet.points, self.spacing), targets)
@@ -294,10 +297,10 @@ class BoundaryOnSheets:
         return feet.replace_rows(strayed, samples), offset, on_sheet
 
     def _offsets(self, base: SurfacePoints, targets: SurfacePoints) -> tuple[Floats, Bools]:
-        """Return the vectors from boundary points ``base`` to ``targets``, and which of these are on the same sheet.
+        """Return the vectors (n, d) from boundary points ``base`` to ``targets``, and whether (n,) they share a sheet.
 
-        Where the normals leave it open (at creases, or where the surface bends sharply between the two), the same sheet
-        means that one point is reached from the other by walking along the surface.
+        Where the normals do not decide (at creases, or where the surface bends sharply between the two), they are on
+        one sheet if a walk along the surface from one of them reaches the other.
         """
         possible = same_sheet(
             base.points, base.normals, targets.points, targets.normals, self.spacing, self.signed, STEEP_CHORD_SHARE
@@ -317,9 +320,10 @@ class BoundaryOnSheets:
         return offset, on_sheet
 
     def _is_level(self, feet: SurfacePoints, targets: SurfacePoints) -> Bools:
-        """Return which pairs lie at one height over their mean normal, as on a smooth sheet however it curves.
+        """Return which pairs (n,) of points have the same height over their mean normal, as on any smooth sheet.
 
-        Points on the two slopes of a ridge do too: where normals turn farther than that, only close points count.
+        This is also true of points on the two slopes of a ridge: where normals differ more than that, only close points
+        count.
         """
         along = np.sum(feet.normals * targets.normals, axis=1)
         other = targets.normals if self.signed else np.where(along[:, None] < 0, -targets.normals, targets.normals)
@@ -329,9 +333,9 @@ class BoundaryOnSheets:
         return np.asarray(comparable & (height <= SHEET_HEIGHT_SPACINGS * self.spacing))
 
     def _nearest_samples(self, targets: SurfacePoints, radius: float) -> tuple[ClosestPoints, Bools]:
-        """Return the boundary's record of the sample nearest to each point that may be on its sheet, and where any is.
+        """Return the boundary's records of the nearest sample on the sheet of each target, and whether (n,) one exists.
 
-        Samples that are level with the point come before those that are so up to a bend of the surface.
+        Samples at the same height as the target are preferred to those that differ by a bend of the surface.
         """
         from scipy.spatial import cKDTree
 

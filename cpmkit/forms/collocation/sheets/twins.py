@@ -1,7 +1,8 @@
-"""Separating the sheets of a surface: the twins of a band's nodes.
+"""Separation of the sheets of a surface: the twins of a band's nodes.
 
-Twins are needed where stencils reach another sheet than the one that they are centred on. Only closest points and
-further feet are asked for, and only near places where closest points of neighbouring nodes lie on different sheets.
+Twins are needed where stencils contain nodes whose closest points are on another sheet than the stencil's centre.
+Closest points and further feet are computed only near places where closest points of neighbouring nodes are on
+different sheets.
 """
 
 from __future__ import annotations
@@ -37,18 +38,18 @@ SAME_FOOT_SPACINGS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Sites(Rows):
-    """Nodes with their feet while twins are added: those of the band first, then twins in the order found.
+    """Nodes with their feet while twins are added: the band's nodes first, then twins in the order found.
 
     Attributes
     ----------
     base : (m,) int64
         Number of each site's node in the band.
     feet : ClosestPoints
-        Of the sites.
+        Feet of the sites.
     normals : (m, d) float64
-        At the feet.
+        Unit normals at the feet.
     unknown : (m,) bool
-        True for those that stencils of interpolation read.
+        Whether interpolation stencils read the site.
     """
 
     base: Ints
@@ -57,23 +58,23 @@ class Sites(Rows):
     unknown: Bools
 
     def sheets(self, source: LocalSource, band: Band) -> Sheets:
-        """Return the table of twins."""
+        """Return the sites as the twins of a band."""
         first, twins = _twins_by_site(self.base, np.arange(len(band.nodes), len(self)))
         return Sheets(source, band.spacing, self.feet, self.normals, first, twins, np.zeros(0, dtype=np.int64))
 
 
 @dataclass(frozen=True, eq=False)
 class MissingSites(Rows):
-    """Sites that stencils lack on their own sheet, sorted by node; of one node, those where u is read come first.
+    """Nodes that stencils read without a site on their own sheet, sorted by node, those where u is read first.
 
     Attributes
     ----------
     nodes : (k,) int64
-        Numbers of nodes in the band.
+        Numbers of the nodes in the band.
     by : (k,) int64
-        Sites at whose feet the stencils are.
+        The sites whose stencils read them.
     unknown : (k,) bool
-        True where u is read, False where only E u is.
+        True where u is read, False where only E u is read.
     """
 
     nodes: Ints
@@ -104,7 +105,7 @@ def separate_sheets(source: LocalSource, band: Band) -> Band:
 
 
 def nodes_between_sheets(band: Band) -> Bools:
-    """Return which nodes have a neighbour whose closest point lies above or below their own."""
+    """Return which nodes (n,) have a neighbour whose closest point is above or below their own, along a normal."""
     h, flagged = band.spacing, np.zeros(len(band.nodes), dtype=bool)
     directions = foot_directions(band)
     normal = np.where((directions.length > ON_FOOT_SPACINGS * h)[:, None], directions.unit, 0.0)
@@ -120,7 +121,7 @@ def nodes_between_sheets(band: Band) -> Bools:
 
 
 def _sites_near(band: Band, flagged: Bools) -> Ints:
-    """Return the sites whose stencils, of interpolation or differences, may hold a flagged node."""
+    """Return the sites whose interpolation or difference stencils may contain a ``flagged`` (n,) node."""
     nodes = band.nodes[np.flatnonzero(flagged[: band.inner])]
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
@@ -133,7 +134,10 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
 
 
 def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> MissingSites:
-    """Return the sites that the stencils of ``queue`` lack, those of E and those of the unknowns' differences."""
+    """Return the nodes for which stencils of the sites ``queue`` have no site on their own sheet.
+
+    They are those of rows of E, and of the difference stencils of unknowns.
+    """
     sheets, n = sites.sheets(source, band), sites.normals
     cells = stencil_cells(sites.feet.points[queue], band.spacing, band.degree)[0]
     read = stencil_nodes(band, cells).astype(np.int64)
@@ -149,7 +153,7 @@ def find_missing(source: LocalSource, band: Band, sites: Sites, queue: Ints) -> 
 
 
 def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with twins at nodes that have a foot on a missing site's sheet; one serves a whole sheet."""
+    """Return the sites with twins for missing sites whose nodes have a foot on their sheet; a twin can serve many."""
     unserved = missing
     for _ in range(TWINS_PER_ROUND):
         if not len(unserved.nodes):
@@ -166,7 +170,10 @@ def _with_twins(source: LocalSource, band: Band, sites: Sites, missing: MissingS
 
 
 def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: MissingSites) -> Sites:
-    """Return the sites with a twin for each missing site whose node has a foot on the sheet: the nearest such foot."""
+    """Return the sites with a twin for each missing site whose node has a foot on the sheet: the nearest such foot.
+
+    ``missing`` has each node at most once.
+    """
     nodes, by = missing.nodes, missing.by
     rows, feet = feet_from(source, band.positions[nodes], sites.feet.take(by), band.spacing)
     y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
@@ -181,7 +188,7 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
 
 
 def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missing: MissingSites) -> Bools:
-    """Return which missing sites the new twins provide: the sites from ``count`` on, at most one a node."""
+    """Return which missing sites (k,) the new twins provide: the sites from ``count`` on, at most one for each node."""
     new, by = np.arange(count, len(sites)), missing.by
     twin = new[np.minimum(np.searchsorted(sites.base[new], missing.nodes), len(new) - 1)]
     served = (sites.base[twin] == missing.nodes) & (sites.unknown[twin] | ~missing.unknown)
@@ -190,13 +197,16 @@ def _is_served(source: LocalSource, band: Band, sites: Sites, count: int, missin
 
 
 def _twins_by_site(base: Ints, twins: Ints) -> tuple[Ints, Ints]:
-    """Return where each site's ``twins`` begin (m + 1,), and the twins in that order; their sites: ``base[twins]``."""
+    """Return the first index (m + 1,) of each site's twins in a sorted list, and this list of the ``twins``.
+
+    Twin t belongs to site ``base[t]``.
+    """
     twins = twins[np.argsort(base[twins], kind="stable")]
     return np.searchsorted(base[twins], np.arange(len(base) + 1)).astype(np.int64), twins
 
 
 def _band_with_twins(source: LocalSource, band: Band, sites: Sites, mixed: Ints) -> Band:
-    """Return the band with the twins among its sites: unknown ones after the inner nodes, others after the outer."""
+    """Return the band with the twins: unknown twins after the inner nodes, other twins after the outer nodes."""
     count = len(band.nodes)
     later = np.arange(count, len(sites))
     order = np.concatenate(

@@ -1,6 +1,6 @@
-"""Boundaries that meet: two that cross with different data, two side by side, and one whose own sides mix.
+"""Boundaries that meet: pairs that cross with different data, pairs side by side, and boundaries whose own sides mix.
 
-The sides of a curve mix around open ends and between flanks of a sharp tip.
+The sides of a curve mix around open ends and between the flanks of a sharp tip.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from cpmkit.types import SIDES, Bools, Floats
 
 #: Pairs of boundaries within so many spacings are examined.
 MEETING_SPACINGS = 4.0
-#: Boundaries nearer than this many spacings enclose a strip in which no stencil finds room.
+#: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil.
 STRIP_SPACINGS = 1.0
 #: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
@@ -37,14 +37,14 @@ FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
 
 @dataclass(frozen=True, eq=False)
 class SectorJump:
-    """Two boundaries that cross with different data in the sectors around.
+    """A crossing of two boundaries with different data in the sectors around it.
 
     Attributes
     ----------
     first, second : int
         Numbers of the boundaries.
     point : (d,) float64
-        Where, in the scene's coordinates.
+        The crossing, in the scene's coordinates.
     jump : float
         The largest difference of the two boundaries' values in one sector.
     """
@@ -57,20 +57,20 @@ class SectorJump:
 
 @dataclass(frozen=True, eq=False)
 class Strip:
-    """Two boundaries that run side by side, nearer than a spacing.
+    """Two boundaries that run side by side, less than a spacing apart.
 
     Attributes
     ----------
     first, second : int
         Numbers of the boundaries.
     point : (d,) float64
-        Where they are nearest, in the scene's coordinates.
+        The point of the first that is nearest to the second, in the scene's coordinates.
     width : float
-        Their least distance.
+        The distance there.
     coincide : bool
-        True where they are at the same place.
+        Whether they are at the same place.
     reversed : bool
-        True where the left of the first is on the right of the second.
+        Whether the left of the first is the right of the second.
     """
 
     first: int
@@ -83,20 +83,20 @@ class Strip:
 
 @dataclass(frozen=True, eq=False)
 class MixedSides:
-    """A place where the two sides of a boundary mix.
+    """A place where stencils do not separate the two sides of a boundary.
 
     Attributes
     ----------
     kind : "tip" or "flanks"
-        An open end with different values on its sides; flanks of one curve that face each other.
+        An open end with different values on its sides, or two flanks of one curve that face each other.
     boundary : int
-        Its number.
+        Number of the boundary.
     point : (d,) float64
-        In the scene's coordinates.
+        The place, in the scene's coordinates.
     size : float
-        Of flanks their distance; 0 of a tip.
+        Distance of the flanks; 0 for a tip.
     more : int
-        How many more such places the boundary has.
+        Number of further such places of the boundary.
     """
 
     kind: str
@@ -106,7 +106,7 @@ class MixedSides:
     more: int = 0
 
     def warning(self, name: str, spacing: float) -> str:
-        """Return the warning for the boundary ``name``."""
+        """Return the warning for the boundary called ``name``."""
         where = f"near {place(self.point)}"
         if self.kind == "tip":
             more = f" and at {self.more} more ends" if self.more > 1 else " and at its other end" if self.more else ""
@@ -128,7 +128,10 @@ class MixedSides:
 def find_meetings(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> tuple[list[SectorJump], list[Strip]]:
-    """Return the crossings with different data, and the strips, of all pairs of boundaries with sides."""
+    """Return the crossings with different data, and the strips, of all pairs of boundaries with sides.
+
+    Data of ``channels`` channels are compared at ``time``.
+    """
     crossings: list[SectorJump] = []
     strips: list[Strip] = []
     with_sides = [number for number, boundary in enumerate(boundaries.on_lattice) if boundary.has_sides]
@@ -163,9 +166,10 @@ def find_meetings(
 
 
 def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
-    """Return where a boundary's points ``feet`` change the side of another boundary; None where they do not.
+    """Return the point (d,) where a boundary crosses another; None if it does not.
 
-    A point on both, where they are not ``aligned``, counts to both sides.
+    ``feet`` (n, d) are points of the first, ``signed`` (n,) their signed distances from the second. A point on both
+    boundaries counts to both sides, unless they are ``aligned`` (n,) there.
     """
     from scipy.spatial import cKDTree
 
@@ -181,7 +185,10 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
 
 
 def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
-    """Return the largest difference, in one of the four sectors, of the values that two boundaries prescribe there."""
+    """Return the largest difference of two boundaries' prescribed values at ``point`` (1, d), over the four sectors.
+
+    Zero if they do not differ beyond rounding, or if either prescribes none.
+    """
     values: list[list[Floats]] = [[], []]
     for of_boundary, boundary in zip(values, (first, second), strict=True):
         for side in SIDES:
@@ -193,13 +200,13 @@ def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channe
     return worst if worst > DIFFERENT_DATA_SHARE * size else 0.0
 
 
-# One boundary whose sides mix
+# Boundaries whose own sides mix
 
 
 def find_mixed_sides(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
 ) -> list[MixedSides]:
-    """Return where the sides of boundaries with unlike sides mix."""
+    """Return the places where stencils mix the sides of a boundary that has different conditions on them."""
     places: list[MixedSides] = []
     for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
@@ -212,7 +219,7 @@ def find_mixed_sides(
 def _tips(
     number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None
 ) -> list[MixedSides]:
-    """Return the open ends of a boundary with different values on its sides."""
+    """Return the open ends of a boundary, as one record, if its values on both sides differ there."""
     view, boundary, h = boundaries.side_views[number], boundaries.definitions[number], lattice.spacing
     ends = view.foot[view.end]
     if not len(ends):
@@ -233,9 +240,9 @@ def _tips(
 
 
 def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[MixedSides]:
-    """Return where a boundary faces itself: there the feet of neighbouring nodes jump from flank to flank.
+    """Return the place where a boundary faces itself so closely that the feet of near nodes jump from flank to flank.
 
-    It is looked for among feet of the boundary, at whatever place of the lattice it lies.
+    It is found from the boundary's points nearest to nodes, independently of the position of the lattice.
     """
     from scipy.spatial import cKDTree
 

@@ -1,4 +1,4 @@
-"""Rims that face each other across a gap, boundaries beside rims, and junctions of curves."""
+"""Rims that face each other across a gap, boundaries near rims, and junctions of curves."""
 
 from __future__ import annotations
 
@@ -17,27 +17,27 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.types import Bools, Floats, Ints
 
-#: Half widths of gaps (spacings) that are tested ahead of a rim; wider gaps hardly leak. Then the middle of a gap is
+#: Half widths of gaps (spacings) that are tested in front of a rim; wider gaps hardly leak. Then the middle of a gap is
 #: found by so many bisections.
 HALF_GAPS_SPACINGS, GAP_BISECTIONS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0), 12
 #: One foot of a rim is examined in each cell of so many spacings.
 RIM_SAMPLE_SPACINGS = 1.5
 #: Least cosines: of the conormal with the direction to a foot ahead, and of that foot with the rim that it faces.
 AHEAD_COSINE, FACING_COSINE = 0.5, 0.8
-#: A gap narrower than this many spacings is none.
+#: A gap narrower than this many spacings does not count as a gap.
 TOUCHING_SPACINGS = 1e-3
 #: Step, in spacings, of the differences that give a rim's conormal: across a narrower gap they would see the other rim.
 CONORMAL_STEP_SPACINGS = 0.005
-#: Across gaps of so many spacings a rim has hardly a node of its own.
+#: In a gap of at most this many spacings there are hardly any nodes past either rim.
 BRIDGED_GAP_SPACINGS = 1.5
-#: Rims that face each other so narrowly along so many spacings are those of a slit, not a notch's tip or a small hole.
+#: Rims that face each other so narrowly along this many spacings form a slit, not the tip of a notch or a small hole.
 SLIT_LENGTH_SPACINGS = 6.0
-#: A gap of so many spacings leaks next to nothing: the spacing that resolves a gap is this share of it.
+#: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it.
 WIDE_GAP_SPACINGS = 6.0
 #: A boundary nearer to a rim than this many spacings lies on it, and runs along it if so many samples do; a curve that
 #: ends at a rim has one or two there.
 ON_RIM_SPACINGS, RIM_RUN_SAMPLES = 1e-3, 3
-#: The rim's foot beside a boundary is looked for so many spacings past the rim.
+#: The closest point on a rim near a boundary is found from a point this many spacings past the rim.
 PAST_RIM_SPACINGS = 0.05
 #: Members of a union are examined where feet of neighbouring nodes on them are within this many spacings.
 MEMBER_SEARCH_SPACINGS = 3.0
@@ -50,16 +50,16 @@ END_PROBE_SPACINGS = 0.05
 
 @dataclass(frozen=True, eq=False)
 class FacingRims:
-    """Where a rim faces another part of the manifold, or itself, across the narrowest gap.
+    """The narrowest gap between a rim and another part of the manifold, or another part of the rim.
 
     Attributes
     ----------
     point : (d,) float64
-        In the gap, in the scene's coordinates.
+        A point in the gap, in the scene's coordinates.
     gap : float
-        Its width.
+        The width of the gap.
     local : bool
-        True where it is not bridged, or only at the tip of a notch or around a small hole.
+        Whether stencils do not bridge it, or only at the tip of a notch or around a small hole.
     """
 
     point: Floats
@@ -69,20 +69,20 @@ class FacingRims:
 
 @dataclass(frozen=True, eq=False)
 class RimStrip:
-    """A boundary beside a rim.
+    """A boundary near a rim.
 
     Attributes
     ----------
     boundary : int
-        Its number.
+        Number of the boundary.
     loop : int
-        The rim's.
+        Number of the rim's loop.
     points : (k, d) float64
-        Places of the boundary that are beside the rim, nearest first, in the scene's coordinates.
+        Points of the boundary that are near the rim, nearest first, in the scene's coordinates.
     width : float
         The least distance.
     on_rim : bool
-        True where the boundary runs along the rim itself.
+        Whether the boundary runs along the rim itself.
     """
 
     boundary: int
@@ -100,15 +100,16 @@ class Junction:
     arms: int
 
 
-# Rims that face each other. Stencils of one rim read nodes whose closest points lie on the other. Nodes past a rim
-# satisfy the condition there only where they are nearer to it than to anything else: across a gap of a spacing or two
+# Rims that face each other. Stencils of one rim read nodes whose closest points are on the other. Nodes past a rim
+# satisfy its condition only where they are nearer to it than to any other part: in a gap of a spacing or two
 # hardly any are, and values leak from one side to the other as if the gap were bridged.
 
 
 def find_facing_rims(surface: LocalSource, band: Band, lattice: Lattice) -> list[FacingRims]:
-    """Return the narrowest gap that a rim of the manifold faces, if there is any: a bridged one first, unless a notch.
+    """Return the narrowest gap in front of a rim of the manifold in a list, which is empty if there is none.
 
-    Nothing is asked for where the manifold has no rim; the queries grow with the length of the rims.
+    A gap that stencils bridge is preferred, unless it is that of a notch or a small hole. The number of queries grows
+    with the length of the rims; without rims there are none.
     """
     past = np.flatnonzero(band.feet.edge >= 0)
     if not len(past):
@@ -129,7 +130,10 @@ def find_facing_rims(surface: LocalSource, band: Band, lattice: Lattice) -> list
 
 
 def _rim_samples(surface: LocalSource, band: Band, past: Ints) -> tuple[Floats, Floats, Ints]:
-    """Return one foot (k, d) of the rims in each cell, the outward conormals there, and the loops."""
+    """Return one point (k, d) of the rims in each cell, the outward conormals (k, d) there, and the loops (k,).
+
+    ``past`` are the nodes past an edge, whose closest points are on the rims.
+    """
     h, offset = band.spacing, band.positions[past] - band.feet.points[past]
     length = np.linalg.norm(offset, axis=1)
     cells = np.floor(band.feet.points[past] / (RIM_SAMPLE_SPACINGS * h)).astype(np.int64)
@@ -145,7 +149,10 @@ def _rim_samples(surface: LocalSource, band: Band, past: Ints) -> tuple[Floats, 
 
 
 def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: float) -> tuple[Ints, Floats, Floats]:
-    """Return which feet of a rim face a part of the manifold, the middles (k, d) of the gaps, and the points beyond."""
+    """Return the rim points (k,) that face another part of the manifold, and the middles and far ends of the gaps.
+
+    ``rim`` (n, d) are points of rims, ``outward`` (n, d) the conormals there; middles and far ends are (k, d).
+    """
     low, high = np.zeros(len(rim)), np.full(len(rim), np.inf)
     for step in HALF_GAPS_SPACINGS:
         rows = np.flatnonzero(np.isinf(high))
@@ -170,7 +177,10 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
 def _faces_another(
     surface: LocalSource, start: Floats, outward: Floats, ahead: Floats, spacing: float
 ) -> tuple[Bools, Floats]:
-    """Return where the closest point of a place ``ahead`` (k,) of a rim is ahead, not on the rim; and these points."""
+    """Return whether (k,) each rim point faces another part of the manifold, and the closest points (k, d).
+
+    They are the closest points of the points ``ahead`` (k,) of the rim along ``outward`` (k, d).
+    """
     feet = surface.closest_point(start + ahead[:, None] * outward).points
     distance = np.linalg.norm(feet - start, axis=1)
     is_ahead = np.sum((feet - start) * outward, axis=1) > AHEAD_COSINE * distance
@@ -178,7 +188,7 @@ def _faces_another(
 
 
 def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
-    """Return which feet (k, d) are on a stretch of a rim that is longer than the tip of a notch or a small hole."""
+    """Return whether (k,) each point (k, d) is on a stretch of a rim longer than the tip of a notch or a small hole."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -193,13 +203,13 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
     return np.asarray(np.linalg.norm(high - low, axis=1)[label] >= SLIT_LENGTH_SPACINGS * spacing)
 
 
-# Boundaries that run beside a rim of the manifold, nearer to it than a spacing, or on it
+# Boundaries along a rim of the manifold, less than a spacing from it or on it
 
 
 def find_rim_strips(
     boundaries: Sequence[BoundaryOnLattice], surface: LocalSource, band: Band, lattice: Lattice
 ) -> list[RimStrip]:
-    """Return the boundaries beside rims; no closest point is asked for where the manifold has none."""
+    """Return the boundaries near rims; without rims there are no closest point queries."""
     from scipy.spatial import cKDTree
 
     h, past, strips = band.spacing, np.flatnonzero(band.feet.edge >= 0), []
@@ -232,7 +242,7 @@ def find_rim_strips(
 
 
 def find_junctions(surface: LocalSource, band: Band, lattice: Lattice) -> list[Junction]:
-    """Return the junctions of a union of curves; of other manifolds nothing is asked for."""
+    """Return the junctions of a union of curves, at which three arms or more meet; none for other manifolds."""
     members = surface.members
     if len(members) < 2 or surface.manifold_dim != 1 or band.feet.element is None:
         return []
@@ -255,7 +265,10 @@ def find_junctions(surface: LocalSource, band: Band, lattice: Lattice) -> list[J
 
 
 def _common_points(first: LocalSource, second: LocalSource, start: Floats, spacing: float) -> list[Floats]:
-    """Return points (d,) common to two curves, reached from ``start`` (k, d), a spacing apart or more."""
+    """Return the points (d,) common to two curves that alternating projections reach from ``start`` (k, d).
+
+    Points less than about a spacing apart are returned once.
+    """
     start = start[np.unique(np.round(start / spacing).astype(np.int64), axis=0, return_index=True)[1]]
     on_second = start
     for _ in range(ALTERNATING_PROJECTIONS):
@@ -266,7 +279,7 @@ def _common_points(first: LocalSource, second: LocalSource, start: Floats, spaci
 
 
 def _arms_at(member: LocalSource, point: Floats, spacing: float) -> int:
-    """Return how many arms of a curve leave a point: 0 where it is not on it, 1 at its ends, 2 elsewhere."""
+    """Return the number of arms of a curve that leave a point: 0 if it is not on the curve, 1 at ends, 2 elsewhere."""
     if member.closest_point(point[None]).distance[0] > 2 * MEETING_CURVES_SPACINGS * spacing:
         return 0
     shifts = END_PROBE_SPACINGS * spacing * np.concatenate([np.eye(len(point)), -np.eye(len(point))])
