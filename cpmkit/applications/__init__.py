@@ -1,4 +1,4 @@
-"""Applications of the closest point method, written over the public names of :mod:`cpmkit` alone."""
+"""Applications of the closest point method, written only with the public names of :mod:`cpmkit`."""
 
 from __future__ import annotations
 
@@ -48,5 +48,5 @@ _PUBLIC = {
 
 __all__ = sorted(_PUBLIC)
 
-if not TYPE_CHECKING:  # or every name would exist for a type checker, the misspelt ones too
+if not TYPE_CHECKING:  # else a type checker would accept every name, even if misspelt
     __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, __name__)

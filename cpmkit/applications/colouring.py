@@ -116,7 +116,7 @@ def diffusion_curves(
 
 
 def _check_every_piece_coloured(solution: Solution) -> None:
-    """Raise a SceneError if no side of a curve on some piece of the manifold has a colour: it is undetermined there."""
+    """Raise SceneError if colours are undetermined on a piece of the manifold: no side of a curve there has one."""
     free = [imbalance for imbalance in solution.imbalances if imbalance.of == "data"]
     if free:
         where, share = ", ".join(f"{x:.3g}" for x in free[0].near), 100 * free[0].share
@@ -127,7 +127,7 @@ def _check_every_piece_coloured(solution: Solution) -> None:
 
 
 def _boundary(name: str, pair: Any) -> ck.Boundary:
-    """Return the boundary of a curve with the conditions of its colours; an InputError if ``pair`` is not accepted."""
+    """Return the boundary of a curve with the conditions of its colours; raise InputError for any other ``pair``."""
     if not isinstance(pair, (tuple, list)) or len(pair) != 2 or not isinstance(pair[0], ClosestPointSource):
         raise InputError(f"{name} must be a pair (source of a curve, its colours), got {shown(pair)}.")
     curve, colours = pair

@@ -55,7 +55,13 @@ class ArcLengthShare:
 
     @cached_property
     def _pieces(self) -> _Pieces:
-        """Short pieces of the curves, in the direction of each; an InputError if the source is no curve with a mesh."""
+        """Short pieces of the curves, in the direction of each.
+
+        Raises
+        ------
+        InputError
+            If the source is no curve with a mesh.
+        """
         if not isinstance(self.curve, HasMesh) or self.curve.manifold_dim != 1:
             raise InputError(
                 f"colours along a curve need its mesh, and {type(self.curve).__name__} is no curve with one; give a "
@@ -204,7 +210,7 @@ def _check_colours(function: Callable[..., Any], label: str) -> Callable[[Floats
 
 
 def _read_colours(name: Path, label: str) -> Floats:
-    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file of colours; an InputError if it holds other data."""
+    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file of colours; raise InputError if it holds other data."""
     file = find_file(name)
     if file.suffix.lower() == ".npy":
         return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)

@@ -236,7 +236,7 @@ def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, point
 
 
 def _warn_unreached(phi: Solution, reached: Bools) -> Solution:
-    """Return ``phi``, with a warning if pieces have no origin, which is also issued."""
+    """Return ``phi`` with a warning, which is also issued, if pieces have no origin; else ``phi`` unchanged."""
     if reached.all():
         return phi
     text = (

@@ -78,8 +78,8 @@ def implicit_flow(
 ) -> tuple[Solution, list[float], bool]:
     """Take implicit steps, short ones first, until the energy is at rest.
 
-    A step that raises the energy or tears the map is repeated with half its length. The first step is not where
-    conditions are prescribed, since the initial map need not satisfy them.
+    A step that raises the energy or tears the map is repeated with half its length. Where conditions
+    are prescribed, the first step is never repeated, since the initial map need not satisfy them.
 
     Parameters
     ----------

@@ -84,7 +84,7 @@ def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
 
 
 def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; an InputError if it is not closed."""
+    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; raise InputError if it is not closed."""
     if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
         raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
     vertices, faces = surface.mesh(spacing)
@@ -220,7 +220,7 @@ def harmonic_map(
     step : float
         Time step, in the unit of length squared. By default a tenth of the square of half the manifold's size.
     most_steps : int
-        Number of steps after which the run ends, with a warning, if the map is not at rest.
+        Number of steps after which the run ends, with a warning, even if the map is not at rest.
     rest : float
         The run ends when a step lowers the energy by less than this share of it.
     method : {"implicit", "explicit"}
@@ -240,7 +240,8 @@ def harmonic_map(
 
     Examples
     --------
-    A circle's map to an ellipse rests with constant speed: its energy is half the squared length over the circle's.
+    The map of a circle to an ellipse comes to rest with constant speed; its energy is half the squared length of the
+    ellipse over the length of the circle.
 
     >>> import cpmkit as ck
     >>> from cpmkit.applications import harmonic_map
@@ -283,7 +284,7 @@ def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> f
 def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
     """Return the images (p, k), on the target, of the points of the prepared scene under the initial map.
 
-    An InputError if ``initial`` is not accepted.
+    Raise InputError if ``initial`` is not accepted.
     """
     if isinstance(initial, str) and initial == "nearest":
         if prepared.scene.surface.dim != target.dim:
@@ -295,7 +296,7 @@ def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floa
 
 
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
-    """Return the scene of the flow, with landmarks as boundaries; an InputError if landmarks are not accepted."""
+    """Return the scene of the flow, with landmarks as boundaries; raise InputError if landmarks are not accepted."""
     problem = ck.ScreenedPoisson([0.0] * target.dim)
     scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, problem)
     if target.manifold_dim not in (1, 2):
@@ -318,7 +319,7 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
 
 
 def _on_target(target: ClosestPointSource, image: Any) -> Callable[[Floats], Floats]:
-    """Return a function of points of a curve whose values are those of ``image``, projected on the target."""
+    """Return a function of points (n, d) of a curve: the values of ``image`` there, projected on the target."""
     if not callable(image):
         raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
     return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

@@ -141,7 +141,7 @@ def transport_vector(
         A surface in space; a scene whose boundaries are barriers; or a scene prepared in the form ``galerkin``.
     points : (k, 3) or (3,) array
         Points at which vectors are given. Elsewhere the vector of the nearest point arrives; half way between two
-        points, the mean of theirs.
+        points, the mean of their vectors.
     vectors : (k, 3) or (3,) array
         Neither zero nor normal to the surface; they are projected on it.
     spacing : float
@@ -239,7 +239,7 @@ def logarithmic_map(
 
 
 def _prepare(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the prepared scene of a surface with barriers; an InputError if the manifold is no surface in space."""
+    """Return the prepared scene of a surface with barriers; raise InputError if the manifold is no surface in space."""
     if isinstance(surface, Prepared):
         if spacing is not None or options:
             raise InputError("spacing and options are those of the prepared scene; leave them out.")

@@ -128,7 +128,7 @@ def bake(
 def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
     """Return the triangles (m, 3, 2) in pixels of the image: columns, and lines downwards.
 
-    Centres of pixels are at whole numbers. An InputError if texture coordinates are missing or outside of the image.
+    Centres of pixels are at whole numbers. Raise InputError if texture coordinates are missing or outside of the image.
     """
     outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
     if len(mesh.corners) != len(mesh.faces):

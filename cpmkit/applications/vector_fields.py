@@ -9,7 +9,7 @@ With n the normal, S = -grad n and componentwise energies |grad u|^2 = |P grad u
 
     -Lap u + (s / h^2) n n' u - S^2 u = 0,
 
-the last term for ``parallel`` alone, is one linear system of three channels. The penalty s / h^2 keeps u tangential up
+the last term only for ``parallel``, is one linear system of three channels. The penalty s / h^2 keeps u tangential up
 to an error of third order.
 """
 
@@ -297,7 +297,7 @@ def check_surface(surface: ClosestPointSource) -> None:
 def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
     """Return the boundaries with the directions of ``pair`` (place, directions) as Dirichlet data.
 
-    An InputError if the pair is not accepted; ``number`` names its boundaries.
+    Raise InputError if the pair is not accepted; ``number`` names its boundaries.
     """
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"directions are pairs (where, which), got {shown(pair)}.")
@@ -319,7 +319,7 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
 
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
-    """Return a function of points (k, 3) of a curve: the unit directions (k, 3) there; an InputError for others."""
+    """Return a function of points (k, 3) of a curve: the unit directions (k, 3) there; raise InputError for others."""
     if isinstance(which, str):
         if which not in NAMED:
             raise InputError(f"a direction along a curve is {', '.join(NAMED)}, got {shown(which)}.")

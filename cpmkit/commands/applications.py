@@ -1,4 +1,4 @@
-"""The commands ``cpmkit vectors``, ``map`` and ``paint``; what they need is imported when they run."""
+"""The commands ``cpmkit vectors``, ``map`` and ``paint``; solvers are imported when a command runs."""
 
 from __future__ import annotations
 
@@ -217,7 +217,7 @@ def paint(
 
 
 def _solve_paint(estimate: bool | None, arguments: dict[str, Any]) -> ApplicationResult:
-    """Return the colours that :func:`paint` computes, with an error estimate if it is requested or by default made."""
+    """Return the colours that :func:`paint` computes, with an error estimate as :func:`with_error` decides."""
     from cpmkit.applications import diffusion_curves
 
     solution = with_error(diffusion_curves(**arguments).solution, estimate)

@@ -1,4 +1,4 @@
-"""The command ``cpmkit distance``; what it needs is imported when it runs."""
+"""The command ``cpmkit distance``; solvers are imported when it runs."""
 
 from __future__ import annotations
 
@@ -132,7 +132,7 @@ def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
 
 
 def _point(text: str, dim: int) -> list[float]:
-    """Return the ``dim`` coordinates in a text such as ``0,0,1``; an InputError for other texts."""
+    """Return the ``dim`` coordinates in a text such as ``0,0,1``; raise InputError for other texts."""
     from cpmkit.errors import InputError
 
     try:

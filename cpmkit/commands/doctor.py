@@ -1,4 +1,4 @@
-"""What is installed and what works here: the first thing to send along with a question."""
+"""Diagnosis of an installation: versions, kinds and the machine, to be sent along with a question."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Diagnosis:
     scene : str or None
         The error that loading the scene raises, empty if it loads; ``None`` if no scene was given.
     advice : tuple of str
-        Warnings of the scene, and what to install, in sentences.
+        Sentences: warnings of the scene, and missing plugins and libraries.
     """
 
     system: str
@@ -64,6 +64,7 @@ class Diagnosis:
         return asdict(self)
 
     def __str__(self) -> str:
+        """Return the diagnosis as a table of names and values, and the advice below."""
         rows = [("system", self.system), ("processors", str(self.processors)), ("memory", self.memory)]
         rows += [(name, found or "not installed") for name, found in self.versions.items()]
         rows += [(name, value) for name, value in self.variables.items()]
@@ -78,7 +79,7 @@ class Diagnosis:
 def diagnose(scene: str | Path | None = None) -> Diagnosis:
     """Return what is installed, what the machine offers, and whether a scene file loads.
 
-    Plugins are listed without being imported; those that ``scene`` names are imported.
+    Plugins are listed without being imported, except the plugins that ``scene`` names.
     """
     versions = {name: version_of(name) for name in DISTRIBUTIONS}
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
@@ -108,7 +109,7 @@ def _loading(scene: str | Path) -> str:
 
 
 def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
-    """Return sentences on what to install: plugins if there are none, and libraries of pictures and files."""
+    """Return sentences that name missing plugins and libraries, with the commands that install them."""
     advice = []
     if not kinds:
         advice.append(f"No plugin is installed, so no scene can name a shape: {install_command('all')} adds them.")

@@ -153,7 +153,7 @@ def _origin(point: EntryPoint) -> str:
 
 
 def _load(point: EntryPoint) -> click.Command:
-    """Return the command of a plugin; a PluginError if it does not import or is no command of click."""
+    """Return the command of a plugin; raise PluginError if it does not import or is no command of click."""
     try:
         command = point.load()
     except Exception as error:

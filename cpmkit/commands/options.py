@@ -21,7 +21,7 @@ ESTIMATED_SECONDS = 1.0
 
 
 def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
-    """Return the value of an option; click's BadParameter if it is not finite."""
+    """Return the value of an option; raise click.BadParameter if it is not finite."""
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
     return value
@@ -146,7 +146,7 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
 
 
 def _key_and_value(text: str) -> tuple[str, Any]:
-    """Return the key and the value in ``KEY=VALUE``: a value of TOML, else text; an InputError without =."""
+    """Return the key and the value, of TOML or else text, in ``KEY=VALUE``; raise InputError without an equals sign."""
     from cpmkit.errors import InputError, shown
 
     key, sign, value = text.partition("=")

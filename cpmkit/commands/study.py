@@ -1,4 +1,4 @@
-"""The commands ``cpmkit study run`` and ``cpmkit study report``. What they need is imported when they run."""
+"""The commands ``cpmkit study run`` and ``cpmkit study report``; solvers are imported when a command runs."""
 
 from __future__ import annotations
 

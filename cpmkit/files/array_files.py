@@ -107,7 +107,7 @@ def _check_size(needed: int, name: str) -> None:
 def _member(opened: IO[bytes], length: int, name: str, label: str, kinds: str) -> np.ndarray:
     """Return the array in a stream of ``length`` bytes, header included.
 
-    An InputError if its type is not among ``kinds``, or the stream is damaged or shorter than the header says.
+    Raise InputError if its type is not among ``kinds``, or the stream is damaged or shorter than the header says.
     """
     try:
         shape, fortran, dtype, header = _header(opened)

@@ -96,7 +96,7 @@ def _folder_text(folder: Path) -> str:
 def _fetch(name: str) -> Path | None:
     """Return the path of an example mesh, downloaded into the cache; None if that is not possible.
 
-    An InputError if the checksum is wrong.
+    Raise InputError if the checksum is wrong.
     """
     try:
         import pooch

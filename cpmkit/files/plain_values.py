@@ -36,6 +36,7 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     """Return the kind of finite numbers from ``least`` to ``most``, without true and false."""
 
     def accepts(value: Any) -> bool:
+        """Return whether a value is a finite number from ``least`` to ``most``."""
         try:
             real = isinstance(value, (int, float)) and not isinstance(value, bool)
             return real and math.isfinite(value) and least <= value <= most
@@ -125,7 +126,7 @@ def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
 
 
 def _kind(hint: Any) -> Kind:
-    """Return the kind of plain values that a type annotation accepts; a TypeError for other annotations."""
+    """Return the kind of plain values that a type annotation accepts; raise TypeError for other annotations."""
     plain = {str: TEXT, bool: FLAG, int: whole_numbers(0), float: numbers()}
     if hint in plain:
         return plain[hint]
@@ -187,7 +188,7 @@ def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], 
 
 
 def _tables(path: Path, label: str, like: str) -> dict[str, Any]:
-    """Return the tables of a TOML file; a SceneError if it is missing, too large or does not parse."""
+    """Return the tables of a TOML file; raise SceneError if it is missing, too large or does not parse."""
     try:
         if not path.is_file():
             raise SceneError(f"no {label} {shown(str(path))}; give the path of a TOML file{like}.")

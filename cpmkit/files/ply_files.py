@@ -89,7 +89,7 @@ def ply_vertices(tables: dict[str, Table]) -> Floats:
 
 
 def _header(data: bytes) -> tuple[str, list[Element], bytes]:
-    """Return the encoding, the elements, and the data after the header; an InputError if the header is damaged."""
+    """Return the encoding, the elements, and the data after the header; raise InputError if the header is damaged."""
     if not data.removeprefix(b"\xef\xbb\xbf").startswith(b"ply"):
         raise InputError("it does not begin with ply.")
     end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
@@ -127,7 +127,7 @@ def _property(words: list[str]) -> Property | None:
 
 
 def _numbers(body: bytes) -> Floats:
-    """Return the numbers in a text, separated by blanks, as float64; an InputError for other words."""
+    """Return the numbers in a text, separated by blanks, as float64; raise InputError for other words."""
     words = body.split()
     try:
         if b"_" not in body:
@@ -155,7 +155,7 @@ def _joined(element: Element, rows: list[list[np.ndarray]]) -> Table:
 
 
 def _length(value: Any) -> int:
-    """Return the length of a list as an int; an InputError if it is not a whole number or too large."""
+    """Return the length of a list as an int; raise InputError if it is not a whole number or too large."""
     if not 0 <= value <= MOST_LIST_ENTRIES or value != int(value):
         raise InputError("it holds a list whose length is no whole number.")
     return int(value)
@@ -173,7 +173,7 @@ class _Stream:
         return len(self.data) - self.place
 
     def table(self, element: Element) -> Table:
-        """Return the table of the next element, a column for each property; an InputError if the data are cut off."""
+        """Return the table of the next element, a column for each property; raise InputError if data are missing."""
         if not element.properties:
             return {}
         if element.count > self.left:
@@ -220,7 +220,7 @@ class _Stream:
         return row
 
     def _take(self, count: int, kind: str, element: Element) -> np.ndarray:
-        """Return the next ``count`` numbers of type ``kind``; an InputError if the data end before."""
+        """Return the next ``count`` numbers of type ``kind``; raise InputError if the data end before."""
         dtype = np.dtype(self.order + kind)
         if count * dtype.itemsize > self.left:
             raise InputError(CUT_OFF_SENTENCE.format(count=element.count, name=shown(element.name)))

@@ -63,7 +63,7 @@ def save(
     ``.html`` one page that shows the solution in any browser, to be turned and zoomed
     ``.pvd``  the frames of a problem in time, for ParaView: an index, and one ``.vtp`` per frame in a
               folder beside it
-    ``.gif``  the frames as a film; ``.mp4`` likewise
+    ``.gif``  the frames as a film; ``.mp4`` too
     ========= ==================================================================================
 
     Parameters
@@ -73,7 +73,7 @@ def save(
     vertices : "display" or "own"
         The mesh to write: that of pictures, as fine as the lattice and cut along the boundaries, or the mesh from which
         the surface was made, with its vertices in their order; see :meth:`Solution.at_vertices`. Then ``.npz``
-        holds ``points``, ``cells`` and ``values`` alone.
+        holds only ``points``, ``cells`` and ``values``.
     **options
         Options of ``.html``, ``.gif`` and ``.mp4``: those of :class:`~cpmkit.scenefile.look.Look`.
 

@@ -101,7 +101,7 @@ MESH_WRITERS: dict[str, Callable[[DisplayMesh, Path, Floats | None], None]] = {
 
 
 def value_columns(mesh: DisplayMesh, error: Floats | None = None) -> dict[str, Floats]:
-    """Return the columns (v,) of the values by name, ``u`` or ``u0``, ``u1``, ...; those of ``error`` likewise."""
+    """Return the columns (v,) of the values by name, ``u`` or ``u0``, ``u1``, ..., and of ``error`` likewise."""
     named = {"u": mesh.values} | ({} if error is None else {"error": error})
     return {
         name if array.shape[1] == 1 else f"{name}{channel}": array[:, channel]
@@ -232,7 +232,7 @@ def _check_triangles(mesh: DisplayMesh, name: str) -> None:
 
 
 def _imported(name: str) -> Any:
-    """Return the module of a library; a MissingDependencyError if it is not installed."""
+    """Return the module of a library; raise MissingDependencyError if it is not installed."""
     try:
         return import_module(name)
     except ImportError as error:

@@ -173,7 +173,7 @@ def _vertices_of(file: str, request: OutputRequest) -> str:
 
 
 def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
-    """Return the options of a film or a page: those of the picture, if there is one; none for other files."""
+    """Return the options of a film or a page, which are the picture's if there is one; none for other files."""
     drawn = Path(file).suffix.lower() in (*FILMS, PAGE) and request.picture is not None
     return request.picture.look if drawn and request.picture is not None else {}
 

@@ -228,7 +228,7 @@ def normals_at(surface: ClosestPointSource, points: Floats) -> Floats:
 
 
 def _oriented(source: ClosestPointSource, surface: ClosestPointSource) -> OrientedBoundary:
-    """Return the boundary ``source`` of ``surface`` with its sides; a SceneError if the two do not belong together."""
+    """Return the boundary ``source`` of ``surface`` with its sides; raise SceneError if they do not belong together."""
     if (source.manifold_dim or 0) > 1:
         raise SceneError(f"points are distributed along curves, got a boundary of dimension {source.manifold_dim}.")
     boundary = Boundary("boundary", source, both=Neumann())

@@ -53,7 +53,7 @@ class DisplayMesh:
     original : int
         Number of vertices of the surface's own mesh, which come first.
     sides : (v, boundaries) int64, optional
-        1 where a vertex lies on a boundary and has its left value, -1 where it has the right one, 0 off the
+        1 where a vertex lies on a boundary and has the left value, -1 where it has the right value, 0 off the
         boundary. ``None`` where nothing was cut.
     """
 
@@ -110,7 +110,7 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
 
 
 def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
-    """Return unit normals (v, 3) at the vertices for shading, zero at those of segments; None without shaded cells."""
+    """Return unit normals (v, 3) for shading, zero at vertices of segments; None if there are only segments."""
     triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
         return None

@@ -42,7 +42,7 @@ class BoundaryRule:
 def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
     """Return a quadrature rule over a boundary, with points on ``surface``.
 
-    It is of curved cells on the mesh of ``source``, if it has one, else of closest points of lattice nodes.
+    If ``source`` has a mesh, the rule is that of its curved cells, else it has closest points of lattice nodes.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
@@ -166,7 +166,7 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
 
 
 def _check_side(boundary: str, side: Side | None) -> Side:
-    """Return ``side``; an InputError if it is None."""
+    """Return ``side``; raise InputError if it is None."""
     if side is None:
         raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
     return side

@@ -58,7 +58,7 @@ def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
 
 
 def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
-    """Return the dimension of the parts to integrate over; an InputError if ``dim`` is needed or not among them."""
+    """Return the dimension of the parts to integrate over; raise InputError if ``dim`` is needed or not among them."""
     dimensions = member_dimensions(surface)
     if dim is None and len(dimensions) > 1:
         raise InputError(

@@ -100,7 +100,7 @@ class SolutionRecord:
     seconds : mapping
         Wall-clock seconds of each stage.
     warnings : tuple of str
-        Sentences on what may make the solution less accurate.
+        Sentences on possible causes of a less accurate solution.
     imbalances : tuple of Imbalance
         Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
         solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
@@ -250,7 +250,7 @@ class SolutionRecord:
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.
 
-        Of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where
+        It is of second order, also on and beside boundaries and edges, where it is that of the point's own side. Where
         two Dirichlet boundaries leave a strip of less than about seven spacings, it is of first order in the strip.
 
         Parameters
@@ -416,6 +416,7 @@ class SolutionRecord:
         return {**known, "unknowns": self.values} if known else {}
 
     def __repr__(self) -> str:
+        """Return the equation, the form, the spacing, the unknowns and the solver in two lines."""
         warned = f", {len(self.warnings)} warnings" if self.warnings else ""
         channels = f", {self.channels} channels" if self.channels > 1 else ""
         return (

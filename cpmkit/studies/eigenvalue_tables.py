@@ -1,4 +1,4 @@
-"""Exact eigenvalues of -Lap on spheres and tori, for comparison with computed ones."""
+"""Exact eigenvalues of -Lap on spheres and tori, for comparison with computed eigenvalues."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ KEYS_WITHOUT_FORMULAS = ("kind", "name", "file", "values", "of", "closest", "sch
 
 
 def expand_names(table: Any) -> dict[str, str]:
-    """Return the formulas of a table [let], with the names of earlier formulas in each replaced by those formulas.
+    """Return the formulas of a table [let]; names of earlier formulas in a formula are replaced by their formulas.
 
     Raises
     ------

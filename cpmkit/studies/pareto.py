@@ -68,9 +68,9 @@ def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
 
 
 def winners(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
-    """Return the cheapest attempt with an error of at most 10^k for each whole k that the errors allow.
+    """Return, for each decade of the errors on the Pareto front, the cheapest attempt with an error of at most 10^k.
 
-    The keys k run from that of the largest error on the Pareto front down.
+    The keys are the whole numbers k, the largest first.
     """
     on_front = front(made, cost)
     if not on_front:

@@ -31,7 +31,7 @@ METHOD_WORDS = {
 
 @dataclass(frozen=True)
 class Entry:
-    """Errors and costs of a series at one spacing.
+    """Errors and costs of a series at one spacing or accuracy target.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Series:
     ----------
     method : str
     options : mapping
-        Values of those of its options that a study varies.
+        Values of the method's options that a study varies.
     label : str
         The method and the options in which it differs from other series.
     entries : sequence of Entry
@@ -127,7 +127,7 @@ def gather(records: Sequence[Record]) -> list[Series]:
 
 
 def _key(record: Record) -> tuple[Any, ...]:
-    """Return the method, options and kind of target of a record: records of one series have the same."""
+    """Return the method, the options and the kind of accuracy target of a record, which identify its series."""
     run = Run.of(record)
     return run.method, run.options, next(iter(run.target), "")
 
@@ -142,7 +142,10 @@ def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequ
 
 
 def _entry(records: Sequence[Record], target: str) -> Entry:
-    """Return the means, or root mean squares, over the records of one spacing or target, one for each origin."""
+    """Return the entry of a series at one spacing or target, from the records of all origins.
+
+    Errors are root mean squares over the origins, other quantities are means; ``target`` is empty for a spacing.
+    """
 
     def of(name: str) -> Any:
         return np.array([record.get(name) for record in records], dtype=np.float64)
@@ -164,9 +167,9 @@ def _shift(records: Sequence[Record]) -> float:
 
 
 def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
-    """Return the method's name if methods differ, and each option that differs between series of the method.
+    """Return the label of a series: the method if methods differ, and the options that differ between its series.
 
-    If none differs, the order of the method is given, else the method's name alone.
+    If none differs, the label is the order of the method, or else the method.
     """
     (method, options, target), methods = key, {other for other, *_ in keys}
     own = [dict(other) for one, other, _ in keys if one == method]

@@ -86,7 +86,7 @@ def read_records(file: Path) -> list[Record]:
 
 
 def _record(line: bytes, where: str) -> Record:
-    """Return the record in a line; an InputError that names the line as ``where`` if it is no valid record."""
+    """Return the record in a line; raise InputError, which names the line as ``where``, if it is not valid."""
     try:
         record = json.loads(line)
     except (ValueError, RecursionError):
@@ -136,7 +136,7 @@ def drop_unfinished_line(file: Path) -> None:
 
 
 def _content(file: Path) -> bytes:
-    """Return the bytes of a file, none if it does not exist; an InputError if it cannot be read."""
+    """Return the bytes of a file, none if it does not exist; raise InputError if it cannot be read."""
     try:
         return file.read_bytes()
     except FileNotFoundError:

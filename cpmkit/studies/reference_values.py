@@ -58,7 +58,7 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
 
 
 def _vertices(surface: ClosestPointSource, size: float) -> Floats:
-    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing; a SceneError for others."""
+    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing; raise SceneError for others."""
     if isinstance(surface, HasMesh):
         (vertices, _), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
         if np.array_equal(vertices, finer):

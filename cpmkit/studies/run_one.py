@@ -71,7 +71,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
 
 
 def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) -> Solution:
-    """Solve a scene by the method of a run; ``options`` are those that all runs share."""
+    """Solve a scene by the method of a run; ``options`` are the options that all runs share."""
     if run.method == REFINED:
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
     set_by = closest_points()
@@ -92,7 +92,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
 
 
 def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
-    """Return the measured entries of a record: errors at the reference points, work, and what the solver reported."""
+    """Return the measured entries of a record: errors at the reference points, work, iterations and warnings."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
@@ -129,7 +129,7 @@ def _stages(solution: Solution) -> dict[str, float]:
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     """Return the entries of a record on peak memory: the bytes, and whether they are measured or predicted.
 
-    ``measured`` is None where the system does not report it; back ends without a lattice then have neither.
+    If ``measured`` is None, they are predicted; back ends without a lattice then have None.
     """
     if measured is not None:
         return {"bytes": measured, "bytes_are": MEASURED}
@@ -179,7 +179,7 @@ def run_study(
     progress: Progress = no_progress,
     recorded: Callable[[Record], None] = ignore_record,
 ) -> Outcome:
-    """Solve and record those runs of a study that are not recorded in ``folder`` yet, and return their numbers.
+    """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
     A run that ends with a ResolutionError or a ConvergenceError is recorded with its message, and the study continues.
     An interrupted study continues at the next call.
@@ -237,7 +237,10 @@ def _rough(run: Run) -> Run:
 
 
 def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
-    """Return the runs with one of ``spacings``, all runs if there are none; an InputError if no run has a spacing."""
+    """Return the runs with one of ``spacings``, all runs if there are none.
+
+    Raise InputError if no run has one of the spacings.
+    """
     known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
     unknown = [spacing for spacing in spacings if spacing not in known]
     if unknown:

@@ -53,6 +53,7 @@ class Exact:
     reference: str | None = None
 
     def __post_init__(self) -> None:
+        """Check the entries of [exact]; raise SceneError if one is not accepted."""
         for key, what in (("u", "a formula"), ("reference", "the name of a back end such as 'fem'")):
             value = getattr(self, key)
             if value is not None and not isinstance(value, str):
@@ -102,7 +103,7 @@ class Study:
     def scene(self) -> Scene:
         """The scene, read at first access; if steps are tied to the spacing, with the time step of the first spacing.
 
-        A step in [problem] takes precedence. A SceneError if the tables are not accepted.
+        A step in [problem] takes precedence. Raise SceneError if the tables are not accepted.
         """
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:
@@ -139,7 +140,7 @@ def load_study(path: str | Path) -> Study:
 
 
 def _study(tables: dict[str, Any], path: Path) -> Study:
-    """Return the study in the ``tables`` of the file ``path``; a SceneError names what is not accepted."""
+    """Return the study in the ``tables`` of the file ``path``; raise SceneError if a key or value is not accepted."""
     check_accepted("the study", tables, STUDY_TABLES)
     for needed in ("surface", "problem", "exact", "sweep"):
         if not isinstance(tables.get(needed), dict):
@@ -197,7 +198,7 @@ def _files(value: Any, folder: Path) -> Iterator[Path]:
 
 
 def _digest(file: Path) -> str:
-    """Return the SHA-256 digest of a file in hexadecimal; a SceneError if it cannot be read."""
+    """Return the SHA-256 digest of a file in hexadecimal; raise SceneError if it cannot be read."""
     try:
         with file.open("rb") as opened:
             return hashlib.file_digest(opened, "sha256").hexdigest()

@@ -55,7 +55,7 @@ def listed() -> dict[str, str]:
 
 
 def listed_of(method: str) -> tuple[str, ...]:
-    """Return those options of ``method`` of which a study may list values."""
+    """Return the options of ``method`` of which a study may list values."""
     if method not in closest_points():
         return BASELINES.get(method, ())
     return tuple(name for name in listed() if name in declared_options(_form_of(method)))
@@ -111,6 +111,7 @@ class Sweep:
     seconds: list[float] | None = None
 
     def __post_init__(self) -> None:
+        """Check the entries of [sweep], and the number of runs; raise SceneError if one is not accepted."""
         own = {key: getattr(self, key) for key in (*FINENESS, "cheap", "methods")}
         for key, value in {**own, **{listed()[name]: values for name, values in self.lists.items()}}.items():
             if value is not None and (not isinstance(value, (list, tuple)) or not value):
@@ -181,7 +182,7 @@ class Sweep:
         return list(present.items())
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs, each once; if ``cheap``, those of the cheap lists.
+        """Return the runs, each once; if ``cheap``, the runs of the cheap lists.
 
         The order is as in the lists: the coarsest spacing, the largest tolerance and the shortest time first.
         """
@@ -224,7 +225,7 @@ class Run:
     spacing : float or None
         Spacing of the lattice, or the argument of a back end; None with an accuracy target.
     options : tuple of (str, value)
-        Values of those of the method's options that a study varies.
+        Values of the method's options that a study varies.
     origin : int or None
         Number of the lattice's random position; None for its default position.
     target_tolerance, target_seconds : float or None

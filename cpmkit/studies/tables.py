@@ -141,7 +141,7 @@ def differences_sentence(series: Sequence[Series]) -> str:
 def _size(entries: Sequence[Entry | None]) -> list[str]:
     """Return cells with the unknowns, and the share of twins (second unknowns at a node), of the first method.
 
-    ``entries`` are those of each method at one spacing; a method without a result has None.
+    ``entries`` has an entry for each method at one spacing, None for a method without a result.
     """
     first = next(entry for entry in entries if entry is not None)
     share = first.twins / first.unknowns

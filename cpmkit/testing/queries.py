@@ -156,7 +156,7 @@ def symmetric_points(subject: Subject) -> Floats:
 
 
 def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
-    """Return a strategy for batches (n, d): a few points of hypothesis's choice and random ones, some on the source."""
+    """Return a strategy for batches (n, d) of a few points that hypothesis chooses and random points."""
     dim, known = subject.source.dim, subject.known_points()
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
@@ -164,6 +164,7 @@ def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
     chosen = st.lists(st.one_of([st.tuples(*[part] * dim) for part in (near, lattice, far)]), min_size=1, max_size=6)
 
     def batch(points: list[tuple[float, ...]], count: int, seed: int) -> Floats:
+        """Return ``points``, relative to centre and size, and ``count`` random points, half of them on the source."""
         rng = np.random.default_rng(seed)
         relative = np.concatenate([np.array(points), rng.uniform(-1.5, 1.5, (count, dim))])
         x = subject.centre + subject.size * relative
@@ -178,6 +179,7 @@ def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
     """Return a strategy for batches (n, d) of points up to ``radius`` from the manifold."""
 
     def batch(count: int, seed: int) -> Floats:
+        """Return ``count`` points at random distances up to ``radius`` from random closest points."""
         rng = np.random.default_rng(seed)
         near = subject.centre + subject.size * rng.uniform(-0.6, 0.6, (count, subject.source.dim))
         around = subject.source.closest_point(near)
@@ -192,6 +194,8 @@ def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
     """Return a decorator that turns a check of a subject into a law, which sources without ``ability`` obey."""
 
     def decorate(check: Callable[[Subject], None]) -> Law:
+        """Return the law of a check of a subject: a function of a case that names the law in errors."""
+
         @wraps(check)
         def check_case(case: ConformanceCase) -> None:
             sentence = (check.__doc__ or "").partition("\n")[0]
@@ -226,6 +230,8 @@ def query_law(
     """
 
     def decorate(check: Callable[[Subject, Floats], None]) -> Law:
+        """Return the law of a check of a subject and a batch of queries."""
+
         @wraps(check)
         def check_subject(about: Subject) -> None:
             near = where == "near" or (where == "near unless exact" and not about.source.exact)

@@ -100,5 +100,5 @@ def thumbnail(solution: SolutionRecord) -> bytes | None:
     try:
         with tempfile.TemporaryDirectory() as folder:
             return picture(solution, Path(folder, "solution.png"), width=THUMBNAIL_PIXELS).file.read_bytes()
-    except Exception:  # what a notebook shows unasked never fails
+    except Exception:  # a notebook draws without request, which must not raise
         return None
