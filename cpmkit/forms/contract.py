@@ -86,7 +86,7 @@ class FormOperators(ABC):
         Raises
         ------
         InputError, SceneError, ResolutionError
-            ResolutionError with the spacing that would fit.
+            If so; the message of a ResolutionError has a spacing that would fit.
         """
 
     def with_scene(self, scene: Scene) -> Self:
@@ -306,9 +306,9 @@ class FormDiagnosis(FormValues):
         Parameters
         ----------
         coarser : Discretized, optional
-            The form of the coarser solution with which the solution is compared.
+            The form of a solution on a coarser lattice, with which the solution is compared.
         ratio : float
-            The coarser spacing over this one.
+            The coarser spacing over the spacing of this form.
         difference : float
             Root mean square of the difference of the two solutions, as a share of the range.
         eigenvalues : bool

@@ -36,11 +36,11 @@ class Field:
     Attributes
     ----------
     form : Discretized
-        The form with the points.
+        The form at whose points the values are.
     values : (p,) or (p, channels) float64
-        The values.
+        The values at the points of the form.
     unknowns : (n, channels) float64, optional
-        Unknowns of the function with these values, where they are known, as those of a solution are.
+        Unknowns of the function with these values, if they are known, as for a solution.
 
     Examples
     --------
@@ -189,7 +189,7 @@ def field_of(form: Discretized, data: Any) -> Field:
     Parameters
     ----------
     form : Discretized
-        The form.
+        The form at whose points the field is evaluated.
     data : number, sequence, array, callable or Solution
         A number, one value a channel, values (p,) or (p, channels) at the points, or a function of points. A solution
         on the same unknowns is taken over without loss.

@@ -22,7 +22,7 @@ class StateDependentCoefficient:
         Takes the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates;
         returns numbers (k,) or symmetric tensors (k, d, d).
     u : (n, 1) float64
-        The unknowns.
+        The unknowns of u.
     holding : callable, optional
         Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
         coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.

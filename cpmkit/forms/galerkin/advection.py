@@ -141,9 +141,9 @@ def add_advection(
     places, directions : (q, d), (q, c, e) int32
         Places and normals of the samples, as stored by `QuantisedSamples`.
     velocity : (q, d) float64
-        v, tangential.
+        The velocity v at the samples, tangential.
     upstream : (q,) float64
-        tau.
+        The upwinding time tau at the samples.
     a, c : (q,) or (1,) float64
         The diffusivity, and the factor of u.
     gradient_of_a : (q, d) or (0, d) float64
@@ -231,11 +231,11 @@ class Advection:
     space : SplineSpace
         The splines and their samples.
     velocity : (q, d) float64
-        v, its tangential part.
+        The tangential part v of the velocity at the samples.
     upstream : (q,) float64
-        tau, a time.
+        The upwinding time tau at the samples.
     a, c : (q,) or (1,) float64
-        The diffusivity; and the factor of u in the equation as it is tested, with div v where it is conservative.
+        The diffusivity, and the factor of u in the tested equation, which is c + div v if the equation is conservative.
     gradient_of_a : (q, d) or (0, d) float64
         The gradient of a; empty where a is constant.
     conservative : bool

@@ -40,7 +40,7 @@ class SampleCoefficients:
     Attributes
     ----------
     reader : PointReader
-        Holds the samples and the function space.
+        The evaluation at points, which contains the samples and the function space.
     """
 
     reader: PointReader
@@ -112,7 +112,7 @@ class SampleCoefficients:
         Raises
         ------
         InputError
-            If it is not positive, or not positive definite on tangents.
+            If the diffusivity is not positive, or not positive definite on tangents.
         """
         if isinstance(data, StateDependentCoefficient):
             a = self.evaluate_at_state(data)

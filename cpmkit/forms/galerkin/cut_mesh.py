@@ -65,7 +65,7 @@ def cut_along_boundaries(scene: Scene, vertices: Floats, faces: Ints, length: fl
     ----------
     scene : Scene
     vertices, faces : (v, d) float64, (m, k) int64
-        Mesh of its surface, k = 3, or curve, k = 2: welded, without degenerate cells.
+        A mesh of the scene's surface, k = 3, or curve, k = 2: welded, without degenerate cells.
     length : float
         Typical edge length. Curves are followed in steps of half of it; a curve farther than a few steps from the
         surface is refused.

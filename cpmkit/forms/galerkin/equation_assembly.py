@@ -41,7 +41,7 @@ class EquationAssembly:
     conditions : tuple of ImposedCondition
         The conditions with their laws, and the samples at which each is imposed.
     coefficients : SampleCoefficients
-        Evaluates the coefficients at the samples; holds the samples and the functions.
+        Evaluates the coefficients at the samples; contains the samples and the function space.
     """
 
     scene: Scene

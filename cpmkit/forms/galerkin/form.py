@@ -81,7 +81,7 @@ class Galerkin(Discretized):
     coefficients : SampleCoefficients
         Evaluates data at the samples; contains the reader of points. Shared by all scenes on the same space.
     lattice_resolution : LatticeResolution
-        How the lattice resolves the manifold. Shared by the same scenes.
+        How the lattice resolves the manifold. It is shared likewise.
     """
 
     form: ClassVar[str] = "galerkin"

@@ -81,8 +81,9 @@ def path_lengths_to_corners(
     Parameters
     ----------
     points : (k, d) float64
+        The points.
     cells : (k, q, c) int64
-        The corners of cells near each point.
+        The vertices at the corners of the cells near each point.
     group : (k, q) int64
         Number of the group of each cell; -1 for cells that are left out.
     ends : (k, c) int64
@@ -90,6 +91,7 @@ def path_lengths_to_corners(
     reach : (k,) float64
         Paths are followed up to this length; longer ones count as infinite.
     vertices : (n, d) float64
+        The vertices of the mesh.
     starts, others : (n + 1,) and (2 e,) int64
         The neighbours of each vertex over edges, in compressed rows.
     """

@@ -41,7 +41,7 @@ class PointReader:
     sampled : SampledScene
         The manifold and its boundaries.
     space : FunctionSpace
-        The functions.
+        The function space.
     """
 
     sampled: SampledScene

@@ -285,7 +285,7 @@ def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spa
     Raises
     ------
     SceneError
-        If so; the message has the names of the boundaries.
+        In each of these cases; the message has the names of the boundaries.
     """
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:

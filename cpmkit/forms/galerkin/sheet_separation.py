@@ -37,8 +37,9 @@ class SheetSeparation:
     Attributes
     ----------
     mesh : Mesh
+        The mesh of the manifold.
     geometry : "flat", "closest_point" or "normals"
-        How the manifold runs between the vertices of the mesh.
+        How the cells follow the manifold between the vertices of the mesh.
     source : LocalSource
         The manifold.
     spacing : float

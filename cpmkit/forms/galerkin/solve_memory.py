@@ -123,7 +123,7 @@ def check_samples_fit(surface: LocalSource, spacing: float, degree: int = 2) -> 
     Raises
     ------
     ResolutionError
-        If so; the message has a spacing that would fit.
+        If they do not fit; the message has a spacing that would.
     """
     check_numbered(surface.bounds, spacing)
     m = surface.largest_dim

@@ -17,7 +17,7 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     Raises
     ------
     SceneError
-        If so; the message has the reason and advice.
+        If the form cannot; the message has the reason and advice.
     """
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:
@@ -58,7 +58,7 @@ def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
     Raises
     ------
     SceneError
-        If so; the message has the reason and the advice to use ``refine='off'``.
+        If it cannot; the message has the reason and the advice to use ``refine='off'``.
     """
     problem, terms = scene.problem, scene.problem.terms()
     reasons = {

@@ -125,7 +125,7 @@ class RefinedSpace(FunctionSpace):
 
     @property
     def has_one_level(self) -> bool:
-        """Whether estimates for one level apply: False, even where no cell is subdivided."""
+        """Whether all splines have the spacing of the lattice; False, even where no cell is subdivided."""
         return False
 
     @property
@@ -160,7 +160,7 @@ class RefinedSpace(FunctionSpace):
         return ((product + product.T) * 0.5).tocsr()
 
     def restrict_rows(self, rows: csr_array) -> csr_array:
-        """Return ``rows`` (k, N) times R, which act on the unknowns (n,)."""
+        """Return ``rows`` R (k, n) from ``rows`` (k, N) that evaluate :attr:`splines`."""
         return (rows @ self.representation).tocsr()
 
     def gradient_load(self, values: Floats) -> Floats:
@@ -173,7 +173,7 @@ class RefinedSpace(FunctionSpace):
         return self.restrict_matrix(self._energy(a, c, self.stabilisation, 0, with_floor=True))
 
     def _unit_stabilisation(self) -> csr_array:
-        """Return the stabilisation (n, n) of diffusivity 1, times (h_l / h)^2 on each level l."""
+        """Return the stabilisation S (n, n) for the diffusivity 1, times (h_l / h)^2 on each level l."""
         unit = (self._energy(np.ones(1), None, factors, -2) for factors in (self.stabilisation, NO_STABILISATION))
         return self.restrict_matrix(next(unit) - next(unit))
 
@@ -252,7 +252,7 @@ def build_refined_space(
     Parameters
     ----------
     samples, interior
-        All samples, and how many of them lie on the manifold and on no boundary.
+        All samples, and the number of samples on the manifold and on no boundary.
     corners : (m, k) int
         The vertices of the mesh cells after cutting.
     levels, regions, stabilisation, passes
