@@ -56,7 +56,7 @@ class Lattice:
         Parameters
         ----------
         bounds : (2, d) float64
-            Of the manifold, relative to the origin.
+            Bounds of the manifold, relative to the origin.
         translated : bool
             Whether the source computes relative to the origin; if not, it rounds more.
         """

@@ -67,7 +67,7 @@ def check_fits(
     unknowns : float
         Estimated number of unknowns of the band.
     spacing, degree : float, int
-        Of the lattice and the interpolation.
+        Spacing of the lattice and degree of the interpolation.
     solver : str
         Name of the linear solver.
     excess : float

@@ -138,7 +138,7 @@ class HasFacets(Protocol):
 
 @dataclass(frozen=True)
 class Advice:
-    """The accuracy of a source, and what may spoil a solution on it.
+    """The accuracy of a source, and warnings about solutions on it.
 
     A source whose parts take long to compute returns a subclass with cached properties in place of these fields.
 
@@ -146,7 +146,7 @@ class Advice:
     ----------
     floor : float
         The error, as a share of the solution's range, that the source alone causes in the form ``collocation``: a
-        mesh, a cloud or samples on a grid represent a smooth manifold only to some accuracy. 0 if it states none.
+        mesh, a cloud or samples on a grid represent a smooth manifold only to some accuracy. 0 by default.
     warnings : tuple of str
         One sentence for each property that may spoil a solution: merged or doubtful samples, repairs.
     integral_floor : float, optional
@@ -170,7 +170,7 @@ class Advice:
 
 @runtime_checkable
 class HasAdvice(Protocol):
-    """A source that knows how accurate it is, or what may spoil a solution on it."""
+    """A source that states its accuracy, or warnings about solutions on it."""
 
     def advice(self, spacing: float, /) -> Advice:
         """Return the advice for solutions at ``spacing``."""
@@ -221,7 +221,7 @@ def warnings_of(source: object, spacing: float) -> tuple[str, ...]:
 
 
 def integral_floor_of(source: object, spacing: float) -> float:
-    """Return the error, as a share of the range, that ``source`` causes in integrals at ``spacing``."""
+    """Return the error, as a share of the solution's range, due to ``source`` in the Galerkin form at ``spacing``."""
     advice = advice_of(source, spacing)
     return advice.floor if advice.integral_floor is None else advice.integral_floor
 

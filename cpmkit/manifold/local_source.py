@@ -185,7 +185,7 @@ class LocalSource:
 
 
 def largest_dim(source: ClosestPointSource) -> int:
-    """Return the largest dimension of a source's members; a mixed union as a member counts with that of the space."""
+    """Return the largest dimension of a source's members; an unknown dimension counts as that of the space."""
     return max(source.dim if member.manifold_dim is None else member.manifold_dim for member in members_of(source))
 
 

@@ -20,7 +20,7 @@ NEIGHBOUR_SPACINGS = 2.5
 NEIGHBOUR_CHORD_COSINE = 0.25
 #: Two points nearer than this share of the spacing have no reliable chord.
 SHORT_CHORD_SPACINGS = 0.02
-#: Least cosine between the directions of neighbours, one carried to the other, for their signs to be certain.
+#: Least cosine between a direction and that of a neighbour, transported along the chord, for certain signs.
 SURE_COSINE = 0.7
 #: Largest difference between the cosines of the chord with the two directions, for their signs to be certain: a larger
 #: one shows a corner between them.
@@ -98,7 +98,7 @@ AS_GIVEN = Orientation()
 
 
 def agreements(first: Floats, second: Floats, chords: Floats, short: float, travel: bool) -> Floats:
-    """Return the cosines (...,) of ``second`` with ``first`` transported along the chords between them, all (..., d).
+    """Return the cosines (...,) between ``second`` and ``first`` after transport along the chords, all (..., d).
 
     A direction is rotated as along a circular arc with this chord: a normal to its mirror image in the plane across the
     chord, a tangent to the opposite of its mirror image. This is right to third order on a smooth curve or surface, and

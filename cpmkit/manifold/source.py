@@ -27,6 +27,7 @@ class Rows:
         """Return the records with the given ``index``: integers (k,) or a mask (n,)."""
 
         def select(values: Any) -> Any:
+            """Return the selected rows of a column, which is an array, None, a table or a list of these."""
             if isinstance(values, list):
                 return [select(part) for part in values]
             return values.take(index) if isinstance(values, Rows) else None if values is None else values[index]
@@ -38,6 +39,7 @@ class Rows:
         """Return the records of several tables, one table after the other."""
 
         def concatenate(column: list[Any]) -> Any:
+            """Return the parts of one column joined; None if a part is None."""
             if any(values is None for values in column):
                 return None
             return column[0].join(column) if isinstance(column[0], Rows) else np.concatenate(column)
@@ -174,7 +176,7 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
         The queries, relative to ``origin``.
     source : object
     origin : (d,) float64
-        In the user's coordinates.
+        Position of zero in the user's coordinates.
     union : bool
         Whether the source is a union, whose answers must contain the number of a member for each query.
 

@@ -45,6 +45,7 @@ def unit_normals(surface: LocalSource, feet: ClosestPoints, step: float) -> Floa
     """
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, _: Ints) -> Floats:
+        """Return the unit normals of one member at its feet."""
         if member.has_normals:
             return member.normals(member_feet)
         return np.linalg.eigh(jacobian(member, member_feet.points, step))[1][:, :, 0]
@@ -65,6 +66,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
     corner = np.zeros(len(feet), dtype=bool)
 
     def of_member(member: LocalSource, member_feet: ClosestPoints, rows: Ints) -> Floats:
+        """Return the unit tangents of one member at its feet, and mark its corners in ``corner`` at ``rows``."""
         if member.has_tangents:
             return member.tangents(member_feet)
         values, axes = np.linalg.eigh(jacobian(member, member_feet.points, step))

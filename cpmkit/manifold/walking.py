@@ -13,7 +13,7 @@ from cpmkit.types import Floats, Ints
 
 #: Longest step of a walk, in spacings: shorter than the distance to the next sheet.
 STRIDE_SPACINGS = 0.5
-#: A step of more than this share of the longest one gives the direction of the walk.
+#: A step of more than this share of the longest step determines the direction of the walk.
 WHOLE_STRIDE_SHARE = 0.5
 #: Largest number of steps: a node is within a stencil's reach of the foot where the walk starts.
 MOST_STRIDES = 60
@@ -77,7 +77,7 @@ def walk(
     start : ClosestPoints
         One point of the manifold for each goal.
     spacing : float
-        Of the lattice.
+        Spacing of the lattice.
     give_up : bool
         Whether a walk ends where it comes no nearer to its goal.
     lengthened : bool

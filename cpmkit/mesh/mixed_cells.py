@@ -122,7 +122,7 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
     dim : int
         2 or 3.
     longest : float
-        In the unit of the positions.
+        Longest edge, in the unit of the positions.
 
     Returns
     -------

@@ -42,7 +42,7 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     mesh : Mesh
         Flat cells.
     length : float
-        In the unit of the vertices.
+        Longest edge, in the unit of the vertices.
     """
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:

@@ -7,7 +7,7 @@ import numpy as np
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats, Ints
 
-#: Squared diagonals count as equal up to this factor, so that rounding does not choose between them.
+#: Squared diagonals count as equal up to this factor, so that rounding does not decide which is shorter.
 SAME_DIAGONAL = 1.0 + 1e-9
 
 

@@ -77,9 +77,10 @@ def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints
 
 
 def _starts_at_common_corner(mesh: Mesh, pairs: Ints, corners: Ints) -> Ints:
-    """Return (k, 2) 1 where a row of ``pairs`` starts at the common corner ``corners[:, 0]``, else 0.
+    """Return an array (k, 2): 1 where a row of ``mesh.cut`` in ``pairs`` starts at the common corner, else 0.
 
-    For two consecutive edges of a boundary exactly one row does.
+    The common corner is the first of ``corners`` (k, 3). Of two consecutive edges of a boundary exactly one starts
+    there.
     """
     return np.asarray(mesh.cut[pairs][:, :, 0] == corners[:, :1], dtype=np.int64)
 
@@ -138,7 +139,7 @@ def _rotate(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, In
 
 
 def _neighbours(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
-    """Return the other triangle (k,) at edges ``shared`` (k,) of the triangles ``rows``, and its corner opposite, (k,).
+    """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its opposite corner.
 
     The triangle is -1 where the edge has not exactly two triangles.
     """

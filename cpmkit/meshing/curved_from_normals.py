@@ -98,7 +98,7 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
     source : LocalSource
         The same mesh, with normals.
     length : float
-        In the unit of the vertices.
+        Longest edge, in the unit of the vertices.
     """
     from cpmkit.mesh.subdivision_kernels import with_long_edges
 
@@ -192,7 +192,7 @@ def smooth_midpoints(
     ends : (e, 2) int64
         The vertices of each edge.
     normals : SmoothNormals
-        At the vertices.
+        Normals at the vertices.
     share : (e,) float64
         Share of its height that each edge keeps.
     """

@@ -91,7 +91,7 @@ class MeshCache:
         return not len(mesh.cut) and mesh.cells is self.mesh.cells
 
     def value(self, name: str, compute: Callable[[], Value]) -> Value:
-        """Return the quantity ``name``, by ``compute`` at the first call."""
+        """Return the quantity ``name``, computed by ``compute`` at the first call."""
         if name not in self.values:
             self.values[name] = compute()
         value: Value = self.values[name]

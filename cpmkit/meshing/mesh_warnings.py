@@ -17,9 +17,9 @@ from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, 
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
 from cpmkit.types import Floats
 
-#: A boundary farther from the manifold than so many spacings is warned of.
+#: A boundary farther from the manifold than this, in spacings, causes a warning.
 OFF_SPACINGS = 0.5
-#: Closest points whose noise is a larger share of the spacing are warned of,
+#: Noise of closest points that is a larger share of the spacing than this causes a warning,
 NOISE_SHARE = 1e-3
 #: with this advice.
 EXACTER = "compute closest points more exactly"
@@ -99,6 +99,7 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
     """Yield warnings on the defects of a triangulation."""
 
     def first(places: Floats) -> str:
+        """Return the text about the first of ``places`` (k, d)."""
         return f"the first near {_in_scene(places[0], surface)}"
 
     if len(defects.cracks):
@@ -153,7 +154,7 @@ def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
 
 
 def _missing_piece_warnings(points: Floats, source: LocalSource, kind: str) -> Iterator[str]:
-    """Yield a warning if the mesh misses pieces of the manifold, at ``points`` (k, d); ``kind`` is its word."""
+    """Yield a warning if the mesh misses pieces of the manifold, at ``points`` (k, d); ``kind`` names the manifold."""
     if len(points):
         yield (
             f"A piece of the {kind} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
@@ -167,7 +168,7 @@ def _in_scene(point: Floats, source: LocalSource) -> str:
 
 
 def insertion_warnings(insertion: Insertion, names: Sequence[str], spacing: float) -> Iterator[str]:
-    """Yield warnings on the insertion of boundaries."""
+    """Yield warnings on the insertion of boundaries with these ``names``; ``spacing`` is that of the lattice."""
     for number, other in sorted(insertion.coincident):
         if number in insertion.empty:
             yield (

@@ -18,13 +18,13 @@ from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repai
 
 #: Cells are flat if so many of their centres lie on the manifold up to this share of the size of the mesh.
 FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
-#: Where the manifold is higher than this above a drawing, in its edge lengths, it is drawn with shorter edges.
+#: A source whose distance from its mesh is larger than this, in edge lengths, is meshed again with shorter edges.
 CURVED_EDGE_SHARE = 0.06
-#: Members of a union meet that come nearer than this share of its size; so many places are followed for so many steps.
+#: Members of a union meet if their distance is below this share of their size; number of places and of projections.
 MEETING_SIZE_SHARE, MEETING_PLACES, MEETING_STEPS = 1e-6, 256, 50
-#: Triangles with an angle whose cosine is below this are blunt; a suitable drawing has a smaller share of them.
+#: Triangles with an angle whose cosine is below this are blunt; a suitable mesh has a smaller share of them.
 BLUNT_COSINE, MOST_BLUNT_SHARE = -0.9, 0.01
-#: A drawing with more triangles than this on a square of its edge length costs more samples than it is worth: equal
+#: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
 #: sides make 2.3, parameters of a sphere 3, of a figure eight bent to a Klein bottle 5, marching tetrahedra 8 and more.
 MOST_TRIANGLES_PER_SQUARE = 7.0
 #: The rim of the manifold is expected beyond the middle of an edge of one triangle, by this share of its length.

@@ -15,7 +15,7 @@ FLAT_SINE = 0.1
 FLAT_COSINE = 0.8
 #: Points between two sheets that meet in a crease lie on the surface up to this share of their chord.
 CREASE_DISTANCE = 0.1
-#: A bisection gives up where the gap grows to this share of the first one, or shrinks to no less than that share in a
+#: A bisection stops where the gap grows to this multiple of the first gap, or shrinks to no less than this share in a
 #: round: the two points then lie on different sheets.
 GROWN_GAP, STUCK_GAP = 1.2, 0.97
 #: A midpoint of an edge farther than this share of the edge from the manifold lies beside a crease: the edge stays
@@ -44,7 +44,7 @@ def connected_on_surface(
     position_error: float,
     box: tuple[Floats, Floats],
 ) -> Bools:
-    """Return which points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes, (n,).
+    """Return which pairs (n,) of points ``a`` and ``b`` (n, 3) of a surface are connected along it inside boxes.
 
     They are connected if the chord is flat, and if a crease between them lies on the surface and passes the box; a
     crease elsewhere connects them in another box. Otherwise the chord is bisected: the closest point of its midpoint
@@ -141,7 +141,7 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
 def connected_on_curve(
     source: LocalSource, a: Floats, b: Floats, tangent_a: Floats, tangent_b: Floats, low: Floats, high: Floats
 ) -> Bools:
-    """Return which points ``a`` and ``b`` (n, d) of a curve are connected along it near their chord, (n,).
+    """Return which pairs (n,) of points ``a`` and ``b`` (n, d) of a curve are connected along it near their chord.
 
     The chord is bisected as in :func:`connected_on_surface`. All points must lie in the boxes from ``low`` to ``high``
     (n, d). A tangent of zero is unknown.

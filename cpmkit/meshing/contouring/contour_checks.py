@@ -148,7 +148,7 @@ def restore_creases(
     An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
     in the inner part of the edge. Open edges are halved at points on rims alone.
     """
-    for _ in range(3):  # each round looks at what the one before has left
+    for _ in range(3):  # each round treats the result of the round before
         distance, slot, share = _nearest_edges(creases.points, vertices, cells)
         edges = edge_table(cells)
         rows = np.flatnonzero((distance > 0.1 * spacing) & (share > 0.15) & (share < 0.85))

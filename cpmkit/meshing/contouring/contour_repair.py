@@ -18,7 +18,7 @@ from cpmkit.meshing.contouring.contour_edges import (
 from cpmkit.meshing.contouring.contour_rims import RimTest
 from cpmkit.types import Bools, Floats, Ints
 
-#: A limit on rounds of collapsing edges and of removing flaps; each looks at what the one before has left.
+#: A limit on rounds of collapsing edges and of removing flaps; each round treats the result of the round before.
 MAX_ROUNDS = 20
 
 
@@ -52,10 +52,10 @@ def _shortest_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, len
 
 
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
-    """Return the triangles (k, 3) without flaps: triangles with an open edge off rims and hardly any neighbours.
+    """Return the triangles (k, 3) that are left when flaps are removed one after the other.
 
-    A flap is attached to the others along one edge or along an edge of three triangles, see
-    :func:`~cpmkit.meshing.contouring.contouring_kernels.remove_flap_triangles`.
+    A flap is a triangle with an open edge off rims that is attached along a single edge, or along an edge of three
+    triangles or more.
     """
     from cpmkit.meshing.contouring.contouring_kernels import remove_flap_triangles
 
@@ -95,7 +95,7 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]
 
 
 def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
-    """Return for each hole its vertices (b,) in cyclic order.
+    """Return for each hole its vertices (b,) in cyclic order, from the open edges of the triangulation.
 
     A hole is a closed border of at most 80 open edges, a third of them on rims at most.
 

@@ -139,7 +139,7 @@ def remove_folds(vertices: Floats, cells: Ints, on_rim: Bools, spacing: float) -
     Of two neighbours that lie on each other, the smaller one loses its shortest edge, if that is shorter than a
     spacing. A vertex on the rim stays.
     """
-    for _ in range(20):  # a limit; each round looks at what the one before has left
+    for _ in range(20):  # a limit; each round treats the result of the round before
         first, second = _folded_pairs(vertices, cells, on_rim)
         if not len(first):
             break

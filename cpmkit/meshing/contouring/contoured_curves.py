@@ -29,7 +29,7 @@ LATTICES = (
 NEAR_CHORDS = 0.05
 #: Points of the curve farther than this, in spacings, from all segments are missed by the trace.
 MISSED_DISTANCE = 0.1
-#: A segment is covered twice if its middle is nearer to the inside of another one than this, in spacings.
+#: A segment is covered twice if its middle is nearer to another segment's inside than this, in spacings.
 DOUBLE_DISTANCE = 0.02
 
 
@@ -257,9 +257,9 @@ def _split_segments(trace: Trace, segment: Ints, new: Ints, points: Floats) -> I
 
 
 def trace_defects(trace: Trace, points: Floats, spacing: float) -> TraceDefects:
-    """Return the defects of a trace: points that it misses or covers twice, and ends where the curve goes on.
+    """Return the defects of a trace: points that it misses or covers twice, and ends where the curve continues.
 
-    ``points`` (n, d) are points of the curve from all over it.
+    ``points`` (n, d) are samples of the whole curve.
     """
     from scipy.spatial import KDTree
 

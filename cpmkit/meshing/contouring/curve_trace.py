@@ -262,7 +262,7 @@ def _join_across_cells(source: LocalSource, crossings: PlaneCrossings, candidate
 
 
 def _collapse_short(vertices: Floats, segments: Ints, length: float) -> Ints:
-    """Return the distinct segments (s, 2) that are left when those not longer than ``length`` collapse to a vertex.
+    """Return the distinct segments (s, 2) left when all segments not longer than ``length`` collapse to a vertex.
 
     Segments as short as that are made by noise alone.
     """

@@ -67,7 +67,7 @@ def _connected_groups(
     ----------
     source, nodes, crossings
     start : (cells + 1,) int64
-        Where the entries of each cell begin.
+        The first entry of each cell, and the number of entries.
     member, cells : (k,) int64
         The crossing of each entry, and the code of its cell.
     """

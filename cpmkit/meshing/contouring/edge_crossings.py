@@ -21,8 +21,8 @@ from cpmkit.types import Bools, Floats, Ints
 #: From points this near to the surface, in lengths of the ray, a crossing is found by the tangent plane of the closest
 #: point.
 NEAR_SHARE = 0.02
-#: Such a crossing lies at most this far along the ray, in lengths of the ray. Crossings that near to an end of a ray
-#: are found from that end alone, so that none is found twice.
+#: Such a crossing lies at most this far along the ray, in lengths of the ray. Crossings within this distance of an end
+#: of a ray are found from that end alone, so that none is found twice.
 END_SHARE = 0.05
 #: Both are larger where closest points are noisy: then ``NEAR_SHARE`` is this many times the noise.
 NEAR_NOISES = 5.0

@@ -19,7 +19,7 @@ def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple
     The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
     Where both pairs stay connected another way around, the edge of one pair is halved.
     """
-    for _ in range(6):  # each round looks at the edges that the one before has left or made
+    for _ in range(6):  # each round treats the edges that the round before left or made
         edges = edge_table(cells)
         edge, order, gaps, crossing = _edges_of_four(source, vertices, cells, edges)
         shifted = gaps[:, 0] + gaps[:, 2] > gaps[:, 1] + gaps[:, 3]
@@ -41,7 +41,7 @@ def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: Edg
 def _edges_of_four(
     source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable
 ) -> tuple[Ints, Ints, Floats, Bools]:
-    """Return the edges of four triangles, with the order, the angles and the kind of their triangles.
+    """Return the edges of four triangles, the order of these, the angles between them, and whether sheets cross there.
 
     Returns
     -------

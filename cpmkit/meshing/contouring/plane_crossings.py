@@ -12,7 +12,7 @@ from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.types import Floats, Ints
 
-#: Faces of cells are halved so many times around the curve: strands farther apart than that are found separately.
+#: Number of halvings of a cell's face around the curve: strands farther apart than the parts are found separately.
 HALVINGS = 5
 #: A curve that meets a plane at a sine below this grazes it: such crossings are dropped.
 GRAZING_SINE = 0.03

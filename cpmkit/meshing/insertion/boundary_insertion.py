@@ -32,7 +32,7 @@ from cpmkit.meshing.insertion.surface_matching import TriangleSearch
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 from cpmkit.types import Floats, Ints
 
-#: Curves are extended past their tips by so many spacings.
+#: Length, in spacings, by which curves are extended past their tips.
 EXTENSION_SPACINGS = 3.0
 
 
@@ -70,7 +70,7 @@ def insert_boundaries(
 ) -> Insertion:
     """Return the mesh with boundaries as facets: curves as edges of triangles, points as vertices.
 
-    New vertices lie on the original flat cells.
+    Vertices that are inserted lie on the original flat cells.
 
     Parameters
     ----------

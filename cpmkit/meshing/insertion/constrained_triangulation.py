@@ -28,7 +28,7 @@ MOVABLE_SNAP_SHARE = 0.02
 OTHER_SNAP_SHARE = 1e-7
 #: The same for edges on a rim.
 RIM_SNAP_SHARE = 0.02
-#: A boundary that coincides with an earlier one is put on edges of that within this share of L.
+#: A boundary that coincides with an earlier boundary is put on that boundary's edges within this share of L.
 COINCIDENT_SHARE = 0.1
 
 
@@ -98,9 +98,9 @@ class ConstrainedTriangulation:
         return min(depths)
 
     def insert_on_boundary(self, root: int, place: Vector, owner: int) -> int | None:
-        """Return the vertex on boundary ``owner`` nearest to a point of a root, a new vertex unless there is one.
+        """Return the vertex on boundary ``owner`` nearest to a point of the original triangle ``root``.
 
-        None if the boundary is not near the point.
+        The vertex is inserted if need be; None if the boundary is not near the point.
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}
@@ -114,7 +114,7 @@ class ConstrainedTriangulation:
     def _candidate_edges(self, root: int, cell: int) -> list[Edge]:
         """Return the edges onto which a point in ``cell`` may be snapped.
 
-        Edges on boundaries and rims in the whole root come first, then the edges of the triangle.
+        Edges on boundaries and rims in the whole original triangle ``root`` come first, then the edges of ``cell``.
         """
         net, at_rim = self.triangulation, root in self.triangulation.roots_on_rim
         edges = [edge for part in net.parts(root) for edge in _edges(net.corners(part))]
@@ -122,20 +122,23 @@ class ConstrainedTriangulation:
         return fixed + _edges(net.corners(cell))
 
     def _edge_snap_share(self, a: int, b: int) -> float:
-        """Return the distance, in L, below which a point is put on the edge from a to b."""
+        """Return the distance, in local edge lengths, below which a point is put on the edge from a to b."""
         edge = self.edges.get(edge_key(a, b))
         if edge is not None and edge.owner != self.owner:
             return OTHER_SNAP_SHARE
         return RIM_SNAP_SHARE if self.triangulation.is_rim_edge(a, b) else self._free_snap_share
 
     def _vertex_snap_share(self, vertex: int) -> float:
-        """Return the distance, in L, below which a point is put at a vertex: tiny at vertices of other boundaries."""
+        """Return the distance, in local edge lengths, below which a point is put at a vertex.
+
+        It is tiny at vertices of other boundaries.
+        """
         owners = self.owners_at.get(vertex)
         return OTHER_SNAP_SHARE if owners and self.owner not in owners else self._free_snap_share
 
     @property
     def _free_snap_share(self) -> float:
-        """The distance, in L, below which a point is put at a vertex or an edge that lies on no boundary."""
+        """The distance, in local edge lengths, below which a point is put at a vertex or edge off all boundaries."""
         if self.owner in self.close:
             return OTHER_SNAP_SHARE
         return SNAP_SHARE if self.at_end else self.snap_share

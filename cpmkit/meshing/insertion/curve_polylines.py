@@ -15,13 +15,13 @@ from cpmkit.mesh.mixed_cells import Polyline, chain_segments
 from cpmkit.meshing.insertion.surface_matching import TriangleSearch
 from cpmkit.types import Floats, Ints
 
-#: A step of a trace that is shorter than this share of a step leads nowhere.
+#: A step of a trace that moves by less than this share of a full step does not count.
 LEAST_STEP = 0.5
 #: After a corner a curve continues where it is farther than this share of a step from its part before the corner.
 LEAST_TURN = 0.2
 #: Number of last points of a trace that do not count as met again: the trace turned there.
 RECENT_POINTS = 8
-#: A limit on the steps of one trace.
+#: Largest number of steps of one trace.
 MAX_STEPS = 100_000
 
 

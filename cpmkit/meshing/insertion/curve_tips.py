@@ -73,7 +73,7 @@ def _tips(finder: PathFinder, links: Links) -> list[int]:
 
 
 def _tail(finder: PathFinder, links: Links, tip: int, limit: float) -> tuple[int | None, list[int]]:
-    """Return the vertex at which the curve that ends at ``tip`` meets others or ends, and the path from the tip to it.
+    """Return the vertex where the curve that ends at ``tip`` meets others or ends, and the path from the tip to it.
 
     The vertex is None if the path would be longer than ``limit``.
     """
@@ -112,7 +112,10 @@ def _join_tip(finder: PathFinder, links: Links, tip: int) -> bool:
 
 
 def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
-    """Return the unit direction of a curve at its tip, that of the parabola through three points of its last L."""
+    """Return the unit direction of a curve at its tip, from the parabola through three points of its end.
+
+    The points are the tip and those half a local edge length and a whole one before it, or nearer on a short curve.
+    """
     net, reach = finder.triangulation, finder.triangulation.size(tip)
     _, path = _tail(finder, links, tip, reach)
     lengths = [0.0]

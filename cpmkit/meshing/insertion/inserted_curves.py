@@ -24,9 +24,9 @@ from cpmkit.types import Bools, Floats, Ints
 SIMPLIFY_SHARE = 0.01
 #: Its pieces are at most this long, in L.
 LONGEST_PIECE = 2.0
-#: A point is past a rim if its offset along the surface from it is above this share of L.
+#: A point is past a rim if its offset from the rim along the surface is above this share of L.
 PAST_RIM_SHARE = 0.02
-#: Between two points on the rim a curve runs along it as long as it is no farther from it than this share of L.
+#: A curve between two points on the rim runs along the rim if it stays within this share of L of the rim.
 ALONG_RIM_SHARE = 0.15
 
 
@@ -66,7 +66,7 @@ class InsertionPolyline(NamedTuple):
 def refine_curve(
     search: TriangleSearch, curve: SimplifiedCurve, on: Ints, earlier: Sequence[InsertionPolyline]
 ) -> InsertionPolyline:
-    """Return the polyline of a curve with points no farther apart than 2 L.
+    """Return the polyline of a curve with points no farther apart than twice the local edge length of the triangles.
 
     Where it nearly coincides with an earlier polyline, it has a point beside each point of that.
 
@@ -194,7 +194,7 @@ def runs_on_surface(
 
 
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
-    """Return the distance (n,), in L, by which each point lies past a rim, along the surface; 0 if it does not."""
+    """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths; 0 before a rim."""
     corners = triangulation.vertices[triangulation.cells[projections.cell]]
     off = points - projections.places(triangulation)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -216,7 +216,8 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 def _past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
-    Points of stretches close along the rim between two points on it, or of a whole curve close to it, do not.
+    A stretch that stays close to the rim between two points on it, or a whole curve close to a rim, counts as on the
+    surface.
     """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0
@@ -296,7 +297,10 @@ def _insert_waypoints(finder: PathFinder, run: SurfaceRun, line: InsertionPolyli
 
 
 def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_end: bool) -> int:
-    """Return the vertex at a point of a root, on the earlier boundary ``owner`` if that is near (-1 for none)."""
+    """Return the vertex at a point of the original triangle ``cell``, inserted if need be.
+
+    The vertex lies on the earlier boundary ``owner`` if that is near (-1 for none); ``is_end`` marks a curve's end.
+    """
     constrained = finder.constrained
     vertex = constrained.insert_on_boundary(cell, place, owner) if owner >= 0 else None
     if vertex is None:

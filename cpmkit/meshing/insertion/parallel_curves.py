@@ -17,7 +17,7 @@ from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.insertion.curve_polylines import in_three_dimensions
 from cpmkit.types import Bools, Floats, Ints
 
-#: A boundary lies on an earlier one where it is nearer to it than this share of the spacing.
+#: A boundary lies on an earlier boundary where their distance is below this share of the spacing.
 SAME_SHARE = 1e-8
 #: Boundaries nearer to each other than this share of the spacing, but not on each other, get points beside each other.
 CLOSE_SHARE = 0.05

@@ -109,13 +109,13 @@ class SplitTriangulation:
 
     @cached_property
     def sizes(self) -> Floats:
-        """(m,) local edge length L: the mean edge of each root, at most ``longest``."""
+        """(m,) local edge length L: the mean edge of each original triangle, at most ``longest``."""
         a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
         return np.asarray(np.minimum((norms(b - a) + norms(c - b) + norms(a - c)) / 3, self.longest))
 
     @cached_property
     def _roots_of_vertices(self) -> tuple[Ints, Ints]:
-        """(v + 1,) the starts of the lists of roots at each vertex, and (3 m,) all these lists, one after the other."""
+        """(v + 1,) starts of the lists of original triangles at each vertex, and (3 m,) these lists joined."""
         from cpmkit.runtime.inverse_index import inverse_index
 
         starts, places = inverse_index(self.cells.ravel(), len(self.vertices))
@@ -154,19 +154,19 @@ class SplitTriangulation:
         return {other for cell in self.fan(vertex) for other in self.corners(cell)} - {vertex}
 
     def root(self, cell: int) -> int:
-        """Return the root that contains a triangle."""
+        """Return the root of a triangle: the original triangle that contains it."""
         return self._root.get(cell, cell)
 
     def parts(self, root: int) -> list[int]:
-        """Return the triangles into which a root is split."""
+        """Return the triangles into which an original triangle, the ``root``, is split."""
         return self._parts.get(root, [root])
 
     def size(self, vertex: int) -> float:
-        """Return the local edge length L of a root at the vertex."""
+        """Return the local edge length L at a vertex: the mean edge of an original triangle there."""
         return float(self.sizes[self.root(self.fan(vertex)[0])])
 
     def normal(self, cell: int) -> Vector:
-        """Return the unit normal of a triangle, which is the normal of its root."""
+        """Return the unit normal of a triangle, which is that of the original triangle that contains it."""
         root = self.root(cell)
         normal = self._normals.get(root)
         if normal is None:
@@ -175,7 +175,10 @@ class SplitTriangulation:
         return normal
 
     def vertex_normal(self, vertex: int) -> Vector:
-        """Return the unit sum of the roots' normals at a vertex, oriented as the first; splits do not change it."""
+        """Return the unit normal at a vertex: the normalised sum of the original triangles' normals.
+
+        Normals are oriented like the first; splits do not change the result.
+        """
         normal = self._vertex_normals.get(vertex)
         if normal is None:
             total: Vector = (0.0, 0.0, 0.0)
@@ -199,7 +202,7 @@ class SplitTriangulation:
 
     @cached_property
     def rim_edges(self) -> Bools:
-        """(m, 3) whether the edge opposite to each corner of a root belongs to no other root."""
+        """(m, 3) whether the edge opposite to each corner of an original triangle belongs to this triangle only."""
         from cpmkit.mesh.mesh_kernels import number_edges
 
         of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
@@ -207,7 +210,7 @@ class SplitTriangulation:
 
     @cached_property
     def roots_on_rim(self) -> frozenset[int]:
-        """The roots with an edge on the rim."""
+        """Numbers of the original triangles with an edge on the rim."""
         return frozenset(np.flatnonzero(self.rim_edges.any(axis=1)).tolist())
 
     def split_edge(self, a: int, b: int, share: float) -> int:
@@ -268,7 +271,7 @@ class SplitTriangulation:
         return new
 
     def _new_cell(self, part_of: int, corners: tuple[int, int, int]) -> int:
-        """Return a new triangle, a part of the root of ``part_of``."""
+        """Return the number of a new triangle with ``corners``; its root is that of the triangle ``part_of``."""
         new, root = self._cell_count, self.root(part_of)
         self._cell_count += 1
         self._corners[new], self._root[new] = corners, root

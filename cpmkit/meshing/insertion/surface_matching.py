@@ -14,7 +14,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, distance
 from cpmkit.types import Bools, Floats, Ints
 
-#: Points that are projected at a time, for the sake of memory.
+#: Number of points projected at a time; it bounds temporary memory.
 BLOCK_SIZE = 20_000
 
 
@@ -49,7 +49,7 @@ class Projections:
         return cls(*(np.concatenate([getattr(part, column.name) for part in parts]) for column in fields(cls)))
 
     def places(self, triangulation: SplitTriangulation) -> Floats:
-        """Return the positions (k, 3) of the projections on the roots, the original triangles, of a triangulation."""
+        """Return the positions (k, 3) of the projections on the original triangles of a triangulation."""
         return np.asarray(np.einsum("nk,nkd->nd", self.shares, triangulation.vertices[triangulation.cells[self.cell]]))
 
 
@@ -69,7 +69,7 @@ class TriangleSearch:
 
     @cached_property
     def _size_classes(self) -> list[tuple[float, Ints, Any]]:
-        """The radius, the triangles and the k-d tree over centroids of each class of triangles of similar size."""
+        """The largest radius, the triangles (k,) and the k-d tree of centroids of each class of similar size."""
         from scipy.spatial import cKDTree
 
         a, b, c = (self.mesh.vertices[self.mesh.cells[:, k]] for k in range(3))
@@ -85,7 +85,7 @@ class TriangleSearch:
         return self._nearest_centroid(points)[0]
 
     def _nearest_centroid(self, points: Floats) -> tuple[Floats, Floats]:
-        """Return L (n,) of the triangle with the nearest centroid, and the distance (n,) of this centroid.
+        """Return the local edge length (n,) of the triangle with the nearest centroid, and the distance (n,) of that.
 
         The distance of the centroid is an upper bound of the distance from the triangles.
         """
@@ -97,7 +97,10 @@ class TriangleSearch:
         return size, nearest
 
     def candidates(self, points: Floats) -> Projections:
-        """Return the projections of ``points`` (n, 3) at local minima of the distance, up to L above the least one."""
+        """Return the projections of ``points`` (n, 3) at local minima of the distance, up to L above the least one.
+
+        L is the local edge length, see ``sizes``.
+        """
         blocks = range(0, len(points), BLOCK_SIZE)
         return Projections.concatenate([self._candidates_of_block(points, start) for start in blocks])
 
@@ -171,7 +174,7 @@ def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
 
 
 def position_on(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
-    """Return the position of the point with barycentric coordinates ``shares`` (3,) on the triangle ``root``."""
+    """Return the position of the point with barycentric coordinates ``shares`` (3,) in an original triangle."""
     x, y, z = (shares @ triangulation.vertices[triangulation.cells[root]]).tolist()
     return x, y, z
 
@@ -180,7 +183,7 @@ def match_to_surface(triangulation: SplitTriangulation, points: Floats, candidat
     """Return one projection for each of consecutive ``points`` (n, 3), chosen so that the curve stays on its sheet.
 
     The sequence of ``candidates`` has least total cost: the distances of the projections plus, for each step, the
-    length of the path over the surface in excess of 1.5 chords and 1.5 L, at most 6 L.
+    length of the path over the surface in excess of 1.5 chords and 1.5 local edge lengths, at most 6 of these.
     """
     first = np.flatnonzero(np.diff(candidates.point, prepend=-1))
     counts = np.diff(np.append(first, len(candidates.point)))

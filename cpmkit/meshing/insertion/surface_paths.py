@@ -150,7 +150,10 @@ class PathFinder:
         return vertex
 
     def leave_fan(self, vertex: int, heading: Vector, normal: Vector) -> FanExit | None:
-        """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from its fan, the farthest ahead."""
+        """Return the exit of the plane of ``heading`` and ``normal`` at a vertex from the triangles around it.
+
+        Of several exits it is the one farthest ahead; None if there is none ahead.
+        """
         net, here, across = self.triangulation, self.triangulation.at(vertex), cross(normal, heading)
         best: FanExit | None = None
         for cell in net.fan(vertex):
@@ -255,5 +258,8 @@ def _without_loops(
 
 
 def _shortest_loop(triangulation: SplitTriangulation, loop: list[int], backward: set[int]) -> float:
-    """Return the length from which on a loop counts as a part of the curve: 2 L, or 4 L where projections go back."""
+    """Return the length from which on a loop counts as a part of the curve: twice the local edge length.
+
+    It is four times the local edge length where projections go back.
+    """
     return (2.0 if backward.isdisjoint(loop) else 4.0) * triangulation.size(loop[0])
