@@ -21,7 +21,7 @@ from cpmkit.types import Floats
 
 #: Step of differences of closest points, in spacings, for sources without normals of their own.
 DIFFERENCE_SPACINGS = 0.1
-#: A sequence with more entries than this is not one value a channel, but an array of values with a wrong length.
+#: A sequence with more entries than this is taken for values of a wrong length, not for one value of each channel.
 MOST_CHANNELS = 64
 
 

@@ -110,7 +110,7 @@ def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any
         begin = at
         while pair >= 0:
             b, place = other[pair], at
-            while place > begin and pairs[place - 1, 1] > b:  # in order: there are a dozen
+            while place > begin and pairs[place - 1, 1] > b:  # insertion sort: there are about a dozen
                 pairs[place, 1] = pairs[place - 1, 1]
                 place -= 1
             pairs[at, 0], pairs[place, 1] = a, b

@@ -116,7 +116,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         while spacing < quick:
             spacing *= 2
         exact = spacing == options.spacing
-        plain = replace(options, own=replace(options.own, refine="off"))  # refining takes solutions
+        plain = replace(options, own=replace(options.own, refine="off"))  # refinement needs solutions
         form = discretize(scene, replace(plain, spacing=spacing))
         counts = _counts(form)
         if not exact:

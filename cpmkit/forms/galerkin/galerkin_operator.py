@@ -21,9 +21,9 @@ from cpmkit.types import Floats
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Levels are made while k h is at most the first number there, 6.3 nodes a wavelength, and the first level while k h is
-#: at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as without
-#: waves, 19 to 25 at 1.6 and more where k is larger, 34 to 62 at 2, and 150 are not enough at 3.2.
+#: Levels are made while k h of the level is at most the first number, 6.3 nodes a wavelength, and the first level while
+#: it is at most the second. On spheres and tori of 20 to 90 thousand unknowns iterations are 15 to 18 up to 1, as
+#: without waves, 19 to 25 at 1.6 and more where k is larger, 34 to 62 at 2, and 150 are not enough at 3.2.
 MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 

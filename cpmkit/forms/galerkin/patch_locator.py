@@ -25,9 +25,9 @@ REACH_SPACINGS = 2.0
 NEIGHBOURS = (12, 96, 768)
 #: Number of nearest samples where patches that do not touch are among them, so that sheets must be separated.
 NEIGHBOURS_ON_SHEETS = 48
-#: Points whose sheets are separated together, so that temporary arrays stay small.
+#: Number of points whose sheets are separated at a time, so that temporary arrays stay small.
 SHEETS_AT_ONCE = 1 << 14
-#: Distances from the tangent plane of a sample count so many times: the point may lie on another sheet.
+#: The factor of distances from the tangent plane of a sample: the point may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this, in spacings, are evaluated on the side that the caller names: points of a
 #: boundary and their closest points on the manifold differ by up to 1e-6. Without a named side only points on the
@@ -145,7 +145,7 @@ class PatchLocator:
             scores, shut = self._scores(points[rows], samples, distance, side_of)
             first = samples[np.arange(len(rows)), scores.argmin(axis=1)]
             patch[rows], other_sheets = self._choose_patch(points[rows], samples, scores, first)
-            # Where a boundary shuts out the few nearest samples, sheets are not separated.
+            # Where a boundary excludes the few nearest samples, sheets are not separated.
             has_other_sheets[rows] = other_sheets & ~shut if count == NEIGHBOURS[0] else False
             nearest[rows], rows = first, rows[shut]
             if not len(rows):

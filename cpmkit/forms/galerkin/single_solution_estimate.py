@@ -32,7 +32,7 @@ SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.
 RESOLVED, FOLDED_AREA = (32.0, 100.0), (0.003, 0.01)
 #: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. Where they are more than the
 #: first factor, and more than the second share of the coefficients' range, there is a peak that the lattice does not
-#: resolve yet, and third differences are too small. So they are where their root mean square alone is more than that
+#: resolve yet, and third differences are too small. They are too small, too, if their root mean square exceeds that
 #: share: a wave has six spacings or fewer. (Below it peaks are jumps beside boundaries, at 6,000 unknowns and more.)
 PEAKED, WAVY = 10.5, 0.1
 #: Sources that are folded, and that are sharply curved, on less than the first share of their area count as smooth, on

@@ -64,7 +64,7 @@ BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
 #: The area of a manifold is assumed to be at most so many times that of the faces of its bounding box before it is
 #: measured.
 FOLDED_FACTOR = 10.0
-#: Unknowns per square of the spacing on a surface, about, by degree; more than per spacing on a curve.
+#: Approximate unknowns per squared spacing of area, by degree; those per spacing of length on a curve are fewer.
 UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
 
 

@@ -35,7 +35,7 @@ WAVES: dict[tuple[bool, bool], tuple[tuple[float, float], ...]] = {
 LEAST_DISTANCE_SHARE = 1e-9
 #: A disc with a radius of fewer spacings contains too few splines to distinguish its function from them.
 LEAST_RADIUS_SPACINGS = 1.0
-#: The condition on a side at a tip: on the flux, on the value, or u and its flux continue across.
+#: Kinds of condition on a side at a tip: the flux is given, the value is given, or u and its flux are continuous.
 FLUX, VALUE, THROUGH = range(3)
 
 

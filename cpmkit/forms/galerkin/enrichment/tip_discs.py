@@ -12,7 +12,7 @@ from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
-#: The disc ends where the cosine of the angle between the normals here and at the tip is below this: at 37 degrees.
+#: The disc ends where the cosine of the angle between the normals there and at the tip is below this: at 37 degrees.
 #: Normals are those of triangles with a height above the first share of their longest edge, and so many spacings from
 #: the tip.
 LEAST_COSINE, FLAT_TRIANGLE_SHARE, AT_TIP_SPACINGS = 0.8, 0.05, 0.1

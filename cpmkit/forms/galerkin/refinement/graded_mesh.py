@@ -15,7 +15,7 @@ from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
 from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.types import Bools, Floats, Ints
 
-#: The level of splines is looked up at these shares of an edge.
+#: The level of the splines along an edge is evaluated at these shares of the edge.
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 #: Edges near a tip are no longer than this share of their distance from it, but may be as long as so many spacings: one
 #: such edge holds 1/1000 of the energy within a spacing.
