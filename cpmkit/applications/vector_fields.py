@@ -166,7 +166,7 @@ class TangentField(Result):
     transport: str
 
     def evaluate(self, points: Any, side: Any = None, *, normalized: bool = True) -> Floats:
-        """Return the tangential vectors (n, 3) nearest to ``points``, of length one unless ``normalized`` is False."""
+        """Return the tangential vectors (n, 3) at the surface points nearest to ``points``; unit if ``normalized``."""
         surface = self.solution.scene.surface
         at = as_points(points, surface.dim)
         vectors = tangential(surface, at, self.solution.evaluate(at, side))

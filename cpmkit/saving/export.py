@@ -116,7 +116,7 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
     Raises
     ------
     InputError, MissingDependencyError
-        As :func:`save` does.
+        If :func:`save` would raise it for every solution on the surface.
     """
     path = Path(path)
     suffix = path.suffix.lower()

@@ -167,6 +167,7 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
 
 
 def _bytes(colours: Any) -> Any:
+    """Return colours from 0 to 1 as bytes."""
     return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)
 
 

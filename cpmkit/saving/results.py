@@ -112,8 +112,9 @@ def write_results(
 ) -> WrittenResults:
     """Write all files of ``request`` into ``folder``, which is created; existing files are replaced.
 
-    A failure of a file does not prevent the others, and every written file is whole. The summary is written last, with
-    ``warnings`` in place of the solution's. Pictures and pages show ``drawn_as`` in place of the solution if given.
+    The result has the summary and the failures. A failure of a file does not prevent the others, and every written file
+    is whole. The summary is written last, with ``warnings`` in place of the solution's. Pictures and pages show
+    ``drawn_as`` in place of the solution if given.
     """
     summaries = [file for file in request.files if file.lower().endswith(".json")]
     others = [file for file in request.files if file not in summaries]

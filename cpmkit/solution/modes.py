@@ -65,6 +65,7 @@ class EigenRecord(SolutionRecord):
 
     @property
     def _eigenvalues_text(self) -> str:
+        """The first eigenvalues in words, for ``repr``."""
         first = ", ".join(f"{value:.6g}" for value in self.eigenvalues[:MOST_SHOWN_EIGENVALUES])
         return f"eigenvalues {first}{', ...' if len(self.eigenvalues) > MOST_SHOWN_EIGENVALUES else ''}"
 

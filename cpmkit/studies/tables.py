@@ -51,6 +51,7 @@ def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
 
 
 def _coarsest_first(row: tuple[Entry, str]) -> float:
+    """Return the key by which rows of the table of costs are sorted, the coarsest spacing first."""
     return -row[0].spacing
 
 

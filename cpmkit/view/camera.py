@@ -26,7 +26,7 @@ def upward_axis(points: Floats) -> int:
 def stability(points: Floats, axis: int) -> float:
     """Return the distance of the mean of points (n, 3) to the rim of their base, over their breadth.
 
-    Zero or negative if the points would fall over with ``axis`` up.
+    It is zero or negative if the points would fall over with ``axis`` up.
     """
     from scipy.spatial import ConvexHull, QhullError
 
@@ -157,7 +157,7 @@ def axes_of(view: Direction, up: Upward) -> Floats:
     Raises
     ------
     InputError
-        As :func:`fit` does.
+        If ``view`` or ``up`` is not three numbers, or the two are parallel.
     """
     vector = AXES.get(up, up) if isinstance(up, str) else AXES["z"] if up is None else up
     upward = _unit(as_vector(vector, 3, "up"), "up")
@@ -176,7 +176,7 @@ def _as_text(vector: Sequence[float]) -> str:
 
 
 def _unit(vector: Floats, label: str) -> Floats:
-    """Return the unit vector (3,) of a vector; an InputError that names it as ``label`` if it is zero."""
+    """Return the unit vector (3,) of a vector; raise InputError, which names it as ``label``, if it is zero."""
     largest = np.abs(vector).max()
     if largest == 0:
         raise InputError(f"{label} must be a direction, got three zeros.")

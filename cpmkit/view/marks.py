@@ -105,9 +105,9 @@ def arrows(drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, vector
 
 
 def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift: float) -> Shapes:
-    """Return the heads of arrows: triangles with a corner just beyond ``tips`` (k, 3), seen from ``before`` (k, 3).
+    """Return the heads of arrows: triangles that point from ``before`` (k, 3) to just beyond ``tips`` (k, 3).
 
-    ``lengths`` (k,) are those of the heads, and ``colours`` (k, 3).
+    ``lengths`` (k,) are those of the heads, and ``colours`` is (k, 3).
     """
     ahead = tips - before
     whole = np.maximum(np.linalg.norm(ahead, axis=1), 1e-300)
@@ -137,6 +137,7 @@ def _edges(triangles: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def _lines(drawing: Drawing, points: Floats, edges: Ints, width: float, colour: object, lift: float = LIFT) -> Shapes:
+    """Return lines along ``edges`` (e, 2) of ``points`` (v, 3), in front of the surface by ``lift`` half widths."""
     return lines(points[edges[:, 0]], points[edges[:, 1]], width, lift * drawing.camera.half[0], colour)
 
 
@@ -226,6 +227,7 @@ def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
 
 
 def _figure(rows: int, columns: int) -> Any:
+    """Return an empty white figure of matplotlib with this size in pixels."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(columns / DOTS_PER_INCH, rows / DOTS_PER_INCH), dpi=DOTS_PER_INCH, facecolor="white")
@@ -241,4 +243,5 @@ def _as_bytes(figure: Any) -> Any:
 
 
 def _bytes(picture: Floats) -> Any:
+    """Return colours from 0 to 1 as bytes."""
     return np.round(255 * np.clip(picture, 0, 1)).astype(np.uint8)

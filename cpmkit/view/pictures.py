@@ -145,7 +145,7 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
     Raises
     ------
     InputError
-        As :func:`check_channels` does.
+        If there is no such channel, the channels are no vectors, or isolines of colours are requested.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
     check_channels(look, count, mesh.points.shape[1])
@@ -177,7 +177,7 @@ def shade(
 
 
 def check_channels(look: Look, channels: int, dim: int) -> None:
-    """Check that a solution of ``channels`` channels, in space of dimension ``dim``, can be drawn with this look.
+    """Raise if a solution of ``channels`` channels, in space of dimension ``dim``, cannot be drawn with this look.
 
     Raises
     ------
