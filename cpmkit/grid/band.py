@@ -162,7 +162,7 @@ def build_band(source: LocalSource, spacing: float, degree: int, progress: Progr
 
 
 def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) -> ClosestPoints:
-    """Return the closest points of all nodes, computed in batches."""
+    """Return the closest points of ``nodes`` (n, d), integers, computed in batches."""
     parts = []
     for start in range(0, len(nodes), BATCH_NODES):
         progress("band", start / len(nodes))

@@ -29,7 +29,7 @@ def needed_spacing(surface: ClosestPointSource, spacing: float | None) -> float:
     Raises
     ------
     InputError
-        If it is None, with a suggestion, or not above zero.
+        If it is None (the message suggests a spacing), or not above zero.
     """
     if spacing is None:
         raise InputError(

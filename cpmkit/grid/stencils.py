@@ -91,7 +91,7 @@ def lagrange_slopes(fractions: Floats, degree: int) -> Floats:
 
 
 def tensor_slopes(fractions: Floats, degree: int) -> Floats:
-    """Return the derivatives (n, d, (degree + 1)^d) of :func:`tensor_weights` along each axis, per cell."""
+    """Return the derivatives (n, d, (degree + 1)^d) of :func:`tensor_weights` with respect to fractions, per cell."""
     lines, slopes = lagrange_weights(fractions, degree), lagrange_slopes(fractions, degree)
     dim = lines.shape[1]
     derivatives = np.empty((len(lines), dim, (degree + 1) ** dim))

@@ -128,9 +128,9 @@ def _normalize(vectors: Floats) -> Floats:
 def _by_member(
     surface: LocalSource, feet: ClosestPoints, compute: Callable[[LocalSource, ClosestPoints, Ints], Floats]
 ) -> Floats:
-    """Return the vectors (n, d) that ``compute`` returns for the feet on each member of a union, with the member alone.
+    """Return the vectors (n, d) that ``compute`` returns for the feet on each member of a union.
 
-    ``compute`` gets a member, its feet and their rows, so that other members near by have no influence.
+    ``compute`` gets a member, its feet and their rows (k,), so that other members near by have no influence.
     """
     vectors = np.empty_like(feet.points)
     for member, rows, member_feet in surface.by_member(feet):
@@ -148,8 +148,8 @@ def axis_and_left(
 ) -> tuple[Floats, Floats]:
     """Return the normal n (n, d) of the manifold and the conormal v = n x t (n, d) to the left of a boundary.
 
-    Where n is not needed, both are v. King et al. (2024), section 4.7 and eq. 18: v is its binormal b, and the normal
-    of S_perp in its eq. 11.
+    Here t is the unit tangent of the boundary. Where n is not needed, v is returned for it. King et al. (2024), section
+    4.7 and eq. 18: v is its binormal b, and the normal of S_perp in its eq. 11.
 
     Parameters
     ----------

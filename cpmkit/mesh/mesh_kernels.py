@@ -59,10 +59,10 @@ def lengths(ends: Ints, vertices: Floats) -> Floats:
 
 @compiled
 def join_corners(cells: Ints, of_cells: Ints, barred: Bools) -> Ints:
-    """Return the component (m, 3) of each corner of triangles ``cells`` (m, 3), numbered by first occurrence.
+    """Return the number (m, 3) of the connected component of each corner, in the order of first occurrence.
 
-    The corners at both ends of an edge are joined across it, except over edges that are ``barred`` (e,). ``of_cells``
-    (m, 3) are the edges opposite to the corners.
+    The corners at both ends of an edge are connected across it, except over edges that are ``barred`` (e,). ``cells``
+    (m, 3) are triangles, ``of_cells`` (m, 3) the edges opposite to their corners.
     """
     parent = np.arange(3 * len(cells))
     first = np.full(len(barred), -1, np.int64)

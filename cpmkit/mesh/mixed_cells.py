@@ -146,14 +146,20 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
 
 
 def _halve_segments(cells: Ints, middles: Ints) -> Ints:
-    """Return the segments (k, 2), split at their ``middles`` (m, 1), -1 where a segment stays whole."""
+    """Return the segments (k, 2) into which segments ``cells`` (m, 2) are halved at the vertices ``middles`` (m, 1).
+
+    The vertex is -1 where a segment stays whole.
+    """
     long = middles[:, 0] >= 0
     (a, b), p = cells[long].T, middles[long, 0]
     return np.concatenate([cells[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
 
 
 def _halve_triangles(cells: Ints, middles: Ints) -> Ints:
-    """Return the triangles (k, 3) after halving, from the vertex on each edge ``middles`` (m, 3), -1 on whole edges."""
+    """Return the triangles (k, 3) into which triangles ``cells`` (m, 3) with halved edges are split.
+
+    ``middles`` (m, 3) are the new vertices on the edges, -1 on edges that stay whole.
+    """
     long = middles >= 0
     # Renumber each triangle so that its long edges come first.
     first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)

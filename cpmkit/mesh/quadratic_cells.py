@@ -123,7 +123,10 @@ def _outward_normals(a: Floats, b: Floats, c: Floats) -> Floats:
 
 
 def edge_midpoints_on(surface: ClosestPointSource, points: Floats, edges: OutwardEdges) -> Floats:
-    """Return the closest points (e, d) on ``surface`` of the middles of ``edges``, on its rim for edges of one cell."""
+    """Return the closest points (e, d) on ``surface`` of the middles of ``edges``, on its rim for edges of one cell.
+
+    A middle stays on the chord where the closest point is too far away for the length of the edge.
+    """
     a, b = points[edges.ends[:, 0]], points[edges.ends[:, 1]]
     straight, length = 0.5 * (a + b), np.linalg.norm(b - a, axis=1)
     moved = surface.closest_point(np.ascontiguousarray(straight)).points

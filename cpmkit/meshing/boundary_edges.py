@@ -52,9 +52,10 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
 
 
 def _double_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Ints, Ints]:
-    """Return pairs (k, 2) of rows of ``mesh.cut`` in triangles that would turn over, and the corners (k, 3) of these.
+    """Return pairs (k, 2) of rows of ``mesh.cut`` that are edges of one triangle which would turn over.
 
-    The corner that both edges share comes first. Of triangles that share a row only the first is returned.
+    The corners (k, 3) of these triangles are returned too, the common corner of both edges first. Of triangles that
+    share a row only the first is returned.
     """
     edges = mesh.edges
     row = np.full(len(edges.ends) + 1, -1)

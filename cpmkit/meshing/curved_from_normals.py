@@ -119,7 +119,7 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 
 
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return quadratic triangles on the smooth surface, with facets on boundaries moved onto these.
+    """Return quadratic triangles with nodes on the smooth surface, and nodes of boundary facets on the boundaries.
 
     Parameters
     ----------
@@ -302,7 +302,7 @@ def _is_supported_union(source: LocalSource) -> bool:
 
 
 def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[LocalSource | None]) -> Mesh:
-    """Return the mesh with its vertices on boundaries moved onto these along the surface, then back onto the surface.
+    """Return the mesh with boundary vertices moved along the surface to their boundaries, then back onto the surface.
 
     ``normals`` (v, d) are those at the vertices.
     """

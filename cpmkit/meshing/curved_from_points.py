@@ -36,7 +36,7 @@ DISPLACEMENT_SHARES = np.array([0.0, 0.25, 0.5, 0.75])
 def curve_from_points(
     mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = (), spacing: float | None = None
 ) -> Mesh:
-    """Return quadratic cells on the manifold, with their facets on boundaries and rims moved onto these.
+    """Return quadratic cells with nodes on the manifold; nodes on boundaries and rims of the mesh lie on the true ones.
 
     Parameters
     ----------
@@ -56,9 +56,9 @@ def curve_from_points(
 
 
 def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
-    """Return the mesh with vertices moved onto the manifold, vertices of its rim and of boundaries onto these.
+    """Return the mesh with its vertices on the manifold, rim vertices on its rim, boundary vertices on the boundaries.
 
-    Facets that continue a boundary past its tip are moved onto the manifold alone.
+    Facets that continue a boundary past its tip lie on the manifold alone.
     """
     rim = rim_of_vertices(mesh)
     points = _to_manifold(source, mesh.vertices, rim)
@@ -107,7 +107,7 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
 
 
 def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
-    """Return the vertices (k,) near boundaries to be displaced with these, and their new positions (k, d).
+    """Return the vertices (k,) near boundaries that are displaced like the boundary, and their new positions (k, d).
 
     Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly with distance.
 

@@ -128,7 +128,7 @@ def _area_by_nodes(nodes: LatticeNodes) -> float:
 
 @dataclass(frozen=True, eq=False)
 class CreasePoints:
-    """Points (n, 3) of a surface where it does not look like one plane, and a mask (n,) of those on rims."""
+    """Points (n, 3) where a surface does not look planar, near creases and rims, and a mask (n,) of those on rims."""
 
     points: Floats
     on_rim: Bools

@@ -93,7 +93,7 @@ class RimTest:
 
 
 def move_to_rims(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Floats, Bools]:
-    """Return the vertices (v, 3), with border vertices near rims moved onto these, and a mask (v,) of those on rims."""
+    """Return the vertices (v, 3), border vertices near rims moved onto the rims, and a mask (v,) of rim vertices."""
     edges, moved, on_rim = edge_table(cells), vertices.copy(), np.zeros(len(vertices), dtype=bool)
     for reach in (1.2, 1.2, 2.0):  # spacings
         border = open_edges(moved, cells, edges)  # anew: vertices on the rim improve the conormals of their neighbours

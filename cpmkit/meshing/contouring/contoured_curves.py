@@ -215,7 +215,8 @@ def _meeting_points(
 ) -> tuple[Floats, Floats]:
     """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
 
-    The error is the distance between the strands' tangents, or of the point from these if that is larger.
+    The tangents of both strands are intersected, and the result is projected onto the curve. The error is the larger of
+    the distance between the tangents and the distance of this projection.
     """
     closest = source.closest_point(np.concatenate([p, q])).points
     p, q = closest[: len(p)], closest[len(p) :]

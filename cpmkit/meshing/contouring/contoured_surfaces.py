@@ -141,6 +141,11 @@ def _contour_on(
     """Return the repaired triangulation from one lattice.
 
     Its spacing is ``relative_spacing`` times the form's ``spacing``, its shift ``offsets`` (3,) in its own spacings.
+
+    Raises
+    ------
+    ResolutionError
+        If no triangle results.
     """
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))

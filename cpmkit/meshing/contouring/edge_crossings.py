@@ -81,9 +81,9 @@ class Observation:
 
 
 def _observe(source: LocalSource, points: Floats, known_normals: Floats, length: float) -> Observation:
-    """Return distance, normal and kind of the closest point of ``points`` (n, 3), as an :class:`Observation`.
+    """Return distance and normal of the surface at ``points`` (n, 3), and whether the closest points lie off rims.
 
-    Points on the surface have the ``known_normals`` (n, 3); ``length`` is the length to which tolerances refer.
+    Points on the surface get the ``known_normals`` (n, 3); ``length`` is the length to which tolerances refer.
     """
     answer = source.closest_point(points)
     away = points - answer.points
@@ -99,10 +99,10 @@ def _ranges(source: LocalSource, length: float) -> tuple[float, float]:
 
 
 def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
-    """Return the points at which edges between ``nodes`` cross the surface.
+    """Return the points at which edges between ``nodes`` cross the surface, with unit normals of the surface there.
 
     Each edge is marched from one end, where needed from the other end too. Edges that then leave two lattice faces or
-    more with an odd number of crossings are searched again in short steps.
+    more with an odd number of crossings are searched again by sphere tracing.
     """
     tail, head, axis = _candidate_edges(nodes, 2 * NEAR_NOISES * source.noise)
     s, near_share = nodes.spacing, _ranges(source, nodes.spacing)[0]

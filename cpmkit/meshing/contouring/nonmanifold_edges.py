@@ -111,7 +111,9 @@ def _goes_through(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints
 
 
 def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints) -> tuple[Ints, Ints]:
-    """Return the triangles (m, 3) with a vertex of its own for each fan, and the old vertex (v,) of each vertex.
+    """Return the triangles (m, 3) with a separate vertex for each fan, and the old vertex (v,) of each new vertex.
+
+    A fan is a set of triangles at a vertex that are connected across edges.
 
     Parameters
     ----------

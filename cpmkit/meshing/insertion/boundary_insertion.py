@@ -164,7 +164,7 @@ def _is_close(
 
 
 def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
-    """Return the pairs of a boundary and an earlier boundary on which two consecutive points of it lie."""
+    """Return pairs of a boundary and an earlier boundary on which two consecutive points of the former lie."""
     pairs = set()
     for number, lines in enumerate(polylines):
         for line in lines:
@@ -194,7 +194,7 @@ def point_positions(source: LocalSource, vertices: Floats) -> Floats:
 
 
 def _cut_curve_at_points(mesh: Mesh, boundaries: Sequence[LocalSource]) -> Insertion:
-    """Return a mesh of segments split at the closest points of boundaries, which consist of points."""
+    """Return the segments of a curve split at the closest points of boundaries that consist of points."""
     members = [
         (number, member)
         for number, boundary in enumerate(boundaries)
