@@ -157,6 +157,7 @@ class ReactionExpression:
     dim: int = len(COORDINATES)
 
     def __post_init__(self) -> None:
+        """Check the number and the types of the formulas, and parse them."""
         if not 1 <= len(self.texts) <= MAX_REACTING_CHANNELS:
             raise SceneError(
                 f"a reaction must be 1 to {MAX_REACTING_CHANNELS} formulas, one a channel, got {len(self.texts)}."

@@ -166,4 +166,5 @@ class JacobiThenMultigrid:
 
     @cached_property
     def _prepared_multigrid(self) -> PreparedSolver:
+        """The multigrid iteration, prepared at its first use."""
         return self.multigrid.prepare(self.operator, self.levels)

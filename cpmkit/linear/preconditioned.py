@@ -117,6 +117,7 @@ class PreconditionedCG:
         compatible, means = self._compatible(b)
 
         def correct(residual: Floats, target: Floats, most: int) -> tuple[Floats, int, int]:
+            """Return a correction of u, the iterations and the products with A, as a :data:`Correction`."""
             try:
                 step, taken = conjugate_gradients(
                     self.matrix.apply, self.precondition, residual, target, most, progress, self.slack

@@ -15,7 +15,7 @@ class SolveReport:
     solver : str
         Name of the solver.
     converged : bool
-        True if ``residual <= tolerance``, or if rounding forbids a smaller residual; ``reason`` says which.
+        True if ``residual <= tolerance``, or if rounding forbids a smaller residual, as ``reason`` then states.
     iterations : int
         Largest number of iterations of a channel; 0 for a direct solver.
     operator_applications : int
@@ -24,9 +24,9 @@ class SolveReport:
         The largest ``|b - A u| / |b|`` of a channel, in the Euclidean norm, recomputed from u; A includes its border,
         if it has one. Where most of b is the image of a constant u, the denominator is the norm of the rest.
     tolerance : float
-        The relative residual that was asked for.
+        The relative residual that was requested.
     reason : str
-        One sentence.
+        The residual, the iterations and the tolerance in words.
     """
 
     solver: str

@@ -109,6 +109,7 @@ class SolverOptions(DeclaredOptions):
     further: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        """Check the options declared here, the name of the solver, and the solver's own options."""
         super().__post_init__()
         name, further = self.solver, self.further
         if name not in SOLVER_OPTIONS:

@@ -66,6 +66,7 @@ def _compilation_listener(base: type) -> Any:
     """Return a listener, of class ``base``, of numba's events that reports compiled kernels, not cached ones."""
 
     def on_start(_: object, started: Any) -> None:
+        """Report the kernel whose compilation has started."""
         if not kernels:
             logger.info(
                 "Kernels are compiled at their first use, which takes some twenty seconds; they are kept on disk."

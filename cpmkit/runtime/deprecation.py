@@ -36,6 +36,7 @@ def deprecated_names(
     """
 
     def get(name: str) -> Any:
+        """Return the object with this old name, with a warning, or that of ``otherwise``."""
         if name in new_names:
             place, _, new = new_names[name].rpartition(".")
             warn_renamed(f"{module}.{name}", new_names[name])
@@ -84,6 +85,7 @@ def deprecated_keywords(**new_names: str) -> Callable[[Target], Target]:
     """Return a decorator with which a function or a class's constructor also accepts old keywords: ``old="new"``."""
 
     def decorate(target: Target) -> Target:
+        """Return the function or class with a call that renames old keywords."""
         function: Callable[..., Any] = vars(target)["__init__"] if isinstance(target, type) else target
 
         @functools.wraps(function)

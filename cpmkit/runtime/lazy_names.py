@@ -27,6 +27,7 @@ def lazy_names(
     namespace = vars(sys.modules[package])
 
     def get(name: str) -> Any:
+        """Return the object with this name, imported from its module and stored in the package."""
         if name not in modules:
             message = f"module {package!r} has no attribute {name!r}{advice}"
             raise AttributeError(message, name=name, obj=sys.modules[package])

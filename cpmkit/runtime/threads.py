@@ -40,6 +40,7 @@ def thread_count() -> int:
 
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
+    """Return the process's pool of this number of threads."""
     return ThreadPoolExecutor(threads, thread_name_prefix="cpmkit")
 
 

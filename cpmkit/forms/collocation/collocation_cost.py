@@ -31,13 +31,13 @@ from cpmkit.types import Progress, no_progress
 
 #: A dry run lays out at most about this many cells on the manifold.
 DRY_RUN_CELLS = 12_000
-#: Closest points that are queried again to measure their noise.
+#: Number of closest points that are queried again to measure their noise.
 PROBED_FEET = 1000
 #: Name of the count of closest point queries, and prefix of the counts by source.
 QUERIES_KEY = "queries"
 #: A boundary is reported as snapped if it lies farther off the manifold than this share of the spacing.
 SNAPPED_GAP_SPACINGS = 1e-6
-#: Noise of closest points appears in the solution, as a share of its range, times this over the spacing (measured
+#: Noise of closest points, times this over the spacing, is the noise of the solution as a share of its range (measured
 #: on a circle with a jump, noise of 1e-9 to 1e-4 of its radius, spacings of 0.1 to 0.003).
 NOISE_FACTOR = 6.0
 
@@ -92,7 +92,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         return self._bytes_of(rows, unknowns, solver)
 
     def _bytes_of(self, rows: float, unknowns: float, solver: str) -> float:
-        """Return the bytes at the peak of a solve with so many rows and unknowns."""
+        """Return the bytes at the peak of a solve with this number of ``rows`` of E and of ``unknowns``."""
         scene, degree = self.scene, self.options.own.degree
         return memory.peak_bytes(rows, unknowns, scene.surface.dim, degree, scene.channels, solver)
 

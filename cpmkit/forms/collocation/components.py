@@ -16,7 +16,7 @@ from cpmkit.types import Bools, Ints
 
 #: Weights below this are rounding and connect nothing.
 LEAST_CONNECTING_WEIGHT = 1e-12
-#: Rows of E that are scanned at a time.
+#: Number of rows of E that are scanned at a time.
 COMPONENT_CHUNK_ROWS = 1 << 17
 
 
@@ -44,8 +44,8 @@ def singular_components(tables: Discretization, scene: Scene) -> tuple[int, Ints
 def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
     """Return the number of components that no flux leaves, and the component (n,) of each unknown, -1 on others.
 
-    All components have fluxes if any boundary has ghosts; without ghosts, a component has none if all loops of its edge
-    have zero flux.
+    If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
+    those without edges.
     """
     if any(tables.numbering.unknown_ghosts):
         return 0, np.full(tables.unknowns.count, -1)

@@ -19,7 +19,7 @@ SHARP_TURN_RADIANS = 1 / 3
 #: Least shares of the nodes with sharp turns, and of the stencils that read another sheet, that give a warning.
 SHARP_SHARE, MIXED_SHARE = 5e-3, 1e-3
 #: Neighbours whose normals have a smaller cosine than this are on different sheets or flanks; feet of neighbours
-#: farther apart than so many spacings do not determine the curvature between them.
+#: farther apart than this many spacings do not determine the curvature between them.
 SAME_FLANK_COSINE, MOST_CHORD_SPACINGS = 0.2, 2.0
 #: Share of the nodes whose closest points are doubtful above which there is a warning.
 DOUBTFUL_NODES_SHARE = 1e-4
@@ -29,12 +29,12 @@ JUMP_SPACINGS = 2.0
 #: Share of jumping feet above which there is a warning: Spot with 0.5 percent of them differs from finite elements by 2
 #: percent of the range, with 1.1 percent by 18.
 JUMP_SHARE = 5e-3
-#: A boundary farther off the surface than so many spacings is probably a mistake.
+#: A boundary farther off the surface than this many spacings is probably a mistake.
 OFF_SURFACE_SPACINGS = 0.5
-#: Around a crossing of four different values the solution is off within so many spacings (by the jump; outside twice
+#: Around a crossing of four different values the solution is off within this many spacings (by the jump; outside twice
 #: that it is of order 1 to 2).
 DISTURBED_SPACINGS = 4.0
-#: The share of the difference of the values on both sides of a gap that leaks at most across two spacings; half of it
+#: Largest share of the difference of the values on both sides of a gap that leaks across two spacings; half of it
 #: for each further one (a slit in a sphere: 0.45 at 2, 0.11 at 4, 0.055 at 5 spacings; in the plane a tenth of that).
 LEAK_AT_TWO_SPACINGS = 0.45
 
@@ -65,7 +65,7 @@ def geometry_warnings(layout: Layout, spacing: float) -> list[str]:
     ``spacing`` is smaller than that of the layout where the layout is a coarser one of a dry run.
     """
     return [
-        *(sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # beside a crease the other sheet is a flank
+        *(sharp_bends(layout, spacing) or _mixed_sheets(layout)),  # near a crease another sheet may be the other flank
         *_facing_rims(layout, spacing),
         *_rim_strips(layout, spacing),
         *(one.warning(layout.boundaries.definitions[one.boundary].name, spacing) for one in layout.mixed_sides),

@@ -29,7 +29,7 @@ LEAST_END_DISTANCE_SPACINGS = 1e-6
 #: Nodes past an end may reduce the total weight of a component to this share; below it, on a component hardly wider
 #: than their reach, the mean is taken over the component's own nodes alone.
 PAST_END_WEIGHT_SHARE = 0.5
-#: Means are corrected where c times the square of the surface's size is below this: there a flux that is lost anywhere
+#: Means are corrected where c times the square of the surface's size is below this: there the loss of a flux anywhere
 #: shifts u by a constant.
 SMALL_REACTION = 10.0
 #: A mean that was wrong by more than this share of the range of u is reported.

@@ -27,7 +27,7 @@ MAX_ROUNDED_ENTRIES = 1 << 25
 #: A diagonal entry below this share of the largest counts as zero: a piece of one unknown whose constant is free.
 ZERO_DIAGONAL_SHARE = 1e-14
 #: Largest ratio of diagonal entries for float32: above it a cycle becomes indefinite, as penalties on slivers between
-#: close curves round away the stiffness beside them.
+#: close curves are so large that the stiffness next to them is lost by rounding.
 MAX_DIAGONAL_RATIO = 1e6
 #: Weight of the differences along a line, as a share of the largest diagonal entry on it: above rounding of float32.
 LINE_STABILISATION = 1e-6
@@ -42,7 +42,7 @@ class Level:
     prolongation : csr_array (n, m)
         P, from m coarser unknowns to the n finer unknowns; coarser operators are P' A P + ``added``.
     strip : (k,) int64
-        The finer level's unknowns beside conditions, which a smoother solves for exactly.
+        The finer level's unknowns near conditions, which a smoother solves for exactly.
     added : csr_array (m, m), optional
         A further part of the coarser operator, such as the upwinding that its spacing needs.
     lines : (r, k) int64, optional

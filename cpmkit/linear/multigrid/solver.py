@@ -142,6 +142,7 @@ class PreconditionedGMRES:
         """
 
         def correct(residual: Any, target: Floats, most: int) -> tuple[Any, int, int]:
+            """Return a correction of u, the iterations and the products with A, as a :data:`Correction`."""
             step, taken = gmres(self.operator.apply, self._precondition, residual, target, most, progress)
             return step, taken, taken * (1 + self.cycle.products) * residual.shape[1]
 

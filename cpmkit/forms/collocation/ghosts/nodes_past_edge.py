@@ -41,11 +41,11 @@ from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edg
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
 from cpmkit.types import Bools, Floats, Ints
 
-#: Points on the sides of a corner are searched this many spacings from it, in either direction along the rim,
+#: Points on the sides of a corner are found from points this many spacings from it, in either direction along the rim.
 BESIDE_SPACINGS = 0.6
-#: and by this share of that past the rim, because the closest point of a point on the rim may count as inside.
+#: Those are moved past the rim by this share of the distance: the closest point of one on the rim may count as inside.
 OUTWARD_SHARE = 0.1
-#: Fluxes are read nearer to the corner by this factor: still on its sides, and with almost the values at the corner.
+#: Fluxes are read nearer to the corner by this factor: still on its sides, with almost the values at the corner.
 READ_SHARE = 0.05
 #: A node that is less than this many spacings beyond a side is not beyond it.
 LEAST_BEYOND_SPACINGS = 1e-9

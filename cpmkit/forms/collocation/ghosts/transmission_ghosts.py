@@ -30,8 +30,8 @@ POINTS_EACH_SIDE = 2
 CROWDED_STEP_SHARE = 0.5
 #: An arc of a smaller angle (radians) is as long as its chord.
 STRAIGHT_ARC_RADIANS = 1e-7
-#: A diffusivity is read so many spacings beside the boundary, and twice as far: a curve that is snapped to the surface
-#: lies nearer than that to where the materials meet.
+#: A diffusivity is read at these distances from the boundary, in spacings: a curve that is snapped to the surface
+#: is nearer than that to the place where the materials meet.
 READ_BESIDE_SPACINGS = (0.25, 0.5)
 #: Two readings whose logarithms differ by less are of one material, and are extrapolated to the boundary.
 SAME_MATERIAL_LOG_RATIO = 0.4

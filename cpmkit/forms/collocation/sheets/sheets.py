@@ -193,12 +193,12 @@ class Sheets:
 #: Below this cosine of their normals, height does not decide whether two points are on one sheet, unless they are
 #: within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
 LEVEL_NORMALS_COSINE, NEAR_BOUNDARY_SPACINGS = 0.5, 4.0
-#: Number of nearest boundary samples searched for one on a point's own sheet; points that are searched for at a time.
+#: Number of nearest samples of a boundary that are tested for a point's own sheet; number of points at a time.
 NEAREST_SAMPLES, SEARCH_CHUNK_POINTS = 64, 4096
 #: A point is on another sheet if its height above a boundary's point exceeds this share of the chord. A smaller share
 #: would misjudge points of a rough surface and let values leak across the boundary.
 STEEP_CHORD_SHARE = 0.5
-#: A walk that ends within so many spacings of its goal has reached it; the next sheet is farther away.
+#: A walk that ends within this many spacings of its goal has reached it; the next sheet is farther away.
 REACHED_GOAL_SPACINGS = 0.25
 
 
@@ -284,9 +284,10 @@ class BoundaryOnSheets:
         return nearest.replace_rows(rows, feet), offset, on_sheet
 
     def _from_samples(self, start: ClosestPoints, targets: SurfacePoints) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return feet on the boundary, found by walks along it from the samples ``start``; else as :meth:`relative_to`.
+        """Return points of the boundary found by walks along it from the samples ``start``, with offsets and sheets.
 
-        Where the walk leads to another sheet, over a sharp rim, the sample is the foot.
+        The results are those of :meth:`relative_to`. Where a walk leads to another sheet, over a sharp rim, the result
+        is the sample.
         """
         feet = walk(self.source, targets.points, start, self.spacing, lengthened=False).feet
         offset, on_sheet = self._offsets(SurfacePoints.on(self.surface, feet.points, self.spacing), targets)

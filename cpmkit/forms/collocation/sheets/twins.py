@@ -32,7 +32,7 @@ SHEET_STEP_SPACINGS = 0.3
 #: Most rounds in which new twins may need further twins (the first two find nearly all), and most twins that a node
 #: gets in one round: one for each sheet that it lies between.
 MOST_TWIN_ROUNDS, TWINS_PER_ROUND = 8, 4
-#: Two feet of a node nearer than so many spacings are the same.
+#: Two feet of a node nearer than this many spacings are the same.
 SAME_FOOT_SPACINGS = 0.1
 
 

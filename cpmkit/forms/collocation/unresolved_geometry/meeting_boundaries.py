@@ -20,18 +20,18 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.types import SIDES, Bools, Floats
 
-#: Pairs of boundaries within so many spacings are examined.
+#: Pairs of boundaries are examined where they are within this many spacings.
 MEETING_SPACINGS = 4.0
 #: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil.
 STRIP_SPACINGS = 1.0
-#: Boundaries nearer than this many spacings, at so many places of curves, are at the same place.
+#: Boundaries nearer than this many spacings, for curves at this many points, are at the same place.
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
 DIFFERENT_DATA_SHARE = 1e-6
 #: An end this many spacings from another boundary is closed by it.
 CLOSED_END_SPACINGS = 0.5
 #: Conormals at feet of one side face each other below this cosine: the angle is below 45 degrees, or the flanks run
-#: side by side. Nodes within so many spacings of the boundary are examined.
+#: side by side. Nodes within this many spacings of the boundary are examined.
 FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
 
 

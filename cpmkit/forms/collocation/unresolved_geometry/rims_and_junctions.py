@@ -18,15 +18,15 @@ from cpmkit.manifold.tangent_space import outward_conormals
 from cpmkit.types import Bools, Floats, Ints
 
 #: Half widths of gaps (spacings) that are tested in front of a rim; wider gaps hardly leak. Then the middle of a gap is
-#: found by so many bisections.
+#: found by this many bisections.
 HALF_GAPS_SPACINGS, GAP_BISECTIONS = (0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0), 12
-#: One foot of a rim is examined in each cell of so many spacings.
+#: One point of a rim is examined in each cell of this many spacings.
 RIM_SAMPLE_SPACINGS = 1.5
 #: Least cosines: of the conormal with the direction to a foot ahead, and of that foot with the rim that it faces.
 AHEAD_COSINE, FACING_COSINE = 0.5, 0.8
 #: A gap narrower than this many spacings does not count as a gap.
 TOUCHING_SPACINGS = 1e-3
-#: Step, in spacings, of the differences that give a rim's conormal: across a narrower gap they would see the other rim.
+#: Step, in spacings, of the differences that give a rim's conormal: across a narrower gap they are wrong.
 CONORMAL_STEP_SPACINGS = 0.005
 #: In a gap of at most this many spacings there are hardly any nodes past either rim.
 BRIDGED_GAP_SPACINGS = 1.5
@@ -34,17 +34,17 @@ BRIDGED_GAP_SPACINGS = 1.5
 SLIT_LENGTH_SPACINGS = 6.0
 #: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it.
 WIDE_GAP_SPACINGS = 6.0
-#: A boundary nearer to a rim than this many spacings lies on it, and runs along it if so many samples do; a curve that
+#: A boundary nearer to a rim than this many spacings is on it, and runs along it if this many samples do; a curve that
 #: ends at a rim has one or two there.
 ON_RIM_SPACINGS, RIM_RUN_SAMPLES = 1e-3, 3
 #: The closest point on a rim near a boundary is found from a point this many spacings past the rim.
 PAST_RIM_SPACINGS = 0.05
 #: Members of a union are examined where feet of neighbouring nodes on them are within this many spacings.
 MEMBER_SEARCH_SPACINGS = 3.0
-#: Number of alternating projections on two curves, which converge to where these meet; curves nearer than this many
+#: Number of alternating projections on two curves, which converge to a common point; curves nearer than this many
 #: spacings then meet.
 ALTERNATING_PROJECTIONS, MEETING_CURVES_SPACINGS = 40, 1e-2
-#: Queries so many spacings around a point show whether a curve ends there.
+#: Distance, in spacings, of the queries around a point that decide whether a curve ends there.
 END_PROBE_SPACINGS = 0.05
 
 
