@@ -79,9 +79,9 @@ class Solution(SolutionRecord):
         return error_of(self)
 
     def save(self, path: str | Path, vertices: str = "display", **options: Unpack[SavingKeywords]) -> None:
-        """Write the solution to ``path``; the suffix decides the format: see :func:`cpmkit.saving.export.save`.
+        """Write the solution to ``path`` in the format of its suffix; see :func:`cpmkit.saving.export.save`.
 
-        An existing file is replaced by a whole one or not at all. ``vertices="own"`` writes a mesh file with the
+        An existing file is replaced completely or not at all. ``vertices="own"`` writes a mesh file with the
         vertices and cells that the surface was made from; the options are those of films and pages.
         """
         from cpmkit.saving.export import save

@@ -1,7 +1,7 @@
-"""The hooks that a plugin implements; all of them, in one file.
+"""The hooks that a plugin implements.
 
 A plugin is a module (or any object) with functions marked ``@hookimpl``. It is found through the
-entry point group ``cpmkit.kinds``, one entry point a kind, and imported when a scene names the kind.
+entry point group ``cpmkit.kinds``, with one entry point for each kind, and imported when a scene names the kind.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ hookimpl = pluggy.HookimplMarker("cpmkit")
 def cpmkit_sources() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
     """Return a factory of a ClosestPointSource for each kind of surface, curve or point.
 
-    Its keyword arguments are the scene's keys.
+    The keyword arguments of the factory are the keys of the kind in scene files.
     """
 
 
 @hookspec
 def cpmkit_conditions() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Return a factory of a Condition for each kind of condition; its keyword arguments are its other keys."""
+    """Return a factory of a Condition for each kind of condition.
+
+    The keyword arguments of the factory are the keys of the kind in scene files.
+    """
 
 
 @hookspec
@@ -40,4 +43,4 @@ def cpmkit_backends() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty
 
 @hookspec
 def cpmkit_conformance_cases() -> Sequence[Any]:  # type: ignore[empty-body]
-    """Return at least one ConformanceCase a kind, on which ``cpmkit.testing`` checks the laws."""
+    """Return at least one ConformanceCase for each kind, for which ``cpmkit.testing`` checks the laws of sources."""

@@ -31,9 +31,9 @@ class SavedSolution:
     Attributes
     ----------
     points : (v, d) float64
-        Vertices of the display mesh; a vertex on a boundary appears once a side. Empty if the surface had no mesh.
+        Vertices of the display mesh, those on a boundary once for each side. Empty if the surface had no mesh.
     cells : (m, k) int64
-        Its triangles, segments and points; shorter rows end in -1.
+        Triangles, segments and points of the mesh, by vertex numbers; shorter rows end in -1.
     values : (v, channels) float64
         The solution at the vertices.
     summary : mapping
@@ -58,7 +58,7 @@ def load(path: str | Path) -> SavedSolution: ...
 @overload
 def load(path: str | Path, scene: Scene | str | Path) -> Solution: ...
 def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution | SavedSolution:
-    """Read a solution that was saved as ``.npz``.
+    """Return a solution that was saved as ``.npz``.
 
     Parameters
     ----------
@@ -73,14 +73,14 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
     Returns
     -------
     Solution, or SavedSolution without a scene
-        Of a problem in time the solution at the end, of an eigenvalue problem one channel an eigenfunction; frames and
-        eigenvalues are among the arrays of the SavedSolution.
+        For an equation in time the solution at the end, for an eigenvalue problem one channel for each eigenfunction;
+        frames and eigenvalues are among the arrays of the SavedSolution.
 
     Raises
     ------
     InputError
-        If the file is missing, is not whole, was not written by cpmkit or has a later format, holds unexpected
-        arrays, or belongs to another scene.
+        If the file is missing, incomplete, not written by cpmkit or of a later format, has unexpected arrays, or
+        belongs to another scene.
 
     Examples
     --------

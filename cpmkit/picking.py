@@ -183,13 +183,13 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
     Returns
     -------
     (n, d) float64
-        Points of the surface, in the scene's coordinates; of a closed line the first is also the last.
+        Points of the line on the surface, in the scene's coordinates; a closed line ends with its first point.
 
     Raises
     ------
     InputError
-        If it is no surface or has no mesh, the file has another suffix, or fewer than two points were picked (three of
-        a closed line).
+        If ``shown`` is no surface or has no mesh, the file has another suffix, or fewer than two points were picked
+        (three for a closed line).
     MissingDependencyError
         If pyvista, which shows the window, is not installed.
     """

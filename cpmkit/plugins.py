@@ -235,7 +235,7 @@ def source(kind: str, **keys: Any) -> ClosestPointSource:
 
 
 def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
-    """Read a triangle mesh: OBJ, PLY, STL or OFF.
+    """Return the vertices and faces in the file of a triangle mesh: OBJ, PLY, STL or OFF.
 
     Parameters
     ----------
@@ -245,8 +245,9 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
     Returns
     -------
     vertices : (n, 3) float64
-        In the file's order, exact duplicates merged.
+        Coordinates in the file's order, exact duplicates merged.
     faces : (m, 3) int64
+        Numbers of the vertices of each triangle.
 
     Raises
     ------
@@ -260,7 +261,7 @@ def read_mesh(file: str | Path) -> tuple[Floats, Ints]:
 
 
 def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
-    """Read the texture coordinates of an OBJ file.
+    """Return the texture coordinates in an OBJ file.
 
     Parameters
     ----------
@@ -270,7 +271,7 @@ def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
     Returns
     -------
     coordinates : (k, 2) float64
-        u to the right and v upwards.
+        Texture coordinates u, to the right, and v, upwards.
     corners : (m, 3) int64
         Numbers of the coordinates at the corners of each triangle of :func:`cpmkit.read_mesh`, in its order.
 

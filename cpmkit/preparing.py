@@ -167,7 +167,7 @@ class Prepared(Generic[Family]):
         return solution
 
     def solved_by(self, solver: str, **options: Any) -> Prepared[Family]:
-        """Return the same tables with another linear solver, given by its name and options.
+        """Return the prepared scene with another linear solver, given by its name and options.
 
         Its factors and multigrid levels are cached for further calls.
 
@@ -185,7 +185,7 @@ class Prepared(Generic[Family]):
         return self.others[key]
 
     def sharing_preconditioner(self) -> Prepared[Family]:
-        """Return the same tables for equations that differ a little, as those of an iteration do.
+        """Return the prepared scene for equations that differ a little, as those of an iteration do.
 
         The preconditioner of the first equation with a velocity is used for the following ones too, which then take a
         few iterations more, but half of the time or less. An equation that does not converge with it gets its own.
@@ -206,13 +206,13 @@ class Prepared(Generic[Family]):
         return self.discretized.points.copy()
 
     def field(self, data: Any) -> Field:
-        """Return a field of values at :attr:`points`; see :class:`~cpmkit.Field`.
+        """Return the field with values at :attr:`points` that ``data`` describe; see :class:`~cpmkit.Field`.
 
         Parameters
         ----------
         data : number, sequence, array, callable, VertexData or Solution
-            A function of points; values at ``prepared.points``, (p,) or (p, channels); or a solution, which is taken
-            over without loss if it has the same tables.
+            A function of points; values at ``prepared.points``, (p,) or (p, channels); or a solution, which is not
+            interpolated if it is on the same discretisation.
         """
         return field_of(self.discretized, data)
 
@@ -251,12 +251,12 @@ def prepare(
     progress: ShownProgress = None,
     **options: Any,
 ) -> Prepared[Any]:
-    """Discretise a scene once, for many equations and right-hand sides on it.
+    """Return a scene discretised once, for the solution of many equations and right-hand sides.
 
     Parameters
     ----------
     scene : Scene
-        With the equation that is solved unless another is given.
+        The scene, with the equation that is solved unless another is given.
     spacing : float
         Spacing of the lattice, in the scene's unit of length.
     backend : str
@@ -264,7 +264,7 @@ def prepare(
     progress : callable or bool, optional
         As for :func:`cpmkit.solve`.
     **options
-        Further ones of the solver. For another back end, its own options.
+        Further options of the solver. For another back end, the options of the back end.
 
     Returns
     -------
@@ -277,7 +277,7 @@ def prepare(
 
     Examples
     --------
-    The tables and the factors are made once.
+    The scene is discretised and factorised once.
 
     >>> import cpmkit as ck
     >>> circle = ck.source("analytic.circle")

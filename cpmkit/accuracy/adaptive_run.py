@@ -269,7 +269,7 @@ class AdaptiveRun:
         return self.measured_floor
 
     def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
-        """Return True if a solution has the form and options of another one, by default of the last."""
+        """Return True if a solution has the same form and options as ``other``, by default the last solution."""
         pair = (solution, other or self.last.solution)
         mine, others = (lattice_options(each.discretized) for each in pair)
         return mine is not None and others is not None and mine.own == others.own
@@ -300,7 +300,10 @@ class AdaptiveRun:
         return estimate_from(solution, [coarse], self.in_time, self.order, alone)
 
     def _origin(self, spacing: float) -> Any:
-        """Return a node of the lattice of a solve: the user's if it may be the answer, else one of this solve only."""
+        """Return a node (d,) of the lattice of a solve: the user's if the solve may be the answer, else a shifted node.
+
+        No two solves with shifted nodes have nodes at the same places.
+        """
         if self.origin is not None and any(solve.spacing > spacing for solve in self.solves):
             return self.origin  # ratios of later spacings are not integers
         return shifted_origin(self.scene, spacing, len(self.solves) + 1)

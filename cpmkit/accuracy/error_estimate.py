@@ -64,12 +64,12 @@ class ErrorEstimate:
 
     @property
     def error(self) -> Floats:
-        """The largest error in the solution's own unit, (channels,)."""
+        """The largest error (channels,), in the solution's unit."""
         return np.asarray(self.largest * self.unit)
 
     @property
     def bound(self) -> Floats:
-        """Twice the largest error plus that of the source, in the solution's unit: rarely exceeded."""
+        """Twice the largest error plus that due to the source (channels,), in the solution's unit; rarely exceeded."""
         return np.asarray(ERROR_SAFETY_FACTOR * self.error + self.floor * self.unit)
 
     @property

@@ -235,9 +235,9 @@ def estimate_error(
     scene : Scene
         The scene.
     spacing : float
-        Of the finer solution.
+        Spacing of the finer solution.
     tight : bool
-        Whether a third solution, at the root of two times the spacing, is used: it costs half as much again, and the
+        Whether a third solution, at the root of two times the spacing, is used: it increases the cost by half, and the
         estimate is nearer to the true error.
     **options
         As for :func:`cpmkit.solve`.

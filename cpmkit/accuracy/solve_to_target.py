@@ -89,7 +89,7 @@ def solve_by(
     progress: Progress = no_progress,
     **target: Any,
 ) -> Made:
-    """Find a spacing for a recipe by an error, a time or a memory, as :func:`cpmkit.solve` does.
+    """Return a recipe's solution at a spacing chosen for an error, a time or a memory, as :func:`cpmkit.solve` does.
 
     Parameters
     ----------
@@ -97,13 +97,13 @@ def solve_by(
         ``recipe(spacing, origin)`` returns the solution at a spacing; ``origin`` is to be passed on to
         :func:`cpmkit.prepare` or :func:`cpmkit.solve`.
     scene : Scene
-        With the manifold of the solution.
+        A scene on the manifold of the solution.
     order : float, optional
-        At which errors are assumed to fall; by default that of the form.
+        The order at which errors are assumed to fall; by default that of the form.
     progress : callable, optional
         ``progress(stage, fraction)``.
     **target
-        A tolerance, seconds or a memory at least.
+        At least one of a tolerance, seconds and a memory.
 
     Returns
     -------
@@ -146,14 +146,14 @@ def solve_by(
 
 
 def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float | None = None) -> ErrorEstimate:
-    """Estimate the error of a solution that a recipe made, by making it again at twice the spacing.
+    """Return the estimated error of a recipe's solution, from the recipe's solution at twice the spacing.
 
     Parameters
     ----------
     recipe, order
         As for :func:`solve_by`.
     solution : SolutionRecord
-        Whose error is estimated.
+        The solution whose error is estimated.
 
     Raises
     ------

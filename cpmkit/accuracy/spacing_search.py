@@ -26,9 +26,9 @@ from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 
-#: The spacing aims at this share of the tolerance; that of the second solve, from the estimate of the first solution
-#: alone, at a smaller one, with this order: with these and the factors below, benchmarks/trade.py had answers nearer to
-#: the target, for less time beyond the last solve's, than with others.
+#: Share of the tolerance that is aimed at; for the second solve, whose spacing follows from the first solution alone,
+#: the share and the assumed order. With these and the factors below, benchmarks/trade.py had answers nearer to
+#: the target, for less time in addition to the last solve, than with other values.
 AIMED_SHARE, FIRST_AIMED_SHARE, FIRST_ORDER = 0.55, 0.45, 2.4
 #: Shares of the tolerance below which an estimate is accepted, later and at the first comparison: largest errors
 #: vary more, and with one coarser solution it is not known whether errors fall at their order already.
@@ -38,13 +38,13 @@ SLOW_SHARE = 0.55
 #: Factors of these without an estimate from the solution alone, at first and later; for eigenvalues the second pair,
 #: whose estimates are rather large.
 UNTOLD_SHARES, EIGENVALUE_SHARES = (0.6, 0.75), (0.8, 0.92)
-#: Orders at which errors are taken to fall: at least, at most, and at most where they may fall slowly.
+#: Least and largest order at which errors are assumed to fall, and the largest where they may fall slowly.
 LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
-#: Factors between consecutive spacings: at least, as a smaller one shows little and costs nearly as much again; at
-#: most, so that solutions can be compared, and no whole number, for lattices would have nodes in common; and that up to
+#: Ratios of consecutive spacings: the least, as a smaller one shows little and costs nearly as much again; the
+#: largest, so that solutions can be compared, and no integer, since lattices would share nodes; and the ratio up to
 #: which no solve is made in between.
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
-#: The same from the first solve, which is cheap, to the second; and where the first one has no estimate.
+#: The least and largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
 FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.48, 2.2
 #: A time limit counts as kept up to this factor.
 LATE = 1.5
@@ -55,7 +55,7 @@ MOST_CORRECTIONS = 2
 #: Ratio of the error of linear solves, as a share of the range, to their relative residual: at most about this
 #: (measured: tests/accuracy/test_tolerance.py).
 RESIDUAL_FACTOR = 50.0
-#: Unknowns of the first solve, about, by the manifold's dimension; and the blocks from which they are counted: few, as
+#: Approximate unknowns of the first solve by the manifold's dimension, and the blocks used to count them: few, as
 #: closest points may be expensive.
 FIRST_UNKNOWNS, COUNTED_BLOCKS = {0: 35, 1: 35, 2: 100, 3: 400}, 100
 #: Factor by which a solve may take longer than expected; share of the memory that is used.
@@ -64,7 +64,7 @@ LONGER, PLANNED_SHARE = 1.25, 0.8
 #: of the need, and at most (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at most, in processes of
 #: their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
 PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.4, 20e6
-#: Rounds of the fixed-point iteration for the unknowns that a memory holds: bytes of factors grow faster than these.
+#: Rounds of the fixed-point iteration for the number of unknowns that fits into a memory.
 FITTING_ROUNDS = 20
 
 

@@ -46,7 +46,11 @@ def assemble(form: Discretized) -> LinearSystem:
 
 
 def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
-    """Return the operator A of a steady problem, and A bordered on pieces where a constant is free (else A again)."""
+    """Return the operator A of a steady problem, and A bordered on pieces where a constant is free.
+
+    A piece of the manifold is free if no condition or term determines the constant part of u there. Without such a
+    piece the second operator is A again.
+    """
     stiffness = form.stiffness(form.scene.problem.terms())
     free = form.free_constants(stiffness)
     return stiffness, stiffness if free is None else Bordered(stiffness, free)

@@ -124,7 +124,7 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
 
 
 def _as_floats(values: Any) -> Floats:
-    """Return the result of a callable as float64; truth values count as 1 and 0.
+    """Return ``values``, the result of a callable, as an array of float64; True and False count as 1 and 0.
 
     Raises
     ------
@@ -138,7 +138,7 @@ def _as_floats(values: Any) -> Floats:
 
 
 def as_number(data: Any, label: str) -> float:
-    """Return ``data`` as a float if it is a finite number; truth values and text are refused.
+    """Return ``data`` as a float if it is a finite number, and neither True, False nor text.
 
     Raises
     ------

@@ -48,7 +48,7 @@ class _Law:
 
     @property
     def factors(self) -> tuple[Any, ...]:
-        """The parameters that are not data."""
+        """The parameters of the law that are not data."""
         return ()
 
     @property
@@ -155,7 +155,7 @@ class Mixed(_LinearLaw):
 
     @property
     def is_dissipative(self) -> bool:
-        """True if alpha and a number beta have the same sign."""
+        """True if beta is a number with the sign of alpha, or zero."""
         return not callable(self.beta) and self.alpha * self.beta >= 0
 
 

@@ -44,7 +44,7 @@ class OrientedBoundary:
 
     @property
     def has_sides(self) -> bool:
-        """True if the boundary has one dimension less than the manifold, so that it divides it locally."""
+        """True if the boundary has one dimension less than the manifold, and so divides the manifold locally."""
         return self.source.manifold_dim == self.dimension - 1
 
     @property

@@ -173,7 +173,7 @@ class Scene(Generic[Family]):
         return html_table("Scene", rows)
 
     def oriented(self, boundary: BoundarySet) -> OrientedBoundary:
-        """Return one of the boundaries with its orientation, which is computed once for all spacings and lattices.
+        """Return a boundary of the scene with its orientation, which is computed once for all spacings and lattices.
 
         Raises
         ------
@@ -303,7 +303,7 @@ def _edge_with_data(edge: Any, data: Any) -> Any:
 
 
 def _check_same(old: Condition, new: Any, label: str) -> None:
-    """Raise if a new condition differs from the old one, of the prepared tables, in more than its data.
+    """Raise if a new condition differs from the old condition, that of the prepared scene, in more than its data.
 
     Raises
     ------

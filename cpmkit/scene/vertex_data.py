@@ -96,7 +96,7 @@ FEW_VERTICES = 4
 
 
 class VertexArrays:
-    """Replaces arrays with one row for each vertex of a surface by :class:`VertexData`.
+    """Replaces arrays that have one row for each vertex of a surface by :class:`VertexData`.
 
     A list or tuple has one entry for each channel. An array of NumPy has one row for each vertex if it has as many rows
     as the surface has vertices; a short array has one entry for each channel.

@@ -246,6 +246,6 @@ def _on_curves(more: Schema) -> list[Schema]:
 
 
 def _closed(properties: Schema, needed: bool = True) -> Schema:
-    """Return the JSON schema of a table with exactly these ``properties``, all required if ``needed``."""
+    """Return the JSON schema of a table with no other keys than these ``properties``, all required if ``needed``."""
     required = {"required": sorted(properties)} if needed else {}
     return {"type": "object", "properties": properties, "additionalProperties": False, **required}
