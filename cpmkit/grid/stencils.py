@@ -51,9 +51,9 @@ def stencil_cells(points: Floats, spacing: float, degree: int) -> tuple[Ints, Fl
 def lagrange_weights(fractions: Floats, degree: int) -> Floats:
     """Return the weights (n, d, degree + 1) of one-dimensional Lagrange interpolation along each axis.
 
-    ``fractions`` (n, d) are those of :func:`stencil_cells`. The first barycentric form (Berrut and Trefethen 2004, eq.
-    3.1), ``l(t) lambda_k / (t - t_k)``, with the product ``l(t) / (t - t_k)`` written out, so that a point on a node is
-    no special case.
+    The first barycentric form (Berrut and Trefethen 2004, eq. 3.1), ``l(t) lambda_k / (t - t_k)``, with the product
+    ``l(t) / (t - t_k)`` written out, so that a point on a node is no special case. ``fractions`` (n, d) are those of
+    :func:`stencil_cells`.
     """
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
     differences = fractions[..., None] - nodes

@@ -199,7 +199,7 @@ def _are_linked(trace: Trace, pairs: Ints) -> Bools:
 
 
 def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
-    """Return the nearest two points (n, d), on the chords from a to b and on those from c to d."""
+    """Return the points (n, d) of two chords, from a to b and from c to d, that are nearest to each other."""
     u, v, w = b - a, d - c, a - c
     uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
     with np.errstate(all="ignore"):

@@ -151,7 +151,8 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
 def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Ints, Ints]:
     """Return the tail, the head and the axis, each (c,), of the lattice edges that may cross the surface.
 
-    They are not longer than the sum of the distances at their ends, which are known up to half the ``uncertainty``.
+    Such an edge is not longer than the sum of the distances at its ends, which are known up to half the
+    ``uncertainty``.
     """
     tails, heads, axes = [], [], []
     for axis, stride in enumerate(nodes.codes.strides):

@@ -248,9 +248,10 @@ def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: 
 
 
 def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[str]) -> float:
-    """Insert a curve as edges of the triangulation, and return its largest distance from it, without parts past a rim.
+    """Insert a curve as edges of the triangulation, and return the largest distance between the two.
 
-    ``counts`` counts ``erased`` loops and ``disconnected`` points, between which there is no path.
+    Parts of the curve past a rim do not count. ``counts`` counts ``erased`` loops and ``disconnected`` points, between
+    which there is no path.
     """
     net, farthest = finder.triangulation, 0.0
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))

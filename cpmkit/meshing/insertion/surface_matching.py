@@ -110,7 +110,7 @@ class TriangleSearch:
         return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
 
     def _candidates_of_block(self, points: Floats, start: int) -> Projections:
-        """Return the candidates of the ``BLOCK_SIZE`` points from row ``start`` on."""
+        """Return the candidates, see :meth:`candidates`, of the ``BLOCK_SIZE`` points from row ``start`` on."""
         block = points[start : start + BLOCK_SIZE]
         size, reach = self._nearest_centroid(block)
         point, cell = self._pairs_within(block, size + reach)
