@@ -181,7 +181,7 @@ def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedS
 
 
 def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
-    """Return the ConvergenceError of a solve whose system turned out to be indefinite."""
+    """Return the ConvergenceError, with a report, for a solve whose system turned out to be indefinite."""
     report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
     return ConvergenceError(
         f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "

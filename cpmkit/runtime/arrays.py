@@ -174,7 +174,7 @@ def whole(x: Any, label: str, least: int = 0, most: int | None = None) -> int:
 
 
 def one_row_each(values: Any, count: int, label: str) -> Floats:
-    """Return ``values`` as float64 if they have ``count`` rows; ``label`` names what the rows belong to, in the plural.
+    """Return ``values`` as float64 if they have ``count`` rows, one for each of the objects that ``label`` names.
 
     Raises
     ------

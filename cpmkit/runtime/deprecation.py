@@ -85,7 +85,7 @@ def deprecated_keywords(**new_names: str) -> Callable[[Target], Target]:
     """Return a decorator with which a function or a class's constructor also accepts old keywords: ``old="new"``."""
 
     def decorate(target: Target) -> Target:
-        """Return the function or class with a call that renames old keywords."""
+        """Return the function or class, called with old keywords replaced by new ones."""
         function: Callable[..., Any] = vars(target)["__init__"] if isinstance(target, type) else target
 
         @functools.wraps(function)

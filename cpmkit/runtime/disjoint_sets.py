@@ -43,8 +43,8 @@ def unite_pairs(parent: Any, pairs: Any) -> None:
 def unite_rows(parent: Any, starts: Any, columns: Any, first_row: int, first_column: int) -> None:
     """Unite the set of each row of a sparse matrix with those of the columns in which it has entries.
 
-    The matrix is given by its CSR arrays. Row i has the number ``first_row + i``, column j the number ``first_column +
-    j``.
+    The matrix is given by its CSR arrays. Row i has the number ``first_row + i``, and column j has the number
+    ``first_column + j``.
     """
     for i in range(len(starts) - 1):
         for k in range(starts[i], starts[i + 1]):

@@ -19,7 +19,7 @@ def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
     values : (k,) integers
         Integers from 0 to n - 1.
     n : int
-        Number of different integers.
+        Number of integers that may occur.
 
     Returns
     -------

@@ -136,8 +136,8 @@ class ExtensionOperator:
 class BoundaryMass:
     """The boundary mass ``B = scale W S`` of the eigenproblem ``A u = lambda B u`` with du/db = lambda u at boundaries.
 
-    With ``u(ghost) = u(mirror) + s lambda u(y)``, y the closest point on the boundary, E u becomes ``E u + lambda S
-    u``.
+    With ``u(ghost) = u(mirror) + s lambda u(y)``, y the closest point on the boundary, ``E u`` becomes
+    ``E u + lambda S u``.
 
     Attributes
     ----------

@@ -336,7 +336,7 @@ class Collocation(Reader):
         }
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
-        """Return how the nodes and ghosts differ from ``saved`` ones, empty if they do not.
+        """Return in words how the nodes and ghosts differ from those in ``saved``, empty if they do not.
 
         A few ghosts may continue the other side: for nodes on a boundary, rounding decides.
         """

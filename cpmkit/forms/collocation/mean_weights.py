@@ -85,7 +85,7 @@ def _past_edge(tables: Discretization, offset: Floats) -> Floats:
 
     With t that distance, r the node's height over the tangent plane and k the curvature, the mirror point is ``t (1 + k
     r)`` from the closest point, in a direction along which the node is ``t (1 + k r / 2)`` from it. At order 1 there is
-    no mirror point, and zero is returned.
+    no mirror point, and zero is returned. ``offset`` (inner, d) are the nodes minus their closest points.
     """
     band = tables.layout.band
     rows = np.flatnonzero(band.feet.edge[: len(offset)] >= 0)

@@ -128,7 +128,7 @@ class Reader(Discretized):
         return np.asarray(-to_left if side == "left" else to_left)
 
     def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> None:
-        """Return None, which asks for quadrature of the conormal derivative, the form having no better rule.
+        """Return None: in this form, fluxes are integrated by quadrature of the conormal derivative.
 
         Raises
         ------
