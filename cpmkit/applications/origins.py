@@ -41,8 +41,8 @@ class Origins:
     def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
         """Return the distances (n,) of ``points`` (n, d) from the nearest origins, the places, and the numbers (n,).
 
-        Distances are straight; the places (n, d) are those of the origins nearest to the points. Origins that are
-        points are numbered first, then curves.
+        Distances are straight, and the places (n, d) are the points of the origins that are nearest to ``points``.
+        Origins that are points are numbered first, then curves.
         """
         count = len(self.points)
         best, number = self._nearest_point(points)
@@ -139,7 +139,10 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
 
 
 def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
-    """Return whether whole numbers stand for vertices: always on a mesh; elsewhere d of them are a point."""
+    """Return whether whole numbers stand for vertices rather than for the coordinates of a point.
+
+    On a mesh they always do; elsewhere d of them are a point.
+    """
     try:
         array = np.asarray(numbers)
     except ValueError:  # rows of different lengths

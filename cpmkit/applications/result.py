@@ -99,10 +99,10 @@ class Measured(Result):
         return gradient
 
     def with_recompute(self, recompute: Callable[[float, Any], Solution], solution: Solution | None = None) -> Self:
-        """Return the same result with a function that computes it at other spacings, and a solution with its error.
+        """Return the result with another function ``recompute`` and, if given, another ``solution``.
 
-        Without a ``solution`` the present one gives no error estimate of its own: that would be the error of the last
-        solve alone.
+        ``recompute`` returns the solution at a spacing and an origin of the lattice. Without a ``solution`` the present
+        one is kept, marked so that it makes no error estimate of its own, which would be that of only the last solve.
         """
         return replace(self, recompute=recompute, solution=solution or replace(self.solution, estimated=False))
 

@@ -349,8 +349,8 @@ class SolutionRecord:
         """Return the integral over the manifold of the solution, or of a function of it.
 
         The Galerkin form integrates over its own quadrature points, on its discrete surface; other forms over curved
-        cells of the mesh that is cut along the boundaries. Both keep jumps sharp: the error is at least of the order
-        spacing^3 on smooth manifolds, less than that of the solution.
+        cells of the mesh that is cut along the boundaries. Both keep jumps sharp: on smooth manifolds the
+        error is of third order in the spacing or better, and less than that of the solution.
 
         Parameters
         ----------
@@ -358,7 +358,8 @@ class SolutionRecord:
             Integrated in place of the solution: called with points (n, d) of the manifold and the values there, (n,) or
             (n, channels), it returns (n,) or (n, k). ``1`` gives the length or area.
         dim : int, optional
-            Over the parts of this dimension, where a union has parts of several: lengths and areas do not add up.
+            Dimension of the parts over which is integrated, for a union with parts of several dimensions, since lengths
+            and areas do not add up.
 
         Returns
         -------

@@ -67,7 +67,7 @@ def _form_of(method: str) -> Any:
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
-    """Return the sweep in the table [sweep]; a SceneError names a key or value that is not accepted."""
+    """Return the sweep in the table [sweep]; raise SceneError if a key or value is not accepted."""
     lists = {name: key for name, key in listed().items() if key in table}
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
