@@ -174,7 +174,7 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
 def may_resonate(form: Discretized) -> bool:
     """Return True if the operator of a steady linear problem may have an eigenvalue near zero.
 
-    This is possible where c or a condition may make the energy negative.
+    This is possible if c or a condition may make the energy negative.
     """
     terms = form.scene.problem.terms()
     linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)

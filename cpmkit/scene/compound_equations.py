@@ -129,9 +129,10 @@ class Eigen(Equation[EigenFamily]):
         check_factor(self.c, "c of an eigenvalue problem")
 
     def factors_up_to(self, multigrid: bool) -> float:
-        """Return the multiple of :meth:`Equation.factors_up_to`; 60 with multigrid for eigenvalues near a number.
+        """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
 
-        Inside the spectrum each multigrid solve takes about 20 cycles.
+        With multigrid and eigenvalues near a number it is 60: inside the spectrum each multigrid solve takes about 20
+        cycles.
         """
         return 60.0 if multigrid and self.near is not None else super().factors_up_to(multigrid)
 

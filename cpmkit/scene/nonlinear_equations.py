@@ -121,7 +121,7 @@ class NonlinearDiffusion(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
+        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
@@ -171,7 +171,7 @@ class PLaplacian(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
+        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
         return Terms(self.f, self.c, self._law)
 
     @cached_property
@@ -231,7 +231,7 @@ class TotalVariation(QuasilinearEquation):
         self._check_method()
 
     def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a :class:`StateDiffusivity`, which needs u."""
+        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
         return Terms(_Scaled(self.f, self.c), float(self.c), self._law)
 
     @cached_property
