@@ -9,7 +9,7 @@ from importlib import import_module
 from typing import Any
 
 from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
 from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
@@ -108,6 +108,7 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
         raise InputError(f"form must be {', '.join(map(repr, FORMS))} or {AUTO!r}, got {shown(form)}{near}.")
+    refuse_removed(names)
     chosen = None if form == AUTO else form
     for name in sorted(names, key=lambda name: len(_forms_with(name))):  # an option of one form decides before values
         having, accepting = _forms_with(name), _forms_accepting(name, names)

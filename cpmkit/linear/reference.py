@@ -1,8 +1,8 @@
 """The solver ``reference``: BiCGSTAB as in King et al. (2024), section 5.4, with E and L as separate tables.
 
 Faster solvers are measured against it: its iterations double when the spacing halves. All channels advance together,
-each with its own scalars, so that a product reads the tables once for all of them. King et al. precondition by the
-diagonal of A; that is the same in every row, which scales the whole system and does not change BiCGSTAB, so it is left
+each with its own scalars, so that a product reads the tables once for all of them. The paper preconditions by the
+diagonal of A, which is the same in every row: that scales the whole system and does not change BiCGSTAB, so it is left
 out.
 """
 

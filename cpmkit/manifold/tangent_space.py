@@ -149,7 +149,7 @@ def axis_and_left(
     """Return the normal n (n, d) of the manifold and the conormal v = n x t (n, d) to the left of a boundary.
 
     Here t is the unit tangent of the boundary. Where n is not needed, v is returned for it.
-    King et al. (2024), section 4.7 and eq. 18: v is its binormal b, and the normal of S_perp in its eq. 11.
+    King et al. (2024), section 4.7, eqs. 11 and 18: v is the normal of S_perp, and their binormal b.
 
     Parameters
     ----------

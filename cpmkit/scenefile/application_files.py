@@ -29,6 +29,9 @@ from cpmkit.scenefile.scene_files import (
 )
 from cpmkit.types import Floats
 
+#: Keys of the tables [vectors] and [map] that are options of the application.
+VECTORS_KEYS = ("transport",)
+MAP_KEYS = ("initial", "method", "step", "most_steps", "rest", "texture")
 #: Keys of a curve's table for the values on its sides: colours, and directions.
 COLOUR_KEYS = ("both", "left", "right")
 ALONG_KEYS = ("along", "left", "right")
@@ -55,7 +58,7 @@ def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> di
         If there is no direction, or a key or value is not accepted.
     """
     options = as_table(tables.get("vectors", {}), "[vectors]")
-    check_accepted("[vectors]", options, ("transport",))
+    check_accepted("[vectors]", options, VECTORS_KEYS)
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
@@ -111,7 +114,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
     options = as_table(tables.get("map", {}), "[map]")
-    check_accepted("[map]", options, ("initial", "method", "step", "most_steps", "rest", "texture"))
+    check_accepted("[map]", options, MAP_KEYS)
     options = {**options, **with_vertex_data(_only(options, "initial"), folder, [("surface", scene.surface)], "[map]")}
     options = {**options, **with_vertex_data(_only(options, "texture"), folder, [("target", target)], "[map]")}
     if isinstance(options.get("initial"), list):

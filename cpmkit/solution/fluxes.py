@@ -158,6 +158,9 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
             total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
         checked, name = _check_side(str(boundary), side), str(boundary)
+        if name not in names:
+            accepted = ", ".join(map(repr, names)) or "none"
+            raise InputError(f"no boundary has the name {name!r}; the scene has {accepted}.")
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
             rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)

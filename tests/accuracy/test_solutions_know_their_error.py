@@ -100,7 +100,7 @@ def test_layers_thinner_than_a_spacing_are_reported_and_their_error_is_not_taken
         off = np.sqrt(np.mean((solution.evaluate(at) - exact) ** 2))
         assert solution.error.rms[0] * np.ptp(exact) > 0.45 * off
     for free in (ck.Scene(SPHERE, ck.ScreenedPoisson("x", c=400.0)), ck.Scene(SPHERE, ck.ScreenedPoisson("x"), [ring])):
-        assert not ck.discretize(free, 0.1).slow
+        assert not ck.discretize(free, 0.1).diagnosis().slow
 
 
 def test_folds_as_long_as_the_surface_is_wide_are_reported_at_any_spacing():
@@ -114,8 +114,8 @@ def test_folds_as_long_as_the_surface_is_wide_are_reported_at_any_spacing():
     lens = ck.Scene((vertices, np.concatenate(faces)), ck.ScreenedPoisson("x"))
     cube = ck.Scene(box(), ck.ScreenedPoisson("x"))
     for spacing in (0.1, 0.05):
-        assert re.match("thin, folded or creased|long folds or creases", ck.discretize(lens, spacing).slow)
-        assert not ck.discretize(cube, spacing, form="galerkin").slow
+        assert re.match("thin, folded or creased|long folds or creases", ck.discretize(lens, spacing).diagnosis().slow)
+        assert not ck.discretize(cube, spacing, form="galerkin").diagnosis().slow
 
 
 def test_waves_and_heat_have_an_error_in_time():

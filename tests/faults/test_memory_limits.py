@@ -160,7 +160,7 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
     ("form", "step"),
     [
         ("collocation", "cpmkit.forms.collocation.collocation_cost.lay_out"),
-        ("galerkin", "cpmkit.forms.galerkin.form.discretize"),
+        ("galerkin", "cpmkit.forms.galerkin.discretize_scene.discretize"),
     ],
 )
 def test_memory_that_runs_out_while_explaining_is_one_sentence(monkeypatch, form, step):

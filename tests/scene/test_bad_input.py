@@ -215,7 +215,7 @@ def test_an_unknown_kind_names_those_installed_and_what_would_add_it(monkeypatch
     assert "pip install" not in str(error.value)  # nobody knows who would own a distribution of such a name
     shapes = [kind for kind in plugins.installed_kinds() if not kind.kind.startswith("levelset.")]
     monkeypatch.setattr(plugins, "installed_kinds", lambda: shapes)
-    assert "pip install 'cpmkit[levelset]'" in plugins._unknown_kind("levelset.noise")
+    assert "pip install 'cpmkit[levelset]'" in plugins._unknown_kind_message("levelset.noise")
     with pytest.raises(ck.PluginError) as error:
         ck.source("analytic.cube")
     one_sentence(error, "'analytic.cube'", "analytic.circle")

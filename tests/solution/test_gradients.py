@@ -200,9 +200,9 @@ def test_channels_have_gradients_and_fluxes_each():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (("circle",), "side of 'circle' must be 'left' or 'right': a flux is that out of one side"),
+        (("circle",), "side of 'circle' must be 'left' or 'right': a flux leaves one side"),
         (("nose", "left"), "no boundary has the name 'nose'"),
-        (("edge",), "has no edge to ask for a flux; it is closed"),
+        (("edge",), "has no edge with a flux; it is closed"),
         (("edge", "left"), "the edge has one side only"),
         (("circle", "up"), "must be 'left' or 'right'"),
     ],

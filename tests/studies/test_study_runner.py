@@ -193,7 +193,7 @@ def test_a_wrong_scene_ends_the_study_at_once(file, tmp_path):
         ("orders = [1, 2]", "methods = [3]", "methods of .sweep. must be names"),
         ("[0.1, 0.05, 0.025]", "[0.1, -0.05]", "each spacing of .sweep. must be a finite number above zero"),
         ("[let]", "[discretization]\nspacing = 0.1\n[let]", "spacing stands in spacings of .sweep., not in"),
-        ('exact = "x + y"', 'x = "1"', "the name 'x' of .let. is taken"),
+        ('exact = "x + y"', 'x = "1"', "the name 'x' of .let. is reserved"),
         ('exact = "x + y"', "exact = true", "exact of .let. must be a formula or a number"),
         ("[sweep]", "[sweep", "cut.toml is not TOML"),
     ],

@@ -124,7 +124,7 @@ def test_the_sides_of_a_box_are_its_edges():
         ("union", {"members": []}, "members must be a list of sources"),
         ("union", {"members": [SPHERE, 3]}, "member 1 must be a closest point source"),
         ("union", {"members": [SPHERE, CIRCLE]}, "same space"),
-        ("moved", {"of": 3}, "what is moved must be a closest point source"),
+        ("moved", {"of": 3}, "the source to move must be a closest point source"),
         ("moved", {"of": SPHERE, "scale": 0}, "scale must be a finite number above zero"),
         ("moved", {"of": CIRCLE, "rotation": [0, 0, 1]}, "rotation must be an angle"),
         ("solid", {"of": SEGMENT}, "dimension 1 in 3D"),
