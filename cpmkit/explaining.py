@@ -103,10 +103,10 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     unknowns = at_surface + sum(at_boundaries)
     chosen = model.choose_solver(solver, unknowns)
     model.check_fits(unknowns, chosen)
-    parts = [Part("unknowns of the surface", _about(at_surface), f"form {options.form!r}: {options.reason}")]
+    parts = [Part("unknowns of the surface", _rounded_count(at_surface), f"form {options.form!r}: {options.reason}")]
     for boundary, count in zip(scene.boundaries, at_boundaries, strict=True):
         why = f"each side has its own: {sides_in_words(boundary)}"
-        parts.append(Part(f"unknowns at {boundary.name!r}", _about(count), why))
+        parts.append(Part(f"unknowns at {boundary.name!r}", _rounded_count(count), why))
     return Explanation(
         parts=(*parts, solver_part(scene, chosen, solver)),
         left_out=(),
@@ -120,7 +120,7 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     )
 
 
-def _about(count: float) -> str:
+def _rounded_count(count: float) -> str:
     """Return the text "about" with a count rounded to two digits."""
     return f"about {float(f'{count:.1g}' if count < 10 else f'{count:.2g}'):,.0f}"
 

@@ -87,7 +87,7 @@ def load(kind: str) -> Any:
     PluginError
         If no installed distribution declares the kind, or its plugin does not import.
     """
-    point = _point(kind)
+    point = _entry_point(kind)
     try:
         plugin = point.load()
     except Exception as error:
@@ -98,7 +98,7 @@ def load(kind: str) -> Any:
     return plugin
 
 
-def _point(kind: str) -> EntryPoint:
+def _entry_point(kind: str) -> EntryPoint:
     """Return the entry point of ``kind``; the metadata are read at the first use of the kind only.
 
     Raises

@@ -45,12 +45,12 @@ def error_of_equal_cost() -> float:
     rows = json.loads((files("cpmkit.accuracy") / "degree_choice.json").read_text(encoding="utf-8"))
     logarithms = []
     for surface in sorted({row["surface"] for row in rows}):
-        (slope, height), (cubic_slope, cubic_height) = (_line(rows, surface, degree) for degree in (2, 3))
+        (slope, height), (cubic_slope, cubic_height) = (_cost_line(rows, surface, degree) for degree in (2, 3))
         logarithms.append((cubic_height - height) / (slope - cubic_slope))
     return float(np.exp(np.mean(logarithms)))
 
 
-def _line(rows: list[dict[str, Any]], surface: str, degree: int) -> Floats:
+def _cost_line(rows: list[dict[str, Any]], surface: str, degree: int) -> Floats:
     """Return the slope and the height of log(seconds) as a line over log(error), for a surface and a degree."""
     chosen = [row for row in rows if row["surface"] == surface and row["degree"] == degree]
     finest = sorted(chosen, key=lambda row: row["spacing"])[:2]

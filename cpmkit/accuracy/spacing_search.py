@@ -20,7 +20,7 @@ from cpmkit.forms.choice import cost_model
 from cpmkit.forms.cost_model import CostModel, Growth, line_through, rising_growth
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
-from cpmkit.grid.spacings import unknowns_at_one
+from cpmkit.grid.spacings import unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
@@ -134,16 +134,16 @@ def _refine(run: AdaptiveRun) -> None:
         here, limit = run.last.spacing, finest_spacing(run)
         goal, farthest = max(_goal_spacing(run, aim), limit), max(here / MOST_FACTOR, limit)
         if here / goal > WORTH_COMPANION:
-            _solve(run, "companion", max(math.sqrt(goal * here), MOST_FACTOR * goal, farthest))
+            _solve_at(run, "companion", max(math.sqrt(goal * here), MOST_FACTOR * goal, farthest))
             continue
         goal = max(goal, farthest)
         if here / goal < (LEAST_RATIO if run.target.tolerance is None else TELLING_RATIO):
             break
         answers += 1
-        _solve(run, "answer" if answers == 1 else "correction", goal)
+        _solve_at(run, "answer" if answers == 1 else "correction", goal)
 
 
-def _solve(run: AdaptiveRun, purpose: Purpose, spacing: float) -> None:
+def _solve_at(run: AdaptiveRun, purpose: Purpose, spacing: float) -> None:
     """Solve at a spacing, with the expected time reported to the progress callback."""
     run.solve(purpose, spacing, expected_seconds(run, spacing))
 
@@ -237,7 +237,7 @@ def first_spacing(scene: Scene) -> float:
     """Return the spacing of the first solve, for a number of unknowns that depends on the manifold's dimension."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    spacing = (unknowns_at_one(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
+    spacing = (unknowns_at_unit_spacing(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
     return float(min(spacing, COARSEST_SPACING_SHARE * np.ptp(surface.bounds, axis=0).max()))
 
 
@@ -250,7 +250,7 @@ def expected_seconds(run: AdaptiveRun, spacing: float) -> float | None:
     """Return the expected duration of a solve at a spacing; None before two solves were timed."""
     if len(run.solves) < 2:
         return None
-    start, slope = _seconds(run)
+    start, slope = _seconds_line(run)
     return start + slope * _growth(run).at(spacing)
 
 
@@ -305,7 +305,7 @@ def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
     return next(solve for solve in reversed(run.solves) if solve.spacing > 1.1 * fine.spacing), fine
 
 
-def _seconds(run: AdaptiveRun) -> tuple[float, float]:
+def _seconds_line(run: AdaptiveRun) -> tuple[float, float]:
     """Return the constant and the slope of the duration as a linear function of the number of unknowns."""
     coarse, fine = ((float(solve.unknowns), solve.seconds) for solve in _last_two(run))
     return line_through(coarse, fine)
@@ -318,7 +318,7 @@ def _most_in_time(run: AdaptiveRun) -> float:
     """
     if run.target.seconds is None:
         return np.inf
-    start, slope = _seconds(run)
+    start, slope = _seconds_line(run)
     m = max(largest_dim(run.scene.surface), 1)
     remaining = (run.target.seconds - run.elapsed) / LONGER
     coarse_share = 0.0 if run.last.purpose == "companion" else 0.5**m

@@ -256,13 +256,13 @@ def harmonic_map(
     rest, most_steps = positive(rest, "rest"), whole(most_steps, "most_steps", 1, 1_000_000)
     scene = _scene(surface, target, landmarks)
     prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
-    start = _start(prepared, target, initial)
+    start = _initial_images(prepared, target, initial)
     if method == "explicit":
         result = explicit_flow(prepared, target, start, step, most_steps, rest)
     else:
         half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
         first = STEP_SHARE * half**2 if step is None else positive(step, "step")
-        covering = _covering(prepared, target, initial)
+        covering = _initially_covered_area(prepared, target, initial)
         result = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
     solution, energy, at_rest = result
     if not at_rest and len(energy) > most_steps:
@@ -270,7 +270,7 @@ def harmonic_map(
     return SurfaceMap(solution, target, np.array(energy), at_rest)
 
 
-def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
+def _initially_covered_area(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
     """Return the area that the initial map covers, a lower bound of its homotopy class's energy; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
     try:
@@ -281,7 +281,7 @@ def _covering(prepared: Prepared, target: ClosestPointSource, initial: Any) -> f
         return 0.0
 
 
-def _start(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
+def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
     """Return the images (p, k), on the target, of the points of the prepared scene under the initial map.
 
     Raise InputError if ``initial`` is not accepted.

@@ -117,7 +117,7 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
         if not everywhere:
             pieces = pieces_of(prepared)
             cold &= pieces.any_of(heat.values > 0.0)[pieces.of_point]
-        underflow = only_underflow(heat.values, cold)
+        underflow = is_only_underflow(heat.values, cold)
         if underflow or time > longest_time(prepared):
             break
         time *= TIME_GROWTH
@@ -127,7 +127,7 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
     return heat.gradient().map(lambda _, slopes: np.where(undirected[:, None], 0.0, -unit(slopes)))
 
 
-def only_underflow(heat: Floats, cold: Bools) -> bool:
+def is_only_underflow(heat: Floats, cold: Bools) -> bool:
     """Return whether the ``cold`` points (p,) are few and the heat (p,) of none of them is exactly zero.
 
     It is zero on a piece without an origin; elsewhere it is small by underflow or rounding.

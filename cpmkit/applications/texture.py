@@ -157,7 +157,7 @@ def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats
     parcel = (ends - 1) // PARCEL_PIXELS
     for number in np.unique(parcel[size.prod(axis=1) > 0]):
         rows = np.flatnonzero(parcel == number)
-        row, column, line = _boxes(rows, low[rows], size[rows])
+        row, column, line = _pixels_in_boxes(rows, low[rows], size[rows])
         weight = _barycentric(triangles[row], np.stack([column, line], axis=1))
         inside = (weight >= 0).all(axis=1)
         pixel = line[inside] * width + column[inside]
@@ -166,7 +166,7 @@ def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats
     return shown, local, int(np.count_nonzero(times > 1))
 
 
-def _boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
+def _pixels_in_boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
     """Return the triangle (n,), the column (n,) and the line (n,) of all pixels in the bounding boxes of triangles.
 
     ``rows`` (r,) are the triangles, ``low`` (r, 2) the first column and line of each box, and ``size`` (r, 2) its width

@@ -54,7 +54,9 @@ class CommandGroup(click.Group):
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
         plugged = [
-            (name, _origin(_plugin_commands()[name])) for name in self.list_commands(ctx) if name not in self.commands
+            (name, _distribution_text(_plugin_commands()[name]))
+            for name in self.list_commands(ctx)
+            if name not in self.commands
         ]
         if plugged:
             with formatter.section("Commands of plugins"):
@@ -147,7 +149,7 @@ def _plugin_commands() -> Mapping[str, EntryPoint]:
     return {point.name: point for point in sorted(entry_points(group=COMMANDS_GROUP), key=lambda point: point.name)}
 
 
-def _origin(point: EntryPoint) -> str:
+def _distribution_text(point: EntryPoint) -> str:
     """Return the distribution of a plugin's command, or its module, in words."""
     return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
 
@@ -157,7 +159,11 @@ def _load(point: EntryPoint) -> click.Command:
     try:
         command = point.load()
     except Exception as error:
-        raise PluginError(f"The command {point.name!r} ({_origin(point)}) does not import: {error}") from error
+        raise PluginError(
+            f"The command {point.name!r} ({_distribution_text(point)}) does not import: {error}"
+        ) from error
     if not isinstance(command, click.Command):
-        raise PluginError(f"The command {point.name!r} ({_origin(point)}) is {command!r}, not a click command.")
+        raise PluginError(
+            f"The command {point.name!r} ({_distribution_text(point)}) is {command!r}, not a click command."
+        )
     return command

@@ -20,7 +20,7 @@ Command = TypeVar("Command", bound=Callable[..., Any])
 ESTIMATED_SECONDS = 1.0
 
 
-def _finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+def _check_finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
     """Return the value of an option; raise click.BadParameter if it is not finite."""
     if value is not None and not math.isfinite(value):
         raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
@@ -33,7 +33,7 @@ scene_argument = click.argument(
 spacing_option = click.option(
     "--spacing",
     type=click.FloatRange(min=0, min_open=True),
-    callback=_finite,
+    callback=_check_finite,
     metavar="LENGTH",
     help="Distance between grid nodes, in the scene's unit; overrides the file's.",
 )
@@ -60,7 +60,7 @@ def accuracy_options(command: Command) -> Command:
         click.option(
             "--seconds",
             type=positive,
-            callback=_finite,
+            callback=_check_finite,
             metavar="SECONDS",
             help="In place of a spacing, or as a limit beside a tolerance: the time of the solve.",
         ),

@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, require
-from cpmkit.forms.free_constants import Imbalance, defects_of
+from cpmkit.forms.free_constants import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
@@ -114,7 +114,7 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     v, first = constants.solve(prepared, q, context.tolerance, progress=context.progress)
     imbalances: tuple[Imbalance, ...] = ()
     if isinstance(operator, Bordered):
-        v, imbalances = defects_of(operator, q, v, form)
+        v, imbalances = balanced_solution(operator, q, v, form)
     u, second = constants.solve(prepared, r + _times_mass(form, v), context.tolerance, progress=context.progress)
     if isinstance(operator, Bordered):
         u, v = _with_mean_of_laplacian(operator, form, u, v)

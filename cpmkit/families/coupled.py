@@ -54,7 +54,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     _check_unique(form, stiffness, coupling)
     operator = coupled_operator(stiffness, form, coupling)
     b = (form.load(problem.f) + form.condition_load(stiffness)).reshape(-1, 1)
-    prepared = context.solver.prepare(operator, _levels(form, stiffness, channels))
+    prepared = context.solver.prepare(operator, _levels_for_channels(form, stiffness, channels))
     built = time.perf_counter()
     guess = None if context.guess is None else context.guess.reshape(-1, 1)
     each_channel = np.asarray(np.kron(form.constant, np.eye(channels)), dtype=np.float64)
@@ -135,7 +135,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
     return CsrOperator(matrix, symmetric=bool(symmetric and stiffness.symmetric), symmetric_pattern=True)
 
 
-def _levels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
+def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) -> Sequence[Level]:
     """Return the multigrid levels of a scalar ``stiffness``, each repeated for all ``channels``."""
     from scipy.sparse import eye_array, kron
 

@@ -109,10 +109,10 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     check_one_channel(context.scene.channels)
     form.check(context.solver_name)
     terms = replace(problem.terms(), f=_CachedData(problem.terms().f))
-    u = _start(context, problem, terms)
+    u = _first_iterate(context, problem, terms)
     penalty_scale = _mean_diffusivity(context, problem, u) if problem.uniform_penalty else None
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), penalty_scale)
-    u, count = _continuation(steps, problem, u) if context.guess is None else (u, _StepCount())
+    u, count = _continued_iterate(steps, problem, u) if context.guess is None else (u, _StepCount())
     u, count = _converge(steps, problem, u, count)
     last = _solve_linear(context, steps.frozen_terms(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
@@ -150,7 +150,7 @@ class _CachedData:
         return self.cache[0][1]
 
 
-def _start(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
+def _first_iterate(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
     """Return the first iterate (n, 1): the guess, the equation's initial guess, or the solution with diffusivity 1."""
     form, data = context.discretized, problem.initial_guess
     if context.guess is not None:
@@ -167,7 +167,7 @@ def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = No
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
-def _continuation(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _StepCount]:
+def _continued_iterate(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _StepCount]:
     """Solve the equations of the continuation in turn, each from the solution of the one before.
 
     Return the last solution (n, 1), from which the problem itself starts, and the count of the steps taken.
@@ -203,7 +203,7 @@ def _converge(
     for _ in range(MOST_STEPS[method]):
         before = state.u
         state, report = step(state)
-        count = count.plus(report, _record(steps, problem, before, state))
+        count = count.plus(report, _step_record(steps, problem, before, state))
         change = count.records[-1].change
         if change <= share:
             return state.u, count
@@ -216,7 +216,7 @@ def _converge(
     )
 
 
-def _record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
+def _step_record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
     """Return the record of the step from the iterate ``before`` (n, 1) to ``state``."""
     form = steps.context.discretized
     old, new = form.at_points(before), form.at_points(state.u)

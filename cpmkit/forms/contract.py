@@ -29,7 +29,7 @@ from cpmkit.forms.form_records import (
     StateFlux,
     SteadyResult,
 )
-from cpmkit.forms.free_constants import defects_of, free_pieces
+from cpmkit.forms.free_constants import balanced_solution, free_pieces
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import advice_of
@@ -288,7 +288,7 @@ class FormDiagnosis(FormValues):
         """Return the solution u of ``operator u = b`` without free constants, and the imbalances of b."""
         if not isinstance(operator, Bordered):
             return SteadyResult(u)
-        return SteadyResult(*defects_of(operator, b, u, self))
+        return SteadyResult(*balanced_solution(operator, b, u, self))
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings that hold for any solution."""

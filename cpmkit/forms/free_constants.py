@@ -182,7 +182,7 @@ def free_pieces(
     return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
 
-class KnowsPoints(Protocol):
+class DescribesPieces(Protocol):
     """The members of a form that are needed to describe pieces of the manifold."""
 
     @property
@@ -209,7 +209,9 @@ class _Piece(NamedTuple):
 _PIECES: WeakKeyDictionary[Border, list[_Piece]] = WeakKeyDictionary()
 
 
-def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> tuple[Floats, tuple[Imbalance, ...]]:
+def balanced_solution(
+    operator: Bordered, b: Floats, u: Floats, form: DescribesPieces
+) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and the imbalance of the load ``b`` on each."""
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
@@ -230,7 +232,7 @@ def defects_of(operator: Bordered, b: Floats, u: Floats, form: KnowsPoints) -> t
     )
 
 
-def _described_pieces(form: KnowsPoints, indicator: Floats) -> list[_Piece]:
+def _described_pieces(form: DescribesPieces, indicator: Floats) -> list[_Piece]:
     """Return the description of each of the k pieces with the indicators ``indicator`` (n, k)."""
     pieces, points = [], form.points
     for on_piece in (form.at_points(indicator) > MOSTLY).T:

@@ -152,13 +152,13 @@ def _one_and_square(s: Steps, kernel: str, a: int) -> int:
     return s.apply(kernel, s.number(1.0), s.apply("multiply", a, a))
 
 
-def _over_squares(s: Steps, numerator: int, a: int, b: int) -> int:
+def _over_sum_of_squares(s: Steps, numerator: int, a: int, b: int) -> int:
     """Return the place of ``numerator / (a**2 + b**2)``."""
     squares = s.apply("add", s.apply("multiply", a, a), s.apply("multiply", b, b))
     return s.apply("divide", numerator, squares)
 
 
-def _arcsin(s: Steps, f: int, a: int) -> int:
+def _arcsin_slope(s: Steps, f: int, a: int) -> int:
     """Return the place of the derivative of arcsin at a, ``1 / sqrt(1 - a**2)``."""
     del f
     return _reciprocal(s, s.apply("sqrt", _one_and_square(s, "subtract", a)))
@@ -185,12 +185,12 @@ PARTIALS: dict[str, tuple[Partial, ...]] = {
     "sin": (lambda s, _f, a: s.apply("cos", a),),
     "cos": (lambda s, _f, a: s.apply("negative", s.apply("sin", a)),),
     "tan": (lambda s, f, _a: _one_and_square(s, "add", f),),
-    "arcsin": (_arcsin,),
-    "arccos": (lambda s, f, a: s.apply("negative", _arcsin(s, f, a)),),
+    "arcsin": (_arcsin_slope,),
+    "arccos": (lambda s, f, a: s.apply("negative", _arcsin_slope(s, f, a)),),
     "arctan": (lambda s, _f, a: _reciprocal(s, _one_and_square(s, "add", a)),),
     "arctan2": (
-        lambda s, _f, a, b: _over_squares(s, b, a, b),
-        lambda s, _f, a, b: s.apply("negative", _over_squares(s, a, a, b)),
+        lambda s, _f, a, b: _over_sum_of_squares(s, b, a, b),
+        lambda s, _f, a, b: s.apply("negative", _over_sum_of_squares(s, a, a, b)),
     ),
     "sinh": (lambda s, _f, a: s.apply("cosh", a),),
     "cosh": (lambda s, _f, a: s.apply("sinh", a),),

@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
-from cpmkit.grid.lattice import Codes, find
+from cpmkit.grid.lattice import Codes, find_codes
 from cpmkit.grid.spacings import check_fits
 from cpmkit.grid.stencils import base_offset, stencil_range, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
@@ -90,12 +90,12 @@ class Band:
 
     def find_inner(self, nodes: Ints) -> Ints:
         """Return the numbers of integer ``nodes`` (..., d) among the inner nodes, -1 where they are not inner."""
-        return find(self._inner_codes, self.codes.encode(nodes))
+        return find_codes(self._inner_codes, self.codes.encode(nodes))
 
     def find(self, nodes: Ints) -> Ints:
         """Return the numbers of integer ``nodes`` (..., d) in the band, -1 outside it."""
         codes = self.codes.encode(nodes)
-        inner, outer = find(self._inner_codes, codes), find(self._outer_codes, codes)
+        inner, outer = find_codes(self._inner_codes, codes), find_codes(self._outer_codes, codes)
         return np.where(inner >= 0, inner, np.where(outer >= 0, outer + self.inner, -1))
 
     @cached_property

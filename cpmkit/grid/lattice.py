@@ -150,7 +150,7 @@ class Codes:
         return np.unique(shifted)
 
 
-def find(sorted_codes: Ints, codes: Any) -> Ints:
+def find_codes(sorted_codes: Ints, codes: Any) -> Ints:
     """Return the positions of ``codes`` (...,) in ``sorted_codes`` (n,), -1 for codes that are not among these."""
     position = np.searchsorted(sorted_codes, codes)
     position[position == len(sorted_codes)] = 0

@@ -94,10 +94,10 @@ def fitting_spacing(source: LocalSource, degree: int, available: int, solver: st
     It depends neither on the spacing of the user nor on the origin of the lattice.
     """
     unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
-    return rounded_up((unknowns_at_one(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
+    return rounded_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 
-def unknowns_at_one(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
+def unknowns_at_unit_spacing(source: LocalSource, degree: int, counted: int = COUNTED_BLOCKS) -> float:
     """Estimate the number of unknowns of a band, times the spacing to the power of the manifold's dimension.
 
     The number of nodes follows from the first level of blocks (:func:`cell_levels`) of which more than ``counted`` meet

@@ -35,7 +35,7 @@ def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -
 
 
 @compiled
-def subtract(
+def fill_residual(
     start: int, stop: int, pointers: Any, columns: Any, entries: Any, x: Floats, b: Floats, out: Floats
 ) -> None:
     """Fill the rows from ``start`` to ``stop`` of ``out`` (n, channels) with those of ``b - A x``."""
@@ -228,7 +228,7 @@ def sweep_up(pointers: Any, columns: Any, entries: Any, inverse: Floats, rest: F
         move = np.zeros(len(inverse))
         for i in range(len(inverse) - 1, -1, -1):
             first, stop = pointers[i] + unit, pointers[i + 1]
-            here = left[i] - _right_of(first, stop, columns, entries, move)
+            here = left[i] - _row_product(first, stop, columns, entries, move)
             if inverse[i] == 0.0:
                 left[i] = here
                 continue
@@ -252,13 +252,13 @@ def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Fl
         for i in range(len(inverse)):
             first, stop = pointers[i] + unit, pointers[i + 1]
             if inverse[i] != 0.0:
-                values[i] = inverse[i] * (left[i] - _right_of(first, stop, columns, entries, values))
+                values[i] = inverse[i] * (left[i] - _row_product(first, stop, columns, entries, values))
             for k in range(first, stop):
                 left[columns[k]] -= np.float64(entries[k]) * values[i]
 
 
 @inlined
-def _right_of(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
+def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
     """Return the scalar product of x with the entries from k to ``stop``.
 
     Four sums are formed, which do not wait for each other.

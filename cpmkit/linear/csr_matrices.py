@@ -83,10 +83,10 @@ class UnsignedCsr:
 
     def residual(self, x: Floats, b: Floats) -> Floats:
         """Return ``b - A x`` (n, channels)."""
-        from cpmkit.linear.csr_kernels import subtract
+        from cpmkit.linear.csr_kernels import fill_residual
 
         out = np.empty_like(b)
-        self._run_on_parcels(subtract, x, b, out)
+        self._run_on_parcels(fill_residual, x, b, out)
         return out
 
     def apply(self, x: Floats) -> Floats:

@@ -96,10 +96,10 @@ def _sum_of(weight: float, mass: Operator | None, factor: float, operator: CsrOp
     """Return the operator ``factor A + weight M`` with A's attributes; M is the identity if no mass is given."""
     symmetric = operator.symmetric and (mass is None or mass.symmetric)
     pattern = operator.symmetric_pattern
-    return CsrOperator(_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
+    return CsrOperator(_matrix_sum(factor, operator, weight, mass), symmetric, symmetric_pattern=pattern)
 
 
-def _sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> csr_array:
+def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | None) -> csr_array:
     """Return the matrix ``factor A + weight M``; M is the identity if no mass is given."""
     from scipy.sparse import eye_array
 
@@ -263,11 +263,11 @@ class ComplexShift(_DerivedOperator):
 
     def to_csr(self) -> csr_array:
         """Return the complex matrix."""
-        return _sum(1.0, self.operator, -1j * self.s, self.mass)
+        return _matrix_sum(1.0, self.operator, -1j * self.s, self.mass)
 
     def positive_matrix(self) -> csr_array:
         """Return the real matrix ``A + s M``; the eigenvalues of ``(A + s M)^-1 (A - i s M)`` are between 1 and -i."""
-        return _sum(1.0, self.operator, self.s, self.mass)
+        return _matrix_sum(1.0, self.operator, self.s, self.mass)
 
 
 @dataclass(frozen=True, eq=False)

@@ -79,11 +79,11 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
 def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent spaces of ``surface`` at ``feet``."""
     return _by_member(
-        surface, feet, lambda member, member_feet, rows: _project(member, member_feet, vectors[rows], step)
+        surface, feet, lambda member, member_feet, rows: _project_member(member, member_feet, vectors[rows], step)
     )
 
 
-def _project(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
+def _project_member(surface: LocalSource, feet: ClosestPoints, vectors: Floats, step: float) -> Floats:
     """Return ``vectors`` (n, d) projected on the tangent spaces at ``feet`` of a source that is no union."""
     if surface.manifold_dim == surface.dim:
         return vectors
@@ -105,10 +105,10 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
     closest points around y average to y, at an edge they lean inwards, and curvature adds a normal part that T removes.
     Second order in the step h.
     """
-    return _by_member(surface, edge, lambda member, member_feet, _: _outward(member, member_feet, step))
+    return _by_member(surface, edge, lambda member, member_feet, _: _outward_of_member(member, member_feet, step))
 
 
-def _outward(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
+def _outward_of_member(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
     """Return the outward unit conormals (n, d) at feet ``edge`` of a single member, see :func:`outward_conormals`."""
     y = edge.points
     lean = -_normalize((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
@@ -149,7 +149,7 @@ def axis_and_left(
     """Return the normal n (n, d) of the manifold and the conormal v = n x t (n, d) to the left of a boundary.
 
     Here t is the unit tangent of the boundary. Where n is not needed, v is returned for it.
-    King et al. (2024), section 4.7, eqs. 11 and 18: v is the normal of S_perp, and their binormal b.
+    King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
     Parameters
     ----------

@@ -26,7 +26,9 @@ STRIDES_PER_CHECK = 4
 LONGEST_STEP_FACTOR = 4.0
 
 
-def feet_from(source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float) -> tuple[Ints, ClosestPoints]:
+def feet_on_sheets(
+    source: LocalSource, goal: Floats, start: ClosestPoints, spacing: float
+) -> tuple[Ints, ClosestPoints]:
     """Return the rows (k,) of ``goal`` (n, d) and their feet on the sheets that contain ``start``, nearest feet first.
 
     A source with local minima returns its feet no farther than ``start``; doubtful feet, and feet of other sources, are

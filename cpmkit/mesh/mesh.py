@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.types import Bools, Floats, Ints
 
 #: How the manifold runs between the vertices of a mesh. "flat": along the cells. "closest_point": through the closest
@@ -186,7 +186,7 @@ class Mesh:
         on_cut[ends] = True
         candidates = np.flatnonzero(on_cut[edges.ends].all(axis=1))
         low, high = np.sort(edges.ends[candidates], axis=1).T
-        at = find(codes, low * count + high)
+        at = find_codes(codes, low * count + high)
         number = np.full(len(codes), -1)
         number[at[at >= 0]] = candidates[at >= 0]
         return np.asarray(number[place.ravel()], dtype=np.int64)

@@ -116,7 +116,7 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
             if other < 0:
                 first[facet] = cell * k + j
                 continue
-            relative = -_sense(cells, cell, j) * _sense(cells, other // k, other % k)
+            relative = -_facet_direction(cells, cell, j) * _facet_direction(cells, other // k, other % k)
             a, a_sign = _signed_root(parent, sign, cell)
             b, b_sign = _signed_root(parent, sign, other // k)
             if a != b:
@@ -127,7 +127,7 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
         orientation[cell] = _signed_root(parent, sign, cell)[1]
         for j in range(k):
             times[facets[cell, j]] += 1
-            total[facets[cell, j]] += orientation[cell] * _sense(cells, cell, j)
+            total[facets[cell, j]] += orientation[cell] * _facet_direction(cells, cell, j)
     for cell in range(m):
         for j in range(k):
             facet = facets[cell, j]
@@ -137,7 +137,7 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
 
 
 @compiled
-def _sense(cells: Ints, cell: int, j: int) -> int:
+def _facet_direction(cells: Ints, cell: int, j: int) -> int:
     """Return the direction, 1 or -1, in which a cell traverses its facet ``j``.
 
     It is different for two cells on both sides of a facet that are oriented alike.

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Edges, Mesh
@@ -156,7 +156,7 @@ class HalvedEdges:
 
     def middle_of(self, ends: Ints) -> Ints:
         """Return the vertices (e,) in the middles of edges ``ends`` (e, 2), -1 where there is no such vertex."""
-        at = find(self.codes, _code(ends))
+        at = find_codes(self.codes, _edge_codes(ends))
         return np.where(at >= 0, np.append(self.middles, -1)[at], -1)
 
 
@@ -192,7 +192,7 @@ class _DividedEdges:
             edge = edges[row]
             step = 2 ** (self.levels[edge] - level)
             ends = [self.vertex(edge, (place + k) * step) for k in range(2)]
-            codes.append(_code(np.stack(ends, axis=1)))
+            codes.append(_edge_codes(np.stack(ends, axis=1)))
             middles.append(self.vertex(edge, place * step + step // 2))
         order = np.argsort(np.concatenate(codes))
         return HalvedEdges(np.concatenate(codes)[order], np.concatenate(middles)[order])
@@ -215,8 +215,8 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
     long_sides = edges.of_cells[needles[:, None], (tip[:, None] + [2, 1]) % 3]
     is_divided = np.zeros(len(lengths), dtype=bool)
     is_divided[long_sides] = True
-    levels = np.where(is_divided, _levels(lengths / length), 0)
-    parts = 2 ** _levels(lengths[long_sides] / width[needles, None])
+    levels = np.where(is_divided, _halving_counts(lengths / length), 0)
+    parts = 2 ** _halving_counts(lengths[long_sides] / width[needles, None])
     counts = 2**levels - 1
     divided = _DividedEdges(edges.ends, levels, len(mesh.vertices) + np.cumsum(counts) - counts)
     edge, place = expand_counts(counts)
@@ -242,12 +242,12 @@ def _with_divided_cut(mesh: Mesh, divided: _DividedEdges, on_cut: Ints) -> Mesh:
     return replace(mesh, cut=cut, owner=mesh.owner[row], beyond_tip=mesh.beyond_tip[row])
 
 
-def _levels(ratios: Floats) -> Ints:
+def _halving_counts(ratios: Floats) -> Ints:
     """Return the numbers (e,) of halvings that edges with these ``ratios`` (e,) to the wanted length need."""
     return np.asarray(np.ceil(np.log2(np.maximum(ratios, 1.0)) - ROUNDED_LEVEL), dtype=np.int64)
 
 
-def _code(ends: Ints) -> Ints:
+def _edge_codes(ends: Ints) -> Ints:
     """Return an integer (e,) for each edge (e, 2) that identifies it whatever its direction."""
     return np.asarray((ends.min(axis=1) << 32) | ends.max(axis=1), dtype=np.int64)
 

@@ -54,7 +54,7 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
     """Return whether no two vertices are at one place; parts of cells of a repaired mesh then need no repair."""
-    return bool((_first_at_place(mesh.vertices) == np.arange(len(mesh.vertices))).all())
+    return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
@@ -71,7 +71,7 @@ def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
     """
     from cpmkit.mesh import mesh_kernels
 
-    place = _first_at_place(mesh.vertices)
+    place = _welded_vertices(mesh.vertices)
     cells = place[mesh.cells]
     remaining: Bools = mesh_kernels.distinct_cells(np.sort(cells, axis=1), len(mesh.vertices))
     welded = Mesh.of(mesh.vertices, np.ascontiguousarray(cells[remaining]))
@@ -93,7 +93,7 @@ def box_size(vertices: Floats) -> float:
     return max(float(np.ptp(column)) for column in vertices.T)  # ten times as fast as over the first axis
 
 
-def _first_at_place(vertices: Floats) -> Ints:
+def _welded_vertices(vertices: Floats) -> Ints:
     """Return for each vertex (v,) the representative of all vertices at the same place, up to the welding tolerance."""
     from cpmkit.mesh import mesh_kernels
 

@@ -120,7 +120,7 @@ def flip_chords(mesh: Mesh) -> Mesh:
     sides = mesh.vertices[cells[:, 1:]] - mesh.vertices[cells[:, :1]]
     straight = dots(sides[:, 0], sides[:, 1]) < STRAIGHT_COSINE * norms(sides[:, 0]) * norms(sides[:, 1])
     thin, cells, chords = thin[straight], cells[straight], chords[straight]
-    neighbour, corner = _neighbours(edges, thin, chords)
+    neighbour, corner = _triangles_across(edges, thin, chords)
     thin, cells, neighbour, corner = (array[neighbour >= 0] for array in (thin, cells, neighbour, corner))
     across, _ = _rotate(mesh.cells, edges, neighbour, corner)
     first = np.stack([cells[:, 0], cells[:, 1], across[:, 0]], axis=1)
@@ -139,7 +139,7 @@ def _rotate(cells: Ints, edges: Edges, rows: Ints, lead: Ints) -> tuple[Ints, In
     return np.take_along_axis(cells[rows], around, 1), edges.of_cells[rows, lead]
 
 
-def _neighbours(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
+def _triangles_across(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Ints]:
     """Return the second triangle (k,) at each edge ``shared`` (k,) of triangles ``rows`` (k,), and its opposite corner.
 
     The triangle is -1 where the edge has not exactly two triangles.

@@ -64,12 +64,12 @@ class MeshCache:
     @cached_property
     def first_repair(self) -> RepairedMesh:
         """The repair of the original mesh."""
-        return _repaired(self.original)
+        return _repair_mesh(self.original)
 
     @cached_property
     def second_repair(self) -> RepairedMesh:
         """The repair of the repaired mesh, needed since welding may leave two vertices at one place."""
-        repaired = _repaired(self.first_repair.mesh)
+        repaired = _repair_mesh(self.first_repair.mesh)
         if not np.array_equal(repaired.mesh.cells, self.first_repair.mesh.cells):
             return repaired
         mesh = self.first_repair.mesh.with_same_cells(vertices=repaired.mesh.vertices)
@@ -98,7 +98,7 @@ class MeshCache:
         return value
 
 
-CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
+MESH_CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 
 
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
@@ -113,7 +113,7 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
     """
     of: Any = source.of
     try:
-        cache = CACHES.get(of)
+        cache = MESH_CACHES.get(of)
     except TypeError:  # a source that cannot be a key
         return None
     if cells is None or (cache is not None and cache.original.cells is cells):
@@ -123,7 +123,7 @@ def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache |
     vertices, given_cells = of.mesh(float(np.ptp(source.bounds, axis=0).max()))
     if given_cells is not cells:
         return None
-    CACHES[of] = cache = MeshCache(Mesh.of(vertices, given_cells))
+    MESH_CACHES[of] = cache = MeshCache(Mesh.of(vertices, given_cells))
     return cache
 
 
@@ -147,7 +147,7 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
     return repair(mesh)
 
 
-def _repaired(mesh: Mesh) -> RepairedMesh:
+def _repair_mesh(mesh: Mesh) -> RepairedMesh:
     """Return the repair of ``mesh``."""
     vertex_of, cells, _, report = repaired_cells(mesh)
     return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

@@ -66,13 +66,13 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
         Edge length of the second attempt, where cells of ``length`` do not follow the manifold or have a bad shape.
     """
     if source.members[0] is not source:
-        return _side_by_side(source, length, shortest)
+        return _cells_of_union(source, length, shortest)
     m = source.manifold_dim or 0
     if not 0 < m < source.dim or not isinstance(source.source, HasMesh):
         return None
     if not advice_of(source.source, length).mesh_for_samples:
         return None
-    mesh = _drawn_mesh(source, length)
+    mesh = _own_mesh(source, length)
     if mesh is None:
         return None
     height = _cached_height(source, mesh)
@@ -86,7 +86,7 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
         mesh = repair(mesh)[0]
         if is_suitable(source, mesh, length):
             return SourceCells(mesh, "closest_point")
-    finer = _drawn_mesh(source, shortest) if length > shortest else None
+    finer = _own_mesh(source, shortest) if length > shortest else None
     if finer is None:
         return None
     finer = repair(finer)[0]
@@ -117,7 +117,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
     return bool((beyond.edge >= 0).all())
 
 
-def _drawn_mesh(source: LocalSource, length: float) -> Mesh | None:
+def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
     """Return the mesh that a source has with edges of ``length``; None where its cells have another dimension."""
     assert isinstance(source.source, HasMesh)
     vertices, cells = source.source.mesh(length)
@@ -150,7 +150,7 @@ def _height(source: LocalSource, mesh: Mesh) -> float:
     return float(norms(source.closest_point(centres).points - centres).max())
 
 
-def _side_by_side(source: LocalSource, length: float, shortest: float | None) -> SourceCells | None:
+def _cells_of_union(source: LocalSource, length: float, shortest: float | None) -> SourceCells | None:
     """Return the cells of all members of a union; None where members meet, differ in dimension or have no cells."""
     if source.manifold_dim is None:
         return None

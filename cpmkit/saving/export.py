@@ -210,7 +210,7 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:
-        text = _index([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names])
+        text = _collection_text([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names])
         index.write_text(text, encoding="utf-8", errors="surrogateescape")
 
 
@@ -241,7 +241,7 @@ def _numbered_path(path: Path, number: int, count: int) -> Path:
     return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")
 
 
-def _index(times: list[float], files: list[str]) -> str:
+def _collection_text(times: list[float], files: list[str]) -> str:
     """Return the text of a ParaView collection (.pvd) that lists ``files`` with their ``times``."""
     entries = [
         f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>'

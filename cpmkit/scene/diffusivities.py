@@ -179,7 +179,7 @@ class StateDiffusivity:
 
     def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
-        return _called(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
+        return _state_function_values(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
 
     def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
@@ -188,10 +188,14 @@ class StateDiffusivity:
         """
         a, s = self.at(u, slopes, points), np.linalg.norm(slopes, axis=1)
         if self.by_slope is not None:
-            slope = _called(self.by_slope, u, s, points, "the derivative of the diffusivity by the slope")
+            slope = _state_function_values(
+                self.by_slope, u, s, points, "the derivative of the diffusivity by the slope"
+            )
         else:
             step = DIFFERENCE_SHARE * (s + DIFFERENCE_SHARE * (s.max(initial=0.0) or 1.0))
-            ahead, behind = (_called(self.function, u, s + sign * step, points, "the diffusivity") for sign in (1, -1))
+            ahead, behind = (
+                _state_function_values(self.function, u, s + sign * step, points, "the diffusivity") for sign in (1, -1)
+            )
             slope = (ahead - behind) / (2 * step)
         along = np.maximum(s * slope, (MIN_TANGENT_SHARE - 1) * a)
         e = slopes / np.maximum(s, np.finfo(float).tiny)[:, None]
@@ -202,21 +206,23 @@ class StateDiffusivity:
         """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for :meth:`at`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
-            rate = _called(self.by_value, u, s, points, "the derivative of the diffusivity by u")
+            rate = _state_function_values(self.by_value, u, s, points, "the derivative of the diffusivity by u")
         else:
             step = DIFFERENCE_SHARE * np.maximum(np.abs(u), np.abs(u).max(initial=0.0) or 1.0)
-            ahead, behind = (_called(self.function, u + sign * step, s, points, "the diffusivity") for sign in (1, -1))
+            ahead, behind = (
+                _state_function_values(self.function, u + sign * step, s, points, "the diffusivity") for sign in (1, -1)
+            )
             rate = (ahead - behind) / (2 * step)
         return np.asarray(rate[:, None] * slopes)
 
 
 def slope_diffusivity(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
     """Return the diffusivity a(s) of the slope s = norm(grad u) alone, given a and da/ds as functions of s (k,)."""
-    return StateDiffusivity(_OfSlope(function), _zero, _OfSlope(derivative))
+    return StateDiffusivity(_FunctionOfSlope(function), _zero, _FunctionOfSlope(derivative))
 
 
 @dataclass(frozen=True, eq=False)
-class _OfSlope:
+class _FunctionOfSlope:
     """A function of s (k,) alone, in the form that is called with u (k,) and s (k,)."""
 
     function: Callable[[Floats], Floats]
@@ -229,7 +235,7 @@ def _zero(u: Floats) -> Floats:
     return np.zeros_like(u)
 
 
-def _called(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
+def _state_function_values(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
     """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d).
 
     Raises

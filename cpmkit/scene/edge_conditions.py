@@ -165,7 +165,7 @@ def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
     A condition of a whole loop, or of the whole edge, is a part with ``where`` None, and comes with None.
     """
     parts: list[tuple[Part, ByPosition | None]] = []
-    for conditions in _loops(edge):
+    for conditions in _conditions_of_loops(edge):
         match conditions:
             case ByPosition():
                 parts += [(part, conditions) for part in conditions.parts]
@@ -174,16 +174,16 @@ def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
     return parts
 
 
-def _loops(edge: EdgeConditions) -> list[LoopConditions]:
+def _conditions_of_loops(edge: EdgeConditions) -> list[LoopConditions]:
     """Return the conditions of each loop for which they are given, or those of the whole edge as the only entry."""
     return [*edge.values()] if isinstance(edge, Mapping) else [edge]
 
 
-def shape_of_edge(edge: EdgeConditions) -> Any:
+def edge_structure(edge: EdgeConditions) -> Any:
     """Return the loop numbers and the ``where`` of each part: the structure of an edge, which data do not change."""
     match edge:
         case Mapping():
-            return {loop: shape_of_edge(conditions) for loop, conditions in edge.items()}
+            return {loop: edge_structure(conditions) for loop, conditions in edge.items()}
         case ByPosition():
             return tuple(part.where for part in edge.parts)
     return None
@@ -200,9 +200,9 @@ def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any
     return function(edge)
 
 
-def position_parts(edge: EdgeConditions) -> list[ByPosition]:
+def conditions_by_position(edge: EdgeConditions) -> list[ByPosition]:
     """Return the :class:`ByPosition` of each loop that has conditions by position."""
-    return [conditions for conditions in _loops(edge) if isinstance(conditions, ByPosition)]
+    return [conditions for conditions in _conditions_of_loops(edge) if isinstance(conditions, ByPosition)]
 
 
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
@@ -225,7 +225,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     pairs: list[tuple[Condition, Ints]] = []
     for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
-        conditions: Any = edge if loop is None else _of_loop(edge, loop)
+        conditions: Any = edge if loop is None else _conditions_of_loop(edge, loop)
         if isinstance(conditions, ByPosition):
             pairs += [(condition, rows[part]) for condition, part in conditions.along(points[rows])]
         else:
@@ -242,7 +242,7 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
         For the first such part.
     """
     ids = {id(condition) for condition in used}
-    for number, part in ((k, part) for parts in position_parts(edge) for k, part in enumerate(parts.parts)):
+    for number, part in ((k, part) for parts in conditions_by_position(edge) for k, part in enumerate(parts.parts)):
         if id(part.condition) not in ids:
             raise SceneError(
                 f"part {number} of `edge`, {part.summary}, holds at no point of the edge that this spacing sees; "
@@ -258,13 +258,13 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
     SceneError
         If the loop has no condition, or several by position, for which there is :func:`conditions_along`.
     """
-    condition = _of_loop(edge, loop)
+    condition = _conditions_of_loop(edge, loop)
     if isinstance(condition, ByPosition):
         raise SceneError("`edge` gives conditions by position, where one for a whole loop is needed.")
     return condition
 
 
-def _of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
+def _conditions_of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
     """Return the conditions of edge ``loop``; conditions that are not given loop by loop hold on every loop.
 
     Raises

@@ -196,7 +196,7 @@ class Nonlinear(_Law):
         InputError
             If the function does not return (n,) finite numbers.
         """
-        return _call(self.flux, values, points)
+        return _flux_values(self.flux, values, points)
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
         """Return the derivative (n,) of the flux with respect to u for ``values`` (n,) of u at ``points`` (n, d).
@@ -209,10 +209,10 @@ class Nonlinear(_Law):
             If a function does not return (n,) finite numbers.
         """
         if self.slope is not None:
-            return _call(self.slope, values, points)
+            return _flux_values(self.slope, values, points)
         size = np.abs(values)
         step = SLOPE_DIFFERENCE_SHARE * np.maximum(size, size.max(initial=0.0) or 1.0)
-        ahead, behind = (_call(self.flux, values + sign * step, points) for sign in (1, -1))
+        ahead, behind = (_flux_values(self.flux, values + sign * step, points) for sign in (1, -1))
         return np.asarray((ahead - behind) / (2 * step))
 
 
@@ -288,7 +288,7 @@ def is_dissipative(law: Law) -> bool:
     return law.is_dissipative
 
 
-def _call(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
+def _flux_values(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
     """Return the values (n,) of a flux or of its derivative, a function of ``values`` (n,) or of values and ``points``.
 
     Raises

@@ -22,9 +22,9 @@ from cpmkit.scene.edge_conditions import (
     EdgeInput,
     as_edge,
     conditions_of_edge,
+    edge_structure,
     parts_of_edge,
     sample_edge_point,
-    shape_of_edge,
 )
 from cpmkit.scene.equations import Equation, Family
 from cpmkit.scene.laws import Law
@@ -290,7 +290,7 @@ def _edge_with_data(edge: Any, data: Any) -> Any:
         If the new conditions differ from the old ones in more than their data.
     """
     new_edge = as_edge(data)
-    if shape_of_edge(edge) != shape_of_edge(new_edge):
+    if edge_structure(edge) != edge_structure(new_edge):
         raise SceneError(
             "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
             "and each part where it is."
@@ -310,13 +310,13 @@ def _check_same(old: Condition, new: Any, label: str) -> None:
     SceneError
         If the kind, a factor or the order differs; ``label`` is the name of the place.
     """
-    if not isinstance(new, Condition) or old.order != new.order or not _same_but_data(old.law, new.law):
+    if not isinstance(new, Condition) or old.order != new.order or not _differ_in_data_only(old.law, new.law):
         raise SceneError(
             f"{label} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
             "the kind, its factors or its order; use cpmkit.solve."
         )
 
 
-def _same_but_data(old: Law, new: Law) -> bool:
+def _differ_in_data_only(old: Law, new: Law) -> bool:
     """Return True if two laws differ at most in their data."""
     return type(old) is type(new) and old.factors == new.factors

@@ -54,7 +54,7 @@ class VertexData:
                 f"The source {type(self.source).__name__} carries no values; per-vertex data belong to a mesh, a "
                 "polyline, a cloud or a set of points."
             )
-        object.__setattr__(self, "values", _checked(self.values, self.source.value_count))
+        object.__setattr__(self, "values", _as_vertex_values(self.values, self.source.value_count))
 
     def __repr__(self) -> str:
         return f"VertexData({self.source!r}, {np.shape(self.values)} values)"
@@ -66,7 +66,7 @@ class VertexData:
         return self.source.interpolate(self.values, feet)
 
 
-def _checked(values: Any, count: int) -> Floats:
+def _as_vertex_values(values: Any, count: int) -> Floats:
     """Return values as an array (count,) or (count, channels).
 
     Raises

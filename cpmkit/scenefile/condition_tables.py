@@ -79,11 +79,11 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
             f"{where} must be one of {', '.join(f'{{ {kind} = ... }}' for kind in CONDITIONS)}, got "
             f"{shown(table)}{hint}."
         )
-    built_in: Condition = CONDITIONS[kinds[0]](*_entries(kinds[0], table[kinds[0]], dim, where), **order)
+    built_in: Condition = CONDITIONS[kinds[0]](*_condition_arguments(kinds[0], table[kinds[0]], dim, where), **order)
     return built_in
 
 
-def _entries(kind: str, value: Any, dim: int, where: str) -> list[Any]:
+def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[Any]:
     """Return the positional arguments of a built-in kind of condition: a single datum, or the entries of its list.
 
     Raises
@@ -115,17 +115,17 @@ def read_edge(table: Any, where: str) -> Any:
     if _is_datum(table) and not is_by_position(table):
         return lambda dim: read_condition(table, dim, where)
     if is_by_position(table):
-        return lambda dim: _on_loop(table, dim, where)
+        return lambda dim: _conditions_on_loop(table, dim, where)
     table = as_table(table, where)
     if table and all(re.fullmatch(r"[0-9]{1,6}", key) for key in table):
-        return lambda dim: {int(key): _on_loop(value, dim, f"edge {key}") for key, value in table.items()}
+        return lambda dim: {int(key): _conditions_on_loop(value, dim, f"edge {key}") for key, value in table.items()}
     return lambda dim: read_condition(table, dim, "edge")
 
 
-def _on_loop(table: Any, dim: int, where: str) -> Any:
+def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     """Return the condition of an edge loop, or the list of its conditions by position."""
     if is_by_position(table):
-        return [_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
+        return [_condition_of_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
     return read_condition(table, dim, where)
 
 
@@ -134,7 +134,7 @@ def is_by_position(table: Any) -> bool:
     return isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table)
 
 
-def _part(table: Any, dim: int, where: str) -> Any:
+def _condition_of_part(table: Any, dim: int, where: str) -> Any:
     """Return the pair (condition, where) of a part of the edge, or the condition alone for the rest of the edge.
 
     Raises

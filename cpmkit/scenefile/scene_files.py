@@ -103,7 +103,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     SceneError
         If a table, key or value is missing or not accepted.
     """
-    _check_is_solved(tables)
+    _check_is_no_application(tables)
     check_accepted("the scene", tables, SCENE_TABLES)
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
@@ -113,7 +113,7 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     return SceneFile(scene, spacing, options, output)
 
 
-def _check_is_solved(tables: Mapping[str, Any]) -> None:
+def _check_is_no_application(tables: Mapping[str, Any]) -> None:
     """Raise SceneError for the scene file of an application, which another command reads."""
     for command, own in APPLICATION_TABLES.items():
         name = next((name for name in own if name in tables), None)
@@ -214,13 +214,13 @@ def read_source(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
     check_keys(factory(kind), f"{where} of kind {kind!r}", table, () if surface is None else SIDE_KEYS)
-    keys = _keys(table, folder, where)
+    keys = _keys_with_sources(table, folder, where)
     if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
         keys["surface"] = surface
     return source(kind, **keys)
 
 
-def _keys(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+def _keys_with_sources(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
     """Return the table with the path of its ``file`` found, and nested tables replaced by their sources."""
     if "file" in table and not isinstance(table["file"], str):
         raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
@@ -315,7 +315,7 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         if key in table:
             table[key] = read_data(table[key], dim, f"{key} of [problem]")
     if "velocity" in table:
-        table["velocity"] = _field(table["velocity"], dim)
+        table["velocity"] = _velocity(table["velocity"], dim)
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
@@ -332,7 +332,7 @@ def _is_square(value: Any, dim: int) -> bool:
     return rows and all(isinstance(row, list) and len(row) == dim for row in value)
 
 
-def _field(value: Any, dim: int) -> VectorField:
+def _velocity(value: Any, dim: int) -> VectorField:
     """Return the vector field ``velocity`` of [problem] from a list with a number or formula for each coordinate.
 
     Raises

@@ -87,7 +87,7 @@ def scene_tables(problem_needs: bool = True) -> Schema:
 
 def table_of(keys: Iterable[Key]) -> Schema:
     """Return the JSON schema of a table with these ``keys``, none of them required."""
-    return _table({key.name: _of_key(key) for key in keys})
+    return _table({key.name: _key_schema(key) for key in keys})
 
 
 def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
@@ -110,7 +110,7 @@ def one_of_kinds(
     """
     variants = []
     for choice in choices:
-        own = {key.name: {**DATUM, "description": key.summary} if of_data else _of_key(key) for key in choice.keys}
+        own = {key.name: {**DATUM, "description": key.summary} if of_data else _key_schema(key) for key in choice.keys}
         needed = [key.name for key in choice.keys if key.needed and needs and key.name != "surface"]
         kind = {"const": choice.name, "description": choice.summary}
         variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
@@ -120,13 +120,13 @@ def one_of_kinds(
 def _condition() -> Schema:
     """Return the JSON schema of a condition: a table with its kind as key, a plugin's ``kind = NAME``, or a datum."""
     order = {"type": "integer", "minimum": 1, "maximum": 4}
-    variants = [_table({kind: _value_of(kind), "order": order}, [kind]) for kind in CONDITIONS]
+    variants = [_table({kind: _value_schema(kind), "order": order}, [kind]) for kind in CONDITIONS]
     of_plugin = {"kind": {"type": "string"}, "order": order}
     datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
     return {"anyOf": [*variants, _table(of_plugin, ["kind"], further=True), datum]}
 
 
-def _value_of(kind: str) -> Schema:
+def _value_schema(kind: str) -> Schema:
     """Return the JSON schema of the value of a built-in kind of condition."""
     return {"const": True} if kind == "steklov" else DATUM
 
@@ -150,7 +150,7 @@ def _options(
     return _table(properties, further=further)
 
 
-def _of_key(key: Key) -> Schema:
+def _key_schema(key: Key) -> Schema:
     """Return the JSON schema of the value of a key."""
     if key.name == "of":
         return {"$ref": "#/definitions/source"}
@@ -205,8 +205,8 @@ def _vectors() -> tuple[Schema, list[str]]:
     vector = {"description": "At all of these points, or one for each.", "type": "array"}
     transport = {"description": "How vectors go on.", "enum": ["parallel", "paper"]}
     return {
-        "direction": {"type": "array", "items": {"oneOf": [*along, _closed({"at": PLACE, "vector": vector})]}},
-        "vectors": _closed({"transport": transport}, needed=False),
+        "direction": {"type": "array", "items": {"oneOf": [*along, _closed_table({"at": PLACE, "vector": vector})]}},
+        "vectors": _closed_table({"transport": transport}, needed=False),
     }, ["direction"]
 
 
@@ -223,8 +223,8 @@ def _map() -> tuple[Schema, list[str]]:
     }
     return {
         "target": {"$ref": "#/definitions/source"},
-        "landmark": {"type": "array", "items": {"oneOf": [*curves, _closed({"at": PLACE, "to": IMAGE})]}},
-        "map": _closed(own, needed=False),
+        "landmark": {"type": "array", "items": {"oneOf": [*curves, _closed_table({"at": PLACE, "to": IMAGE})]}},
+        "map": _closed_table(own, needed=False),
     }, ["target"]
 
 
@@ -245,7 +245,7 @@ def _on_curves(more: Schema) -> list[Schema]:
     return variants
 
 
-def _closed(properties: Schema, needed: bool = True) -> Schema:
+def _closed_table(properties: Schema, needed: bool = True) -> Schema:
     """Return the JSON schema of a table with no other keys than these ``properties``, all required if ``needed``."""
     required = {"required": sorted(properties)} if needed else {}
     return {"type": "object", "properties": properties, "additionalProperties": False, **required}

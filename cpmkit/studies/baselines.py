@@ -75,7 +75,7 @@ def solve_by_fixed_nodes(
     fixed, values = _fixed_nodes(scene, tables, sources, method)
     terms = scene.problem.terms()
     stiffness = form.stiffness(terms)
-    operator, b = _without(stiffness, form.load(terms.f) + form.condition_load(stiffness), fixed, values)
+    operator, b = _without_fixed_nodes(stiffness, form.load(terms.f) + form.condition_load(stiffness), fixed, values)
     clock.append(time.perf_counter())
     chosen = choose_solver(solver.solver, operator.size, largest_dim(scene.surface))
     prepared = make_solver(chosen, solver.further).prepare(operator)
@@ -155,7 +155,9 @@ def _ball(band: Band, source: LocalSource, distance: Floats) -> Bools:
 METHODS: Mapping[str, Callable[[Band, LocalSource, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
 
 
-def _without(operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats) -> tuple[ExtensionOperator, Floats]:
+def _without_fixed_nodes(
+    operator: ExtensionOperator, b: Floats, fixed: Bools, values: Floats
+) -> tuple[ExtensionOperator, Floats]:
     """Return the operator and the right-hand side for the nodes that are not ``fixed`` (n,).
 
     The columns of fixed nodes, times their ``values``, are moved to the right-hand side.

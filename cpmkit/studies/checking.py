@@ -12,7 +12,7 @@ from cpmkit.plugins import factory
 from cpmkit.scene.scene import Scene
 from cpmkit.studies.baselines import check_fixable
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, REFINED, closest_points
+from cpmkit.studies.sweep import BASELINES, REFINED, lattice_methods
 
 
 def check_study(study: Study) -> None:
@@ -33,7 +33,7 @@ def check_study(study: Study) -> None:
     for method in study.sweep.methods:
         if method in BASELINES:
             check_fixable(study.scene, method)
-    others = [method for method in study.sweep.methods if method not in (*closest_points(), *BASELINES)]
+    others = [method for method in study.sweep.methods if method not in (*lattice_methods(), *BASELINES)]
     others = ["fem" if method == REFINED else method for method in others]
     for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
         factory(backend, "cpmkit_backends")

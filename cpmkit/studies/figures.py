@@ -31,13 +31,13 @@ def convergence_figure(series: Sequence[Series], title: str) -> Figure:
 
     figure = Figure(figsize=(6.4, 5.4), layout="constrained")
     axes = figure.add_subplot()
-    _slopes(axes, series)
+    _draw_slopes(axes, series)
     for number, one in enumerate(series):
         order = one.fitted_order
         fitted = "" if order is None else f" (fitted order {order:.2f})"
-        _line(axes, number, one.spacings, one.errors, one.label + fitted)
+        _plot_series(axes, number, one.spacings, one.errors, one.label + fitted)
     axes.set(xlabel="spacing", ylabel="greatest error")
-    axes.set_title(_plain(fill(title, TITLE_LINE_CHARACTERS)), fontsize=11)
+    axes.set_title(_escape_dollars(fill(title, TITLE_LINE_CHARACTERS)), fontsize=11)
     _spacing_ticks(axes, series)
     _legend(figure, columns=1)
     return figure
@@ -54,11 +54,11 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
     shown = {"rms_error": "mean kept", "rms_without_mean": "mean removed"}
     for axes, (quantity, name) in zip(figure.subplots(1, 2, sharey=True), shown.items(), strict=True):
         for number, one in enumerate(series):
-            _line(axes, number, one.spacings, [entry.percent(quantity) for entry in one.entries], one.label)
+            _plot_series(axes, number, one.spacings, [entry.percent(quantity) for entry in one.entries], one.label)
         axes.set(xlabel="spacing", title=name)
         _spacing_ticks(axes, series)
-    figure.axes[0].set_ylabel(_plain(f"rms difference from {series[0].reference}, % of half the range"))
-    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
+    figure.axes[0].set_ylabel(_escape_dollars(f"rms difference from {series[0].reference}, % of half the range"))
+    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
     return figure
 
@@ -71,12 +71,12 @@ def work_figure(series: Sequence[Series], title: str) -> Figure:
     figure = Figure(figsize=(10, 4.8), layout="constrained")
     for axes, quantity in zip(figure.subplots(1, 2, sharey=True), ("cpu_seconds", "unknowns"), strict=True):
         for number, one in enumerate(series):
-            _line(axes, number, [getattr(entry, quantity) for entry in one.entries], one.errors, one.label)
+            _plot_series(axes, number, [getattr(entry, quantity) for entry in one.entries], one.errors, one.label)
         axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
         _log_scales(axes)
         axes.xaxis.set_minor_formatter(NullFormatter())
     figure.axes[0].set_ylabel("greatest error")
-    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
+    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=3)
     return figure
 
@@ -94,21 +94,21 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
         axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
         for number, one in enumerate(series):
             own = attempts([one])
-            _line(axes, number, [each.cost(cost) for each in own], [each.error for each in own], one.label)
+            _plot_series(axes, number, [each.cost(cost) for each in own], [each.error for each in own], one.label)
         axes.set(xlabel=COSTS[cost])
         _log_scales(axes)
     figure.axes[0].set_ylabel("rms error, share of the range")
-    figure.suptitle(_plain(fill(title, 2 * TITLE_LINE_CHARACTERS)))
+    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
     _legend(figure, columns=2)
     return figure
 
 
-def _plain(text: str) -> str:
+def _escape_dollars(text: str) -> str:
     """Return text with escaped dollar signs, which matplotlib would read as the start of a formula."""
     return text.replace("$", r"\$")
 
 
-def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
+def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label: str) -> None:
     """Plot ``y`` over ``x`` in the colour, line style and marker of series ``number``."""
     axes.plot(
         x,
@@ -116,11 +116,11 @@ def _line(axes: Any, number: int, x: Sequence[float], y: Sequence[float], label:
         color=COLOURS[number % len(COLOURS)],
         linestyle=STYLES[number % len(STYLES)],
         marker=MARKERS[number % len(MARKERS)],
-        label=_plain(label),
+        label=_escape_dollars(label),
     )
 
 
-def _slopes(axes: Any, series: Sequence[Series]) -> None:
+def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
     """Draw dotted lines of slopes 1 and 2 that end at the geometric mean of the errors at the coarsest spacings."""
     spacings = np.array(sorted({spacing for one in series for spacing in one.spacings}))
     coarsest = [one.errors[0] for one in series if one.errors[0] > 0]

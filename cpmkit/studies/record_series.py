@@ -122,11 +122,11 @@ class Series:
 def gather(records: Sequence[Record]) -> list[Series]:
     """Return the series of records, in the order in which they first appear; runs with errors are left out."""
     good = [record for record in records if "error" not in record]
-    keys = list(dict.fromkeys(_key(record) for record in good))
-    return [_series(key, keys, [record for record in good if _key(record) == key]) for key in keys]
+    keys = list(dict.fromkeys(_series_key(record) for record in good))
+    return [_series(key, keys, [record for record in good if _series_key(record) == key]) for key in keys]
 
 
-def _key(record: Record) -> tuple[Any, ...]:
+def _series_key(record: Record) -> tuple[Any, ...]:
     """Return the method, the options and the kind of accuracy target of a record, which identify its series."""
     run = Run.of(record)
     return run.method, run.options, next(iter(run.target), "")
@@ -157,10 +157,12 @@ def _entry(records: Sequence[Record], target: str) -> Entry:
         means["spacing"] = records[0]["spacing"]  # a mean of equal numbers may differ from them
     value = float(records[0][f"asked_{target}"]) if target else math.nan
     queries = float(of("closest_point_queries").mean())
-    return Entry(error=rms.pop("max_error"), shift=_shift(records), queries=queries, target=value, **rms, **means)
+    return Entry(
+        error=rms.pop("max_error"), shift=_largest_shift(records), queries=queries, target=value, **rms, **means
+    )
 
 
-def _shift(records: Sequence[Record]) -> float:
+def _largest_shift(records: Sequence[Record]) -> float:
     """Return the largest correction of a mean in the records; nan if none has a correction."""
     shifts = [abs(value) for record in records for one in record.get("imbalances", ()) for value in one["shift"]]
     return max(shifts, default=float("nan"))

@@ -23,7 +23,7 @@ from cpmkit.files.plain_values import (
 )
 from cpmkit.files.whole_files import explain_system_error
 from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
-from cpmkit.studies.sweep import TARGET_ENTRIES, listed
+from cpmkit.studies.sweep import TARGET_ENTRIES, listed_options
 
 Record = dict[str, Any]
 RECORDS_FILE = "records.jsonl"
@@ -81,11 +81,11 @@ def read_records(file: Path) -> list[Record]:
     InputError
         If the file cannot be read, or a line is not a record; the message names the line and the fault.
     """
-    *lines, _ = _content(file).split(b"\n")
-    return [_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
+    *lines, _ = _bytes_of(file).split(b"\n")
+    return [_parse_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
 
 
-def _record(line: bytes, where: str) -> Record:
+def _parse_record(line: bytes, where: str) -> Record:
     """Return the record in a line; raise InputError, which names the line as ``where``, if it is not valid."""
     try:
         record = json.loads(line)
@@ -94,7 +94,7 @@ def _record(line: bytes, where: str) -> Record:
     if not isinstance(record, dict):
         raise InputError(f"{where} is not a JSON object; remove that line, its run is made again.")
     record = {RENAMED_OPTIONS.get(name, name): value for name, value in record.items()}
-    accepts = {name: every_option()[name].accepts for name in listed()}
+    accepts = {name: every_option()[name].accepts for name in listed_options()}
     options = {name: or_none(Kind("a value that it takes", check)) for name, check in accepts.items()}
     try:
         check_fields(
@@ -128,14 +128,14 @@ def drop_unfinished_line(file: Path) -> None:
     InputError
         If the file cannot be written.
     """
-    content = _content(file)
+    content = _bytes_of(file)
     whole_lines = content.rfind(b"\n") + 1
     if whole_lines < len(content):
         with explain_system_error(f"{file} cannot be written"):
             os.truncate(file, whole_lines)
 
 
-def _content(file: Path) -> bytes:
+def _bytes_of(file: Path) -> bytes:
     """Return the bytes of a file, none if it does not exist; raise InputError if it cannot be read."""
     try:
         return file.read_bytes()

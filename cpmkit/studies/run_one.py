@@ -38,7 +38,7 @@ from cpmkit.studies.records import (
 )
 from cpmkit.studies.reference_values import Reference, reference_of, solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
-from cpmkit.studies.sweep import BASELINES, REFINED, Run, closest_points
+from cpmkit.studies.sweep import BASELINES, REFINED, Run, lattice_methods
 from cpmkit.types import Progress, no_progress
 
 #: Counts of a solve's work that are recorded where the method has them.
@@ -64,7 +64,7 @@ def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_p
     cpu_seconds = time.process_time() - start
     record |= costs_in_memory(solution, peak_growth_bytes(before))
     with np.errstate(over="ignore"):
-        measured = _measure(solution, truth, run)
+        measured = _measured_entries(solution, truth, run)
     if not 0 <= (max_error := measured["max_error"]) < LARGEST_RECORDED:
         return {**record, "error": f"ResolutionError: the error {max_error:g} of the solution is too large."}
     return {**record, **measured, "cpu_seconds": round(cpu_seconds, 4)}
@@ -74,7 +74,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     """Solve a scene by the method of a run; ``options`` are the options that all runs share."""
     if run.method == REFINED:
         return solve_on_refined_mesh(scene, cast("float", run.spacing), progress=progress, **options)
-    set_by = closest_points()
+    set_by = lattice_methods()
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
         return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
     if run.spacing is None:
@@ -91,7 +91,7 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     return solve(scene, run.spacing, progress=progress, **placed, **set_by[run.method])
 
 
-def _measure(solution: Solution, truth: Reference, run: Run) -> Record:
+def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
     """Return the measured entries of a record: errors at the reference points, work, iterations and warnings."""
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
@@ -222,7 +222,7 @@ def run_study(
         make_run(study, _rough(run), truth)  # so that compilation is no cost of any method
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
-        record = make_run(study, run, truth, partial(_share_of, progress, stage))
+        record = make_run(study, run, truth, partial(_report_share, progress, stage))
         folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
         append_record(file, record)
         progress(stage, 1.0)
@@ -249,7 +249,7 @@ def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run
     return [run for run in runs if run.spacing in spacings] if spacings else runs
 
 
-def _share_of(progress: Progress, run: str, stage: str, share: float) -> None:
+def _report_share(progress: Progress, run: str, stage: str, share: float) -> None:
     """Report the progress ``share`` of a stage as that of ``run``, below 1, since the run is not recorded yet."""
     del stage
     progress(run, min(share, UNFINISHED_SHARE))

@@ -23,7 +23,7 @@ from cpmkit.scenefile.documented_keys import Key, keys_of
 from cpmkit.scenefile.scene_files import read_options, read_scene
 from cpmkit.scenefile.scene_schema import DRAFT, definitions, scene_tables, table_of
 from cpmkit.studies.named_formulas import expand, expand_all, expand_names
-from cpmkit.studies.sweep import TARGETS, Sweep, listed, read_sweep
+from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
 #: Kinds of problems with a time step.
 KINDS_IN_TIME = ("heat", "reaction-diffusion", "wave")
@@ -148,7 +148,7 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     title = tables.get("title", path.stem)
     if not isinstance(title, str) or len(title) > MOST_TITLE_CHARACTERS:
         raise SceneError(f"title must be text of at most {MOST_TITLE_CHARACTERS} characters, got {shown(title)}.")
-    swept = _swept()
+    swept = _swept_keys()
     for key in as_table(tables.get("discretization", {}), "[discretization]"):
         if key in swept:
             raise SceneError(f"a study's {key} stands in {swept[key]}, not in [discretization].")
@@ -163,9 +163,9 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     return Study(path.stem, title, path.parent, scene, exact, sweep, _content_hash(scene, exact, sweep, path.parent))
 
 
-def _swept() -> dict[str, str]:
+def _swept_keys() -> dict[str, str]:
     """Return the keys that a study varies and [discretization] must not hold, each with its place in the file."""
-    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **TARGETS, **listed()}.items()}
+    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **TARGETS, **listed_options()}.items()}
     for name, one in every_option().items():
         if one.methods:
             *others, last = one.methods
@@ -176,12 +176,12 @@ def _swept() -> dict[str, str]:
 def _content_hash(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
     """Return a short hash of everything that the result of a run depends on besides its own parameters."""
     solution = exact.u if exact.reference is None else {"reference": exact.reference}
-    digests = [_digest(file) for file in _files(scene, folder)]
+    digests = [_digest(file) for file in _named_files(scene, folder)]
     whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]
     return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
-def _files(value: Any, folder: Path) -> Iterator[Path]:
+def _named_files(value: Any, folder: Path) -> Iterator[Path]:
     """Yield the files named by any text in tables and lists, under whatever key, since plugins have keys of their own.
 
     A formula that equals the name of a file counts too; if that file changes, runs are made again without need.
@@ -191,10 +191,10 @@ def _files(value: Any, folder: Path) -> Iterator[Path]:
             yield find_file(value, folder)
     elif isinstance(value, list):
         for entry in value:
-            yield from _files(entry, folder)
+            yield from _named_files(entry, folder)
     elif isinstance(value, Mapping):
         for _, entry in sorted(value.items(), key=lambda item: item[0] != "file"):
-            yield from _files(entry, folder)
+            yield from _named_files(entry, folder)
 
 
 def _digest(file: Path) -> str:
@@ -211,8 +211,8 @@ def study_schema() -> dict[str, Any]:
 
     It does not check the types of numbers, since a name of [let] may stand for any number.
     """
-    tables = {name: _without_types(table) for name, table in scene_tables(problem_needs=False).items()}
-    lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed().items()]
+    tables = {name: _without_number_types(table) for name, table in scene_tables(problem_needs=False).items()}
+    lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed_options().items()]
     sweep = [key for key in keys_of(Sweep) if key.name in {one.name for one in fields(Sweep)} - {"lists"}]
     return {
         "$schema": DRAFT,
@@ -227,19 +227,19 @@ def study_schema() -> dict[str, Any]:
         },
         "required": ["surface", "problem", "exact", "sweep"],
         "additionalProperties": False,
-        "definitions": _without_types(definitions()),
+        "definitions": _without_number_types(definitions()),
     }
 
 
-def _without_types(schema: Any) -> Any:
+def _without_number_types(schema: Any) -> Any:
     """Return a copy of a JSON schema without number types: a name of [let] may stand for any number."""
     if isinstance(schema, list):
-        return [_without_types(one) for one in schema]
+        return [_without_number_types(one) for one in schema]
     if not isinstance(schema, dict):
         return schema
     plain = {"number", "integer"} & set([schema["type"]] if isinstance(schema.get("type"), str) else [])
     kept = {key: value for key, value in schema.items() if not (plain and key == "type")}
-    return {key: _without_types(value) for key, value in kept.items()}
+    return {key: _without_number_types(value) for key, value in kept.items()}
 
 
 #: In place of a number of points: the vertices of the mesh that the surface is.

@@ -37,7 +37,7 @@ MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
 ORIGINS_SEED = 1
 
 
-def closest_points() -> dict[str, dict[str, Any]]:
+def lattice_methods() -> dict[str, dict[str, Any]]:
     """Return the methods on a lattice, each with the options of ``solve`` that it sets; ``cpm`` sets only the form."""
     options = every_option().items()
     return {"cpm": {"form": LISTED_FORM}} | {
@@ -45,7 +45,7 @@ def closest_points() -> dict[str, dict[str, Any]]:
     }
 
 
-def listed() -> dict[str, str]:
+def listed_options() -> dict[str, str]:
     """Return the options of which a study may list values, each with the key of its list in [sweep]."""
     return {
         name: entry.plural or f"{name}s"
@@ -56,22 +56,22 @@ def listed() -> dict[str, str]:
 
 def listed_of(method: str) -> tuple[str, ...]:
     """Return the options of ``method`` of which a study may list values."""
-    if method not in closest_points():
+    if method not in lattice_methods():
         return BASELINES.get(method, ())
-    return tuple(name for name in listed() if name in declared_options(_form_of(method)))
+    return tuple(name for name in listed_options() if name in declared_options(_form_options_of(method)))
 
 
-def _form_of(method: str) -> Any:
+def _form_options_of(method: str) -> Any:
     """Return the class of the options of a method's form; LISTED_FORM is the form of baselines."""
-    return FORMS[closest_points().get(method, {}).get("form", LISTED_FORM)]
+    return FORMS[lattice_methods().get(method, {}).get("form", LISTED_FORM)]
 
 
 def read_sweep(table: Mapping[str, Any]) -> Sweep:
     """Return the sweep in the table [sweep]; raise SceneError if a key or value is not accepted."""
-    lists = {name: key for name, key in listed().items() if key in table}
+    lists = {name: key for name, key in listed_options().items() if key in table}
     own = {key: value for key, value in table.items() if key not in lists.values()}
     make = partial(Sweep, {name: table[key] for name, key in lists.items()})
-    check_keys(make, "[sweep]", own, tuple(listed().values()))
+    check_keys(make, "[sweep]", own, tuple(listed_options().values()))
     check_key_types(Sweep, "[sweep]", own)
     return call(make, "[sweep]", own)
 
@@ -95,7 +95,7 @@ class Sweep:
     origins : int
         Number of random positions of the lattice for each run; 1 is the lattice's own position.
     methods : list of str
-        ``cpm``, another of :func:`closest_points`, ``nearest``, ``ball``, ``fem-refined``, or a
+        ``cpm``, another of :func:`lattice_methods`, ``nearest``, ``ball``, ``fem-refined``, or a
         plugin's back end.
     step_per_spacing : float, optional
         For problems with a time step: the longest step, as a multiple of the spacing.
@@ -113,7 +113,7 @@ class Sweep:
     def __post_init__(self) -> None:
         """Check the entries of [sweep], and the number of runs; raise SceneError if one is not accepted."""
         own = {key: getattr(self, key) for key in (*FINENESS, "cheap", "methods")}
-        for key, value in {**own, **{listed()[name]: values for name, values in self.lists.items()}}.items():
+        for key, value in {**own, **{listed_options()[name]: values for name, values in self.lists.items()}}.items():
             if value is not None and (not isinstance(value, (list, tuple)) or not value):
                 raise SceneError(f"{key} of [sweep] must be a list with at least one entry, got {shown(value)}.")
         if type(self.origins) is not int or not 0 < self.origins <= MOST_ORIGINS:
@@ -143,7 +143,7 @@ class Sweep:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
             for name, values in self.lists.items():
                 for value in values:
-                    declared_options(FORMS[LISTED_FORM])[name].check(value, f"{listed()[name]} of [sweep]")
+                    declared_options(FORMS[LISTED_FORM])[name].check(value, f"{listed_options()[name]} of [sweep]")
             for together in product(*self.lists.values()):
                 FORMS[LISTED_FORM](**dict(zip(self.lists, together, strict=True)))
         except InputError as error:
@@ -157,7 +157,7 @@ class Sweep:
         if not self._fineness():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
-            others = [method for method in self.methods if method not in closest_points()]
+            others = [method for method in self.methods if method not in lattice_methods()]
             given = {"cheap": self.cheap, "step_per_spacing": self.step_per_spacing}
             others += [key for key, value in given.items() if value is not None]
             if others:
@@ -197,18 +197,18 @@ class Sweep:
             for name, values in self._fineness(cheap)
             for value in map(float, values)
             for method in self.methods
-            if name == "spacing" or method in closest_points()
+            if name == "spacing" or method in lattice_methods()
             for options, origin in self._discretizations(method)
         )
         return list(dict.fromkeys(every))
 
     def _discretizations(self, method: str) -> Iterator[tuple[tuple[tuple[str, Any], ...], int | None]]:
         """Yield options and the number of the lattice's position (None: the default) for each run of a method."""
-        names, form = listed_of(method), _form_of(method)
+        names, form = listed_of(method), _form_options_of(method)
         checks = declared_options(form)
         accepted = [[value for value in self.lists.get(name, ()) if checks[name].accepts(value)] for name in names]
         lists = [values or [getattr(form, name)] for name, values in zip(names, accepted, strict=True)]
-        placed = names or method in closest_points()
+        placed = names or method in lattice_methods()
         origins = range(self.origins) if self.origins > 1 and placed else [None]
         for values in product(*lists):
             yield from product([tuple(zip(names, values, strict=True))], origins)
@@ -221,7 +221,7 @@ class Run:
     Attributes
     ----------
     method : str
-        One of :func:`closest_points`, a baseline or a back end.
+        One of :func:`lattice_methods`, a baseline or a back end.
     spacing : float or None
         Spacing of the lattice, or the argument of a back end; None with an accuracy target.
     options : tuple of (str, value)
@@ -242,7 +242,7 @@ class Run:
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; options that an older record lacks have their defaults."""
-        names, form = listed_of(record["method"]), _form_of(record["method"])
+        names, form = listed_of(record["method"]), _form_options_of(record["method"])
         options = tuple((name, record.get(name, getattr(form, name))) for name in names)
         target = {f"target_{name}": record.get(f"asked_{name}") for name in TARGETS}
         spacing = record["spacing"] if set(target.values()) == {None} else None  # else the spacing is a result
@@ -256,7 +256,7 @@ class Run:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters of a record as plain values; None for options that the method does not have."""
-        options = dict.fromkeys(listed()) | dict(self.options)
+        options = dict.fromkeys(listed_options()) | dict(self.options)
         target = {f"asked_{name}": getattr(self, f"target_{name}") for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 

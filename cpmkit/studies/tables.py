@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from cpmkit.errors import printable
 from cpmkit.studies.record_series import Entry, Series
 from cpmkit.studies.records import Record
-from cpmkit.studies.sweep import TARGETS, listed
+from cpmkit.studies.sweep import TARGETS, listed_options
 
 
 def orders_table(series: Sequence[Series]) -> str:
@@ -80,7 +80,9 @@ def run_name(record: Record) -> str:
     """Return the name of a record's run: its method and its parameters."""
     target = {name: record.get(f"asked_{name}") for name in TARGETS}
     how = {**record, **target} | ({} if set(target.values()) == {None} else {"spacing": None})
-    parameters = (f"{key} {how[key]}" for key in (*listed(), "spacing", *target, "origin") if how.get(key) is not None)
+    parameters = (
+        f"{key} {how[key]}" for key in (*listed_options(), "spacing", *target, "origin") if how.get(key) is not None
+    )
     return ", ".join([printable(record["method"]), *parameters])
 
 
@@ -123,7 +125,7 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
             entries = [found.get((label, spacing)) for label in labels]
             values = [math.nan if each is None else each.percent(name) for name in SHOWN_ENTRIES for each in entries]
             shown = ("" if math.isnan(value) else f"{value:.2f}" for value in values)
-            rows.append([title, f"{spacing:g}", *_size(entries), *shown])
+            rows.append([title, f"{spacing:g}", *_size_cells(entries), *shown])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
     header, *lines = [table_row([cells[k] for k in filled]) for cells in rows]
     return "\n".join([header, table_rule(1, len(filled) - 1), *lines])
@@ -139,7 +141,7 @@ def differences_sentence(series: Sequence[Series]) -> str:
     )
 
 
-def _size(entries: Sequence[Entry | None]) -> list[str]:
+def _size_cells(entries: Sequence[Entry | None]) -> list[str]:
     """Return cells with the unknowns, and the share of twins (second unknowns at a node), of the first method.
 
     ``entries`` has an entry for each method at one spacing, None for a method without a result.

@@ -37,12 +37,12 @@ def check_local_minima(subject: Subject, x: Floats) -> None:
     )
     require((feet.distance <= large).all(), "A foot lies beyond the radius.")
     first = np.flatnonzero(np.diff(rows, prepend=-1))
-    apart = np.abs(_reach(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
+    apart = np.abs(_foot_distances(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
     allowed = subject.round_off(x)[rows]
     require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
     off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
     require_rows(off <= subject.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
-    excess = feet.distance - _reach(x, rows, feet)
+    excess = feet.distance - _foot_distances(x, rows, feet)
     require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
     if subject.source.exact:
         require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
@@ -92,7 +92,7 @@ def check_bad_radius(subject: Subject) -> None:
         raise AssertionError(f"Queries of shape {x.shape} with a radius of {radius} are accepted.")
 
 
-def _reach(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
+def _foot_distances(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
     """Return the distances (k,) of feet from their queries, the rows ``rows`` (k,) of ``x``."""
     return np.asarray(np.linalg.norm(x[rows] - feet.points, axis=1))
 

@@ -179,7 +179,7 @@ def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
     return whole
 
 
-def grid(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
+def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
     """Return a sheet (rows, columns, 3), from 0 to 1, of equal pictures in ``columns``, each under its title."""
     width = tiles[0].shape[1]
     cells = [

@@ -42,7 +42,7 @@ def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     """
     look = Look.of(options, "a page")
     check_look(look)
-    mesh, fields, bar = _fields(solution, look)
+    mesh, fields, bar = _slider_fields(solution, look)
     points = in_space(mesh.points)
     curve_points, curve_cells, pins = boundary_meshes(
         solution.scene.boundaries if look.curves else (), solution.spacing
@@ -93,7 +93,7 @@ def _hash_of(tag: str, template: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(content.encode()).digest()).decode('ascii')}'"
 
 
-def _fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
+def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
     """Return the mesh, the (name, values) that the slider selects from, and their colour bar, None for colours."""
     if isinstance(solution, EigenRecord) and look.channel is None:
         mesh = solution.display_mesh()

@@ -21,7 +21,7 @@ from cpmkit.view import marks
 from cpmkit.view.camera import axes_of
 from cpmkit.view.colours import Bar, make_bar
 from cpmkit.view.drawing import Drawing, Shapes, draw
-from cpmkit.view.marks import compose, grid, model_width, write_png
+from cpmkit.view.marks import compose, model_width, picture_sheet, write_png
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
@@ -207,5 +207,5 @@ def _sheet(solution: EigenRecord, look: Look) -> tuple[Any, str]:
         shade(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
         for k in range(solution.channels)
     ]
-    sheet = grid(tiles, solution.titles, columns)
+    sheet = picture_sheet(tiles, solution.titles, columns)
     return compose(sheet, bar, look.title, look.width), drawing.camera.description

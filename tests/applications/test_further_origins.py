@@ -13,7 +13,7 @@ import cpmkit.forms.galerkin.space.energy as energy
 import cpmkit.linear.direct as factorization
 import cpmkit.linear.multigrid.solver as multigrid
 from cpmkit.applications import geodesic_distance
-from cpmkit.applications.heat import UNDERFLOW_SHARE, only_underflow
+from cpmkit.applications.heat import UNDERFLOW_SHARE, is_only_underflow
 from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples
 
 SPHERE = ck.source("analytic.sphere")
@@ -61,11 +61,11 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
 def test_few_points_may_be_lost_in_rounding_but_none_where_nothing_arrives() -> None:
     heat = np.full(1000, 1e-20)
     heat[:5] = -1e-25
-    assert only_underflow(heat, heat <= 0)
+    assert is_only_underflow(heat, heat <= 0)
     heat[0] = 0.0
-    assert not only_underflow(heat, heat <= 0)
+    assert not is_only_underflow(heat, heat <= 0)
     heat[: int(2 * UNDERFLOW_SHARE * len(heat))] = -1e-25
-    assert not only_underflow(heat, heat <= 0)
+    assert not is_only_underflow(heat, heat <= 0)
 
 
 def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:

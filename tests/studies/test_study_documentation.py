@@ -11,7 +11,7 @@ from cpmkit.studies.records import read_records
 from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import STUDY_TABLES, Exact, load_study
-from cpmkit.studies.sweep import Sweep, listed
+from cpmkit.studies.sweep import Sweep, listed_options
 
 ROOT = Path(__file__).parents[2]
 STUDIES = ROOT / "examples" / "studies"
@@ -43,7 +43,9 @@ def test_python_in_the_documentation(tmp_path, monkeypatch):
 def test_every_key_of_a_study_is_documented(tmp_path):
     text = (DOCS / "reference" / "study-keys.md").read_text(encoding="utf-8")
     named = set(re.findall(r"`([^`\n]+)`", text))
-    keys = {field.name for kind in (Exact, Sweep) for field in fields(kind)} - {"lists"} | set(listed().values())
+    keys = {field.name for kind in (Exact, Sweep) for field in fields(kind)} - {"lists"} | set(
+        listed_options().values()
+    )
     assert {"title", *keys} - named == set()
     assert {f"[{table}]" for table in STUDY_TABLES if table not in ("title", "boundary")} - named == set()
     study = load_study(STUDIES / "panel-a-circle-jump.toml")

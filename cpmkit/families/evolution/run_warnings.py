@@ -44,7 +44,7 @@ PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
 WELL_BELOW = 0.9
 
 
-def heat_drift(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
+def heat_drift_warning(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
     """Return a warning if heat was lost or gained in ``time`` on pieces without outflow; only for c = 0.
 
     On such pieces the mean of u should grow by the mean of f times the time, in every scheme. ``start`` and ``u``
@@ -161,7 +161,7 @@ def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, hi
     values, slopes = form.evaluate(start.u, points), form.gradient(start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
     varies = size > PATTERN_SHARE * np.sqrt(share @ values**2)
-    if not varies.any() or _is_at_rest(problem, history, size, points, share):
+    if not varies.any() or _is_driven_steady(problem, history, size, points, share):
         return []
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
@@ -182,7 +182,7 @@ def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, hi
     ]
 
 
-def _is_at_rest(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
+def _is_driven_steady(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
     """Return True if the last step hardly changed a solution that still varies in space: it is nearly steady.
 
     ``size`` (channels,) is the variation at the start; ``share`` (k,) are the weights of ``points`` (k, d).
@@ -262,7 +262,7 @@ def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: Hi
             "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "
             "spacing does not resolve; use a smaller spacing, smoother data, or scheme 'implicit' with a longer step."
         ]
-    if _mean_wavenumber(problem, history) * problem.form.spacing <= SHORTEST_WAVE_PHASE * evolution.speed:
+    if _mean_frequency(problem, history) * problem.form.spacing <= SHORTEST_WAVE_PHASE * evolution.speed:
         return []
     return [
         "The solution consists of waves of four spacings or less, which the spacing does not resolve; use a smaller "
@@ -270,7 +270,7 @@ def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: Hi
     ]
 
 
-def _mean_wavenumber(problem: SemiDiscrete, history: History) -> float:
+def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
     """Return the fourth root of the mean of u_tt^2 over that of u^2: for a wave its speed times its wavenumber."""
     before, now = history[-2:]
     assert before.rate is not None

@@ -13,7 +13,13 @@ from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
 from cpmkit.families.evolution.run_state import RunPlan, RunState, after_step, rate_of_change, rest_warning
-from cpmkit.families.evolution.run_warnings import GrowthBound, growth_bound, heat_drift, run_warnings, wave_energy
+from cpmkit.families.evolution.run_warnings import (
+    GrowthBound,
+    growth_bound,
+    heat_drift_warning,
+    run_warnings,
+    wave_energy,
+)
 from cpmkit.families.evolution.schedule import REMEMBERED_MOMENTS, Moment, Step, schedule
 from cpmkit.families.evolution.schemes import (
     Scheme,
@@ -66,12 +72,12 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
-    plan = RunPlan(problem, evolution, steps, _start(form, evolution, steps[0]))
+    plan = RunPlan(problem, evolution, steps, _start_moment(form, evolution, steps[0]))
     solver = ShiftedSolver(problem, context)
     built = time.perf_counter()
     state = _run(context, plan, solver)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
-    return _solution(context, plan, state, solver.tally, seconds)
+    return _solution_at_end(context, plan, state, solver.tally, seconds)
 
 
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
@@ -84,7 +90,7 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     return SemiDiscrete(form, groups, evolution.terms().f, reaction)
 
 
-def _start(form: Discretized, evolution: Evolution, first: Step) -> Moment:
+def _start_moment(form: Discretized, evolution: Evolution, first: Step) -> Moment:
     """Return the moment at the start, from the initial data; ``first`` is the first step."""
     t0 = evolution.t0
     if not isinstance(evolution, Wave):
@@ -160,7 +166,7 @@ def _take_step(
     return later.with_frame(moment.u, wave_energy(plan.problem, moment, step.end)) if step.is_frame else later
 
 
-def _solution(
+def _solution_at_end(
     context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
 ) -> EvolvedRecord:
     """Return the solution at the end of the run, with its frames."""
@@ -176,7 +182,7 @@ def _solution(
     warnings = (
         *form.warnings(),
         *run_warnings(plan.problem, plan.evolution, plan.start, state.history),
-        *heat_drift(plan.problem, context.scene, plan.start.u, u, end - plan.start.time),
+        *heat_drift_warning(plan.problem, context.scene, plan.start.u, u, end - plan.start.time),
         *rest_warning(form, plan.evolution, plan.start, state.history),
     )
     energy = wave_energy(plan.problem, state.history[-1], end)

@@ -21,7 +21,7 @@ from cpmkit.forms.cost_model import CostModel, growth_through
 from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, lattice_of
-from cpmkit.grid.spacings import check_fits, fitting_spacing, unknowns_at_one
+from cpmkit.grid.spacings import check_fits, fitting_spacing, unknowns_at_unit_spacing
 from cpmkit.grid.stencils import base_offset
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
@@ -109,7 +109,7 @@ class CollocationCost(CostModel[CollocationOptions]):
     def expected_unknowns(self) -> float:
         """Return the approximate number of unknowns."""
         surface = self.surface
-        return unknowns_at_one(surface, self.options.own.degree) / self.options.spacing**surface.largest_dim
+        return unknowns_at_unit_spacing(surface, self.options.own.degree) / self.options.spacing**surface.largest_dim
 
     def fitting_spacing(self, solver: str, available: int) -> float:
         """Return the smallest spacing at which a solve fits into ``available`` bytes."""

@@ -235,7 +235,9 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
     ambiguous = apart < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
     at_sources, mirror = log_at(sources.points), log_at(np.where(ambiguous, sources.points, formula.points))
     log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
-    return np.concatenate([np.exp(_with_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)])
+    return np.concatenate(
+        [np.exp(_add_log_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)]
+    )
 
 
 def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
@@ -245,7 +247,7 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
     because of rounding; the line then goes through the latter point. ``log_at`` returns log a (k,) at points (k, d).
     """
     first = log_at(ghosts.sources.points)
-    at_boundary = _with_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
+    at_boundary = _add_log_terms(ghosts.sources.coefficient * first, ghosts.sources, log_at)
     by_sources, by_mirror = np.flatnonzero(ghosts.behind < 1), np.flatnonzero(ghosts.behind >= 1)
     log = at_boundary.copy()
     log[by_sources] -= ghosts.behind[by_sources] * (first - at_boundary)[by_sources]
@@ -253,7 +255,7 @@ def _of_ghosts(ghosts: Ghosts, log_at: Callable[[Floats], Floats]) -> Floats:
     return np.exp(log)
 
 
-def _with_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
+def _add_log_terms(values: Floats, formula: RowFormula, log_at: Callable[[Floats], Floats]) -> Floats:
     """Return ``values`` (n,) plus the formula's further terms, coefficient times log a at each further point."""
     total = values.copy()
     for term in formula.terms:

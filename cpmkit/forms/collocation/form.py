@@ -1,4 +1,4 @@
-"""The collocation form: the closest point method of King et al. (2024) behind the interface that all forms have."""
+"""The collocation form: the closest point method, King et al. (2024), behind the interface that all forms have."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
-from cpmkit.scene.edge_conditions import position_parts
+from cpmkit.scene.edge_conditions import conditions_by_position
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
@@ -368,7 +368,7 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
             "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
             f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
         )
-    if position_parts(scene.edge):
+    if conditions_by_position(scene.edge):
         raise SceneError(
             "the form 'collocation' takes one condition for each loop of the edge, got conditions by position; use "
             "form='galerkin', which curves and surfaces have."

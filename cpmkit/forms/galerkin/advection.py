@@ -22,7 +22,7 @@ from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
 from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.energy import Stabilisation, add_ghosts, kernel_arguments, stabilisation_data
-from cpmkit.forms.galerkin.space.energy_kernels import room_for, second_of, slope_of, sort_columns, value_of
+from cpmkit.forms.galerkin.space.energy_kernels import row_length, second_of, slope_of, sort_columns, value_of
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
 from cpmkit.linear.multigrid.cycle import Level
@@ -67,7 +67,7 @@ def advection_forms(
 
     v and g = grad a are (3,), ``normals`` (codim, d), a and c numbers; ``room`` is the padded number of splines.
     """
-    room = room_for(splines)
+    room = row_length(splines)
     codim, d = normals.shape
     x, y, z = t[0], t[1], t[2]
     u0, u1, u2 = v[0] / spacing, v[1] / spacing, v[2] / spacing
@@ -156,7 +156,7 @@ def add_advection(
     """
     indptr, indices, data = matrix
     d = places.shape[1]
-    kind, width, room = d - 2, unknowns.shape[1], room_for(splines)
+    kind, width, room = d - 2, unknowns.shape[1], row_length(splines)
     forms, block = np.zeros(3 * room), np.zeros(room * room)
     t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((directions.shape[1], d))
     for p in range(len(unknowns)):
@@ -204,7 +204,7 @@ def add_upstream_load(
     The other arguments are those of :func:`add_advection`.
     """
     d = places.shape[1]
-    kind, width, channels, room = d - 2, unknowns.shape[1], load.shape[1], room_for(splines)
+    kind, width, channels, room = d - 2, unknowns.shape[1], load.shape[1], row_length(splines)
     forms, normals = np.zeros(3 * room), np.zeros((0, d))
     t, v, none = np.zeros(3), np.zeros(3), np.zeros(3)
     for p in range(len(unknowns)):

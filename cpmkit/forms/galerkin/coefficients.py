@@ -117,11 +117,11 @@ class SampleCoefficients:
         if isinstance(data, StateDependentCoefficient):
             a = self.evaluate_at_state(data)
         elif not callable(data) and np.ndim(data) == 0:
-            return check_positive(self.at_all_samples(data, "the diffusivity"))
+            return check_diffusivity(self.at_all_samples(data, "the diffusivity"))
         else:
             a = evaluate_diffusivity(data, self._reading_points(data), "the diffusivity")
         if a.ndim < 3:
-            return self.append_boundary_samples(check_positive(a))
+            return self.append_boundary_samples(check_diffusivity(a))
         if self.space.size > self.space.spline_count:
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
@@ -179,7 +179,7 @@ class SampleCoefficients:
         return self.space.spline_gradients_at_samples(self.space.project(values))
 
 
-def check_positive(a: Floats) -> Floats:
+def check_diffusivity(a: Floats) -> Floats:
     """Return the diffusivity ``a`` (k,), or raise if it is not positive everywhere.
 
     Raises

@@ -113,12 +113,12 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     -----
     A connected piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
-    from cpmkit.forms.galerkin.dof_map_kernels import bounds, codes_of, join_samples, touching_pairs
+    from cpmkit.forms.galerkin.dof_map_kernels import cell_codes, join_samples, piece_extents, touching_patches
 
     contacts = np.ascontiguousarray(contacts)
     points = np.ascontiguousarray(points, dtype=np.float64)
     cell = np.ascontiguousarray(np.arange(len(points)) if cell is None else cell, dtype=np.int32)
-    code = codes_of(points, spacing)
+    code = cell_codes(points, spacing)
     root, first, after, holder = join_samples(code, contacts, cell, int(contacts.max()) + 1)
     roots = np.flatnonzero(root == np.arange(len(root)))
     roots = roots[np.argsort(code[roots], kind="stable")]
@@ -130,10 +130,10 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     numbers[roots] = np.arange(len(roots))
     patch = numbers[root]
     del numbers, root
-    touching = touching_pairs(patch, len(roots), first, after, holder)
+    touching = touching_patches(patch, len(roots), first, after, holder)
     count, piece = components(len(roots), touching)
     del first, after, holder
-    extent = bounds(points, patch, piece, count)
+    extent = piece_extents(points, patch, piece, count)
     size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
     isolated = size < ISOLATED_SPACINGS * spacing
     return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree)
@@ -151,10 +151,10 @@ def dof_map_from_patches(
     isolated : (p,) bool
         Whether each patch is on a piece of the manifold that has one unknown.
     """
-    from cpmkit.forms.galerkin.dof_map_kernels import number
+    from cpmkit.forms.galerkin.dof_map_kernels import number_unknowns
 
     touching = np.ascontiguousarray(touching, dtype=np.int32)
-    unknowns, nodes = number(np.ascontiguousarray(cells), touching, isolated, degree + 1)
+    unknowns, nodes = number_unknowns(np.ascontiguousarray(cells), touching, isolated, degree + 1)
     return DofMap(spacing, cells, unknowns, nodes, touching, patch, degree)
 
 

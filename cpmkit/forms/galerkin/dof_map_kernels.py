@@ -20,7 +20,7 @@ def grown(values: Any) -> Any:
 
 
 @compiled
-def codes_of(points: Floats, spacing: float) -> Ints:
+def cell_codes(points: Floats, spacing: float) -> Ints:
     """Return an integer (q,) for each of the ``points`` (q, d), equal for points in the same lattice cell only.
 
     Cells are centred at multiples of the ``spacing``.
@@ -76,7 +76,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
 
 
 @compiled
-def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
+def touching_patches(patch: Any, patches: int, first: Any, after: Any, holder: Any) -> Any:
     """Return the pairs (t, 2) of patches that share a vertex, once each and ascending, the smaller number first.
 
     ``first``, ``after`` and ``holder`` are the linked slots from :func:`join_samples`; ``patch`` (q,) is the patch of
@@ -120,7 +120,7 @@ def touching_pairs(patch: Any, patches: int, first: Any, after: Any, holder: Any
 
 
 @compiled
-def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
+def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
     """Return (pieces, d) the extent along the axes of the points on each piece of the manifold.
 
     ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
@@ -137,7 +137,7 @@ def bounds(points: Floats, patch: Any, label: Ints, pieces: int) -> Floats:
 
 
 @compiled
-def number(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
+def number_unknowns(cells: Ints, touching: Any, single: Bools, along: int) -> tuple[Any, Ints]:
     """Return the unknowns (p, along^d) at the nodes that each patch reads, and the node (n, d) of each unknown.
 
     A node has an unknown for each connected component of the patches that read it, where the pairs ``touching`` (t, 2)

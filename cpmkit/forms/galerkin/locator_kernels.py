@@ -194,14 +194,14 @@ def nearest_in_cells(
                     for axis in range(d):
                         square += (points[k, axis] - samples[q, axis]) ** 2
                     if square < squares[k, count - 1]:
-                        insert(squares[k], numbers[k], square, q)
+                        insert_sample(squares[k], numbers[k], square, q)
                 row += 1
         complete[k] = squares[k, count - 1] <= 1.0
     return squares, numbers, complete
 
 
 @compiled
-def insert(squares: Floats, numbers: Ints, square: float, q: int) -> None:
+def insert_sample(squares: Floats, numbers: Ints, square: float, q: int) -> None:
     """Insert sample ``q`` with squared distance ``square`` into the lists of the nearest samples; drop the farthest.
 
     ``squares`` and ``numbers`` (count,) are ascending in the squared distance.

@@ -15,7 +15,7 @@ from cpmkit.grid.spacings import (
     SPARE_MEMORY_SHARE,
     other_solver_hint,
     rounded_up,
-    unknowns_at_one,
+    unknowns_at_unit_spacing,
 )
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.runtime import memory
@@ -172,7 +172,7 @@ def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2, cou
     The band is counted by ``counted`` blocks or more. Unknowns of degree 2 are 1.00 of it on a sphere, .98 on a circle,
     .94 on Dziuk's surface, .88 on Spot and .66 on a knot in space (measured).
     """
-    return unknowns_at_one(surface, degree, counted) / spacing**surface.largest_dim
+    return unknowns_at_unit_spacing(surface, degree, counted) / spacing**surface.largest_dim
 
 
 def peak_bytes(
@@ -189,7 +189,7 @@ def peak_bytes(
     used = _tables_bytes(unknowns, m, factors, degree) + BYTES_PER_SAMPLE[m] * count
     used += min(ALLOCATOR_SHARE * used, MOST_ALLOCATOR_BYTES) if m > 1 and factors != "all" else 0.0
     used += BYTES_PER_FURTHER_SAMPLE[m] * max(count - usual, 0.0)
-    return LEAST_BYTES + used + _extra_bytes(unknowns, m, factors, degree, extras)
+    return LEAST_BYTES + used + _bytes_of_extras(unknowns, m, factors, degree, extras)
 
 
 def _tables_bytes(unknowns: float, m: int, factors: Factors, degree: int) -> float:
@@ -205,7 +205,7 @@ def _factors_bytes(unknowns: float, m: int, degree: int) -> float:
     return unknowns * fill
 
 
-def _extra_bytes(unknowns: float, m: int, factors: Factors, degree: int, extras: SceneExtras) -> float:
+def _bytes_of_extras(unknowns: float, m: int, factors: Factors, degree: int, extras: SceneExtras) -> float:
     """Return the estimated bytes that boundaries and time stepping add to a solve."""
     used = extras.boundaries * min(BOUNDARY_BYTES_PER_UNKNOWN * unknowns, MOST_BOUNDARY_BYTES[m])
     if extras.boundaries and factors != "all":

@@ -62,7 +62,7 @@ class MultigridSolver:
             raise SceneError("solver 'multigrid' solves systems of a form that has levels; use solver='direct'.")
         _check_coarsest(levels[-1].prolongation.shape[1] if levels else inner.size, inner.size, waves)
         if not inner.symmetric:
-            return _advection(operator, levels, self.max_iterations)
+            return _prepare_advection(operator, levels, self.max_iterations)
         try:
             if waves or isinstance(inner, ComplexShift):
                 return prepare_indefinite(inner, levels, self.max_iterations)
@@ -81,7 +81,7 @@ class MultigridSolver:
         return PreconditionedCG(operator, rows, bordered, cycle, steps, "multigrid", more_exact=more_exact)
 
 
-def _advection(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedAdvection:
+def _prepare_advection(operator: Operator, levels: Sequence[Any], max_iterations: int) -> PreconditionedAdvection:
     """Return the iteration for an operator with advection; raise a SceneError if a block is singular."""
     try:
         return prepare_advection(operator, levels, max_iterations)

@@ -110,11 +110,11 @@ def find_defects(
         creases[_nearest_edges(creases, vertices, cells)[0] > 0.3 * nodes.spacing],
         len(areas) - components_before,
         int((areas < 2.0 * spacing**2).sum()),
-        float(areas.sum() / _area_by_nodes(nodes) - 1),
+        float(areas.sum() / _area_from_nodes(nodes) - 1),
     )
 
 
-def _area_by_nodes(nodes: LatticeNodes) -> float:
+def _area_from_nodes(nodes: LatticeNodes) -> float:
     """Return the area of the surface as a sum over the nodes of a smoothed delta function of their distance.
 
     The delta function is a raised cosine that is zero from one spacing on, up to which all nodes are known. Nodes whose

@@ -22,7 +22,7 @@ NORMAL_NOISES = 20.0
 #: Where closest points are noisy, normals are computed from points moved off the surface by so many noises.
 OFFSET_NOISES = 30.0
 #: (8, 3) the corners of a cell relative to its lowest one.
-CORNERS = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int64)
+CELL_CORNERS = np.stack(np.meshgrid(*[np.arange(2)] * 3, indexing="ij"), axis=-1).reshape(-1, 3).astype(np.int64)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
             "The source has no point inside its own bounds: its closest points and bounds contradict each other."
         )
     codes = Codes.around(cells, 3)
-    corners = codes.encode(cells)[:, None] + CORNERS @ codes.strides
+    corners = codes.encode(cells)[:, None] + CELL_CORNERS @ codes.strides
     table, corner_nodes = np.unique(corners, return_inverse=True)
     index = codes.decode(table)
     positions = np.asarray((index - offsets) * spacing)
@@ -105,7 +105,7 @@ def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> Latti
     cell_is_nonplanar = _nonplanar_cells(positions, answer.points, normals, distance, on_rim, corner_nodes, spacing)
     nonplanar = np.zeros((len(table), 3), dtype=bool)
     for axis in range(3):
-        nonplanar[corner_nodes[cell_is_nonplanar][:, CORNERS[:, axis] == 0], axis] = True
+        nonplanar[corner_nodes[cell_is_nonplanar][:, CELL_CORNERS[:, axis] == 0], axis] = True
     return LatticeNodes(
         spacing, offsets, codes, table, index, positions, answer.points, normals, distance, on_rim, nonplanar
     )

@@ -32,7 +32,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
         edges = edge_table(cells)
         length = norms(vertices[edges.ends[:, 1]] - vertices[edges.ends[:, 0]])
         is_short = (edges.count > 2) & (length < 0.35 * spacing)
-        is_short[_shortest_of_degenerate(vertices, cells, edges, length)] = True
+        is_short[_shortest_edges_of_degenerate(vertices, cells, edges, length)] = True
         if not is_short.any():
             break
         short = np.flatnonzero(is_short)
@@ -43,7 +43,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
     return vertices, cells
 
 
-def _shortest_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, length: Floats) -> Ints:
+def _shortest_edges_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, length: Floats) -> Ints:
     """Return the shortest edges (k,) of triangles that have hardly any area and an edge of three triangles or more."""
     rows = np.flatnonzero((edges.count > 2)[edges.of_cells].any(axis=1))
     of_cells = edges.of_cells[rows]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contour_checks import (
@@ -191,4 +191,4 @@ def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:
     for axis in range(3):
         met = nodes.codes.dilate(met, axis, range(-1, 2))
     closest_points = nodes.closest[nodes.distance <= nodes.spacing]
-    return np.asarray(closest_points[find(met, cells_of(closest_points)) < 0])
+    return np.asarray(closest_points[find_codes(met, cells_of(closest_points)) < 0])

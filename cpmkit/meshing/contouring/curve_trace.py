@@ -78,7 +78,7 @@ def trace_curve(source: LocalSource, crossings: PlaneCrossings, spacing: float) 
     """
     pairs = _connected_pairs(source, crossings, spacing)
     degree = np.bincount(pairs.ravel(), minlength=len(crossings.member))
-    at_junction = (degree[pairs] > 1 + _passed_through(crossings, pairs)[pairs]).any(axis=1)
+    at_junction = (degree[pairs] > 1 + _are_passed_through(crossings, pairs)[pairs]).any(axis=1)
     centres, spokes = _junctions(source, crossings, pairs[at_junction])
     lone = np.flatnonzero(degree == 0)
     of_lone = crossings.member[lone]
@@ -111,10 +111,10 @@ def _connected_pairs(source: LocalSource, crossings: PlaneCrossings, spacing: fl
     cells, half = crossings.cells[pairs[:, 0]], 0.5 + same_share(source, spacing)
     low, high = np.asarray((cells - half) * spacing), np.asarray((cells + half) * spacing)
     pairs = pairs[connected_on_curve(source, points[i], points[j], tangents[i], tangents[j], low, high)]
-    return pairs[~_others_between(crossings, pairs)]
+    return pairs[~_has_crossing_between(crossings, pairs)]
 
 
-def _others_between(crossings: PlaneCrossings, pairs: Ints) -> Bools:
+def _has_crossing_between(crossings: PlaneCrossings, pairs: Ints) -> Bools:
     """Return for each pair (k,) whether another crossing of its cell, of similar tangent, lies between the two."""
     cell = np.searchsorted(crossings.start, pairs[:, 0], side="right") - 1
     low, high = crossings.start[cell], crossings.start[cell + 1]
@@ -132,7 +132,7 @@ def _others_between(crossings: PlaneCrossings, pairs: Ints) -> Bools:
     return between
 
 
-def _passed_through(crossings: PlaneCrossings, pairs: Ints) -> Bools:
+def _are_passed_through(crossings: PlaneCrossings, pairs: Ints) -> Bools:
     """Return which entries (k,) have two partners, on opposite sides: the curve passes there without a junction.
 
     Noise puts such crossings into the neighbouring cell.

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_nodes import (
@@ -80,7 +80,7 @@ class Observation:
         self.distance[rows], self.normal[rows], self.interior[rows] = new.distance, new.normal, new.interior
 
 
-def _observe(source: LocalSource, points: Floats, known_normals: Floats, length: float) -> Observation:
+def _observe_surface(source: LocalSource, points: Floats, known_normals: Floats, length: float) -> Observation:
     """Return distance and normal of the surface at ``points`` (n, 3), and whether the closest points lie off rims.
 
     Points on the surface get the ``known_normals`` (n, 3); ``length`` is the length to which tolerances refer.
@@ -118,7 +118,7 @@ def edge_crossings(source: LocalSource, nodes: LatticeNodes) -> Crossings:
     grazing = np.flatnonzero(np.isnan(t) & through)
     t[grazing] = s * nodes.distance[tail[grazing]] / (nodes.distance[tail[grazing]] + nodes.distance[head[grazing]])
     normal[grazing] = nodes.normals[tail[grazing]]
-    explained = _head_explained(nodes, head[rows], along[rows], t[rows], normal[rows])
+    explained = _predicts_head(nodes, head[rows], along[rows], t[rows], normal[rows])
     none_left = np.isnan(t[rows]) & ~((nodes.distance[head[rows]] < near_share * s) & ~nodes.on_rim[head[rows]])
     none_left &= source.noise == 0  # where closest points are noisy, rays along the surface may pass it
     back = rows[~explained & ~none_left & ~planar[rows]]
@@ -156,7 +156,7 @@ def _candidate_edges(nodes: LatticeNodes, uncertainty: float) -> tuple[Ints, Int
     """
     tails, heads, axes = [], [], []
     for axis, stride in enumerate(nodes.codes.strides):
-        head = find(nodes.table, nodes.table + stride)
+        head = find_codes(nodes.table, nodes.table + stride)
         reach = nodes.distance + np.where(head >= 0, nodes.distance[head], np.inf)
         tail = np.flatnonzero(reach <= nodes.spacing * (1 + 1e-9) + uncertainty)
         tails.append(tail)
@@ -185,7 +185,7 @@ def _cross_plane(
         before = ((a * t + b) * t + m0) * t + d0 > 0
         low, high = np.where(before, t, low), np.where(before, high, t)
     target = np.maximum(low - offset, 0.0) * s
-    there = _observe(source, nodes.positions[tail] + target[:, None] * along, nodes.normals[tail], s)
+    there = _observe_surface(source, nodes.positions[tail] + target[:, None] * along, nodes.normals[tail], s)
     slope = dots(there.normal, along)
     with np.errstate(all="ignore"):
         t = target - there.distance / slope
@@ -267,7 +267,7 @@ def _march(
         floor[start_is_near] = end_share * length  # crossings nearer to the start were found in the first round
         rows, low, t, base_t, follows_plane = rows[go], low[go], t[go], base_t[go], follows_plane[go]
         now, base, tries_plane, t_next = now.take(go), base.take(go), tries_plane[go], t_next[go]
-        new = _observe(source, start[rows] + t_next[:, None] * along[rows], now.normal, length)
+        new = _observe_surface(source, start[rows] + t_next[:, None] * along[rows], now.normal, length)
         same_sheet = np.abs(dots(new.normal, now.normal)) > 0.7
         converges = tries_plane & same_sheet & (new.distance <= 0.5 * now.distance)
         follows_plane = converges | ~tries_plane
@@ -279,7 +279,7 @@ def _march(
     return hit, normal
 
 
-def _head_explained(nodes: LatticeNodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> Bools:
+def _predicts_head(nodes: LatticeNodes, head: Ints, along: Floats, t: Floats, normal: Floats) -> Bools:
     """Return for each edge (n,) whether the plane through its crossing predicts the closest point of its head.
 
     The plane has the ``normal`` (n, 3) and crosses the edge, of unit direction ``along`` (n, 3), at length ``t`` (n,).
@@ -299,7 +299,7 @@ def _single_in_odd_faces(nodes: LatticeNodes, tail: Ints, axis: Ints, t: Floats)
     """
     count = np.zeros(nodes.index.shape, dtype=np.int64)
     np.add.at(count, (tail[~np.isnan(t)], axis[~np.isnan(t)]), 1)
-    beyond = [find(nodes.table, nodes.table + stride) for stride in nodes.codes.strides]
+    beyond = [find_codes(nodes.table, nodes.table + stride) for stride in nodes.codes.strides]
     odd = np.zeros_like(count)
     for u, v in ((0, 1), (1, 2), (2, 0)):
         face = np.flatnonzero((beyond[u] >= 0) & (beyond[v] >= 0) & nodes.nonplanar[:, u])

@@ -62,7 +62,7 @@ def _edges_of_four(
     crossing = (gaps > np.radians(CROSSING_ANGLE)).all(axis=1)
     crossing[crossing] = _reaches_apexes(source, vertices, cells, edges.ends[edge[crossing]], slots[crossing])
     rest = np.flatnonzero(~crossing)
-    crossing[rest] = _goes_through(source, vertices, cells, edges.ends[edge[rest]], slots[rest])
+    crossing[rest] = _continues_across(source, vertices, cells, edges.ends[edge[rest]], slots[rest])
     return edge, slots, gaps, crossing
 
 
@@ -90,7 +90,7 @@ def _reaches_apexes(source: LocalSource, vertices: Floats, cells: Ints, ends: In
     return np.asarray((off <= 0.04 * norms(towards)).all(axis=1))
 
 
-def _goes_through(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
+def _continues_across(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
     """Return for each edge (k,) whether the surface continues all four triangles straight across it, in two sheets.
 
     ``ends`` (k, 2) are the vertices of the edges, ``slots`` (k, 4) their triangles.

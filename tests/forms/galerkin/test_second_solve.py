@@ -10,7 +10,7 @@ import pytest
 import cpmkit as ck
 from cpmkit.mesh import mesh_kernels, welding
 from cpmkit.meshing import curved_from_normals, mesh_cache
-from cpmkit.meshing.mesh_cache import CACHES
+from cpmkit.meshing.mesh_cache import MESH_CACHES
 
 SPACING = 0.35
 F = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]), c=1.0)
@@ -90,13 +90,13 @@ def test_a_mesh_whose_long_edges_are_split_asks_for_what_is_new_alone(monkeypatc
 def test_what_is_kept_goes_with_its_source():
     source = ball_mesh(closest="smooth")
     ck.solve(ck.Scene(source, F), SPACING, form="galerkin")
-    arrays = [one for one in CACHES[source].values.values() if isinstance(one, np.ndarray)]
+    arrays = [one for one in MESH_CACHES[source].values.values() if isinstance(one, np.ndarray)]
     assert sum(one.nbytes for one in arrays) < 8 * (source.vertices.nbytes + source.faces.nbytes)
-    number, gone = len(CACHES), ref(source)
+    number, gone = len(MESH_CACHES), ref(source)
     del source
     gc.collect()
     assert gone() is None
-    assert len(CACHES) < number
+    assert len(MESH_CACHES) < number
 
 
 def test_what_a_cloud_tells_is_looked_at_once(monkeypatch):

@@ -20,7 +20,7 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     coefficient_and_factor,
     ghost_sources,
 )
-from cpmkit.forms.collocation.ghosts.nodes_past_edge import straight_ahead
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import view_nodes_past_edge
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import CoupledGhosts, first_order_ghosts, second_order_ghosts
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, RowFormula
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView, points_near
@@ -125,7 +125,7 @@ def _geometry(
     foot_point, past_edge = mirrored.points[seen.rows], np.zeros(len(seen.rows), dtype=bool)
     coupled = boundaries.definitions[index].condition("left").couples  # such ghosts read their own side, too
     if boundary.has_sides and not coupled and (band.feet.edge[seen.rows] >= 0).any():
-        seen, places, past_edge = straight_ahead(boundary, band, seen, boundaries.behind)
+        seen, places, past_edge = view_nodes_past_edge(boundary, band, seen, boundaries.behind)
         foot_point = np.where(past_edge[:, None], places, foot_point)
     direction = _directions(seen, foot_point, band.spacing)
     feet = None if mirrored.feet is None else mirrored.feet.take(seen.rows)

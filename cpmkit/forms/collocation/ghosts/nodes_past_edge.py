@@ -213,7 +213,7 @@ def _mirror(
         on = feet if order == 1 else nearest_on_sheet(surface, start, foot - beyond, band.spacing)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     conormals = outward_conormals(surface, feet, 0.5 * band.spacing)
-    outward = _straight(surface, feet, conormals, beyond, band.spacing)
+    outward = _exact_conormals(surface, feet, conormals, beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
     mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
     on = feet if order == 1 else nearest_on_sheet(surface, start, mirror, band.spacing)
@@ -262,7 +262,9 @@ def _data_beside_corners(
     return [datum.renumber(away_from_corners), *data]
 
 
-def _straight(surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float) -> Floats:
+def _exact_conormals(
+    surface: LocalSource, edge: ClosestPoints, conormals: Floats, beyond: Floats, spacing: float
+) -> Floats:
     """Return the outward conormals (n, d); on solids they are the exact directions from closest points to nodes."""
     straight = surface.dimensions_at(edge) == surface.dim
     straight &= np.linalg.norm(beyond, axis=1) > UNDIRECTED_EDGE_SPACINGS * spacing
@@ -290,7 +292,7 @@ def separated_from_mirrors(
     return nodes[separated]
 
 
-def straight_ahead(
+def view_nodes_past_edge(
     boundary: BoundaryOnLattice, band: Band, side_view: SideView, behind: Ints
 ) -> tuple[SideView, Floats, Bools]:
     """Return the side view of nodes past an edge that a boundary separates from the manifold, at the nodes' own places.

@@ -19,12 +19,12 @@ from cpmkit.forms.collocation.sheets.sheets import (
     same_sheet,
 )
 from cpmkit.grid.band import Band, stencil_nodes
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.walking import feet_from
+from cpmkit.manifold.walking import feet_on_sheets
 from cpmkit.types import Bools, Floats, Ints
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.
@@ -126,7 +126,7 @@ def _sites_near(band: Band, flagged: Bools) -> Ints:
     around = (nodes[:, None] - tensor_offsets(band.degree, band.dim)).reshape(-1, band.dim)
     cells = np.unique(band.codes.encode(around))
     cell_of_site = band.codes.encode(stencil_cells(band.feet.points, band.spacing, band.degree)[0])
-    reads_flagged = find(cells, cell_of_site) >= 0
+    reads_flagged = find_codes(cells, cell_of_site) >= 0
     for offset in cross_offsets(band.dim):
         neighbour = band.find(band.nodes + offset)
         reads_flagged |= (neighbour >= 0) & flagged[neighbour]
@@ -175,7 +175,7 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
     ``missing`` has each node at most once.
     """
     nodes, by = missing.nodes, missing.by
-    rows, feet = feet_from(source, band.positions[nodes], sites.feet.take(by), band.spacing)
+    rows, feet = feet_on_sheets(source, band.positions[nodes], sites.feet.take(by), band.spacing)
     y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
     signed = has_signed_normals(source)
     on_sheet = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)

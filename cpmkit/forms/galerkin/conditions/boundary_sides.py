@@ -54,12 +54,12 @@ def left_of_boundaries(
         return np.zeros(len(samples), dtype=bool)
     rows = np.flatnonzero(samples.half >= 0)
     votes = np.bincount(samples.half[rows], _votes(samples, boundaries, lattice)[rows], n)
-    group, piece = _groups(mesh, half, corners)
+    group, piece = _side_and_piece_labels(mesh, half, corners)
     by_group = np.bincount(group, votes, n)[group]
     opposite = np.bincount(piece, votes, n)[piece] - by_group
     sides = np.bincount(piece[np.unique(group, return_index=True)[1]], minlength=n)[piece]
     left = np.where(sides == 2, by_group > opposite, by_group > 0)
-    one_sided = (sides == 1) & _has_other_cell(half)
+    one_sided = (sides == 1) & _has_cell_beyond(half)
     left = np.where(one_sided, votes > 0, left)
     on = np.flatnonzero((samples.half >= 0) & (samples.owner >= 0))  # empty if boundaries are points of a surface
     is_left = np.zeros(len(samples), dtype=bool)
@@ -104,7 +104,7 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
     return votes
 
 
-def _groups(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
+def _side_and_piece_labels(mesh: Mesh, half: HalfFacets, corners: Ints) -> tuple[Ints, Ints]:
     """Return two labels (n,) of half facets: of one side of a connected piece of a boundary, and of this piece.
 
     Facets of one boundary are connected at vertices where exactly two facets of boundaries meet.
@@ -135,7 +135,7 @@ def _renumber(labels: Ints) -> Ints:
     return np.asarray(np.unique(labels, return_inverse=True)[1].ravel(), dtype=np.int64)
 
 
-def _has_other_cell(half: HalfFacets) -> Bools:
+def _has_cell_beyond(half: HalfFacets) -> Bools:
     """Return for each half facet (n,), a facet of one cell, whether it is on a boundary with another cell beyond it."""
     on = half.cut >= 0
     count = np.bincount(half.cut[on], minlength=int(half.cut.max(initial=-1)) + 1)

@@ -137,7 +137,7 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
         if not np.any(on_boundary):
             continue
         if np.any(samples.half[on_boundary] < 0):
-            _check_point(label, [first, second])
+            _check_point_conditions(label, [first, second])
         if first.couples:
             pairs = _paired_samples(label, samples, left, on_boundary, lattice)
             yield ImposedCondition(first.law, label, *pairs, kind=first.kind)
@@ -150,7 +150,7 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
                 )
 
 
-def _check_point(label: str, conditions: list[Condition]) -> None:
+def _check_point_conditions(label: str, conditions: list[Condition]) -> None:
     """Raise if a condition at a point of a surface does not prescribe a value.
 
     Raises

@@ -48,7 +48,7 @@ def starts_of_groups(columns: Any, rows: Ints, order: Ints) -> Ints:
 
 
 @compiled
-def add_products(
+def add_symmetric_products(
     order: Ints,
     starts: Ints,
     rows: Ints,
@@ -174,7 +174,7 @@ def symmetric_sum(read: SampleRows, rows: Ints, products: Sequence[tuple[Floats,
     indptr, none = np.zeros(n + 1, dtype=unknowns.dtype), np.zeros((0, 1), dtype=unknowns.dtype)
     indices = pattern(unknowns, *inverse_index(unknowns.ravel(), n), none, *inverse_index(none.ravel(), n), indptr)
     data = np.zeros(len(indices))
-    add_products(order, starts, rows, x, y, columns, values, slopes, unknowns, indptr, indices, data)
+    add_symmetric_products(order, starts, rows, x, y, columns, values, slopes, unknowns, indptr, indices, data)
     found = csr_array((data, indices, indptr), shape=(n, n))
     found.has_canonical_format = True
     return found

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.grid.lattice import find
+from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Edges, Mesh
 from cpmkit.types import Bools, Floats, Ints
@@ -73,7 +73,7 @@ class TipDisc:
 
     def side_of(self, cells: Ints) -> tuple[Bools, Ints]:
         """Return whether each of the ``cells`` (q,) is in the disc, and its side (q,), 0 outside the disc."""
-        at = find(self.cells, cells)
+        at = find_codes(self.cells, cells)
         return at >= 0, np.append(self.sides, 0)[at]
 
 

@@ -131,7 +131,7 @@ def quadrature(
         Whether pieces between knot planes get a rule of degree 4.
     """
     parts = [_segment_samples(mesh)] if mesh.manifold_dim == 1 else _triangle_parts(mesh, clipped_at, clipped, fine)
-    return _concatenate(chain(parts, [] if further is None else [_arrays(further)]))
+    return _concatenate(chain(parts, [] if further is None else [_fields_of_samples(further)]))
 
 
 def _segment_samples(mesh: Mesh) -> list[Any]:
@@ -140,7 +140,7 @@ def _segment_samples(mesh: Mesh) -> list[Any]:
     tangents = _combine_nodes(mesh, slopes)
     cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
     speed = np.tile(weights, len(mesh.cells)) * norms(tangents)
-    return _arrays(Samples(_combine_nodes(mesh, shares), speed, _normal_frames(tangents), cell))
+    return _fields_of_samples(Samples(_combine_nodes(mesh, shares), speed, _normal_frames(tangents), cell))
 
 
 def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
@@ -156,7 +156,7 @@ def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None,
         if fine or not limits[rows].any():
             *others, cell = _all_samples(*arguments, fine)
         else:
-            *others, cell = _samples_by_count(*arguments)
+            *others, cell = _samples_single_first(*arguments)
         yield [*others, cell + np.int32(start)]
 
 
@@ -173,7 +173,7 @@ def _all_samples(
     return list(triangle_samples(gather_nodes(vertices, cells, midpoints), spacing, clipped, limits, fine))
 
 
-def _samples_by_count(
+def _samples_single_first(
     vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
 ) -> list[Any]:
     """Return what `_all_samples` returns, faster if many triangles get a single point: these are sampled first."""
@@ -195,7 +195,7 @@ def _samples_by_count(
     return [array[order] for array in both]
 
 
-def _arrays(samples: Samples) -> list[Any]:
+def _fields_of_samples(samples: Samples) -> list[Any]:
     """Return the fields of ``samples``: points, weights, normals and cells."""
     return [getattr(samples, field.name) for field in fields(Samples)]
 

@@ -117,7 +117,7 @@ def mixed_third_moment(thirds: Floats, c: float, s: float) -> float:
 
 
 @compiled
-def place_point(frame: Floats, e: float, f: float, place: Floats) -> None:
+def unwhiten(frame: Floats, e: float, f: float, place: Floats) -> None:
     """Fill ``place`` (2,) with the original coordinates of the point (e, f) in the axes of :func:`whiten`."""
     place[0] = frame[0] + frame[2] * e
     place[1] = frame[1] + frame[3] * e + frame[4] * f
@@ -201,7 +201,7 @@ def polygon_rule(
             x = sense * (np.sqrt(2.0) if k == 0 else -np.sqrt(0.5))
             y = (0.0, np.sqrt(1.5), -np.sqrt(1.5))[k]
             shares[k] = 1 / 3
-            place_point(frame, c * x - s * y, s * x + c * y, places[k])
+            unwhiten(frame, c * x - s * y, s * x + c * y, places[k])
         return area
     last = -s * s * (s * thirds[0] - 3 * c * thirds[1]) + c * c * (-3 * s * thirds[2] + c * thirds[3])
     mixed, root = mixed_third_moment(thirds, c, s), np.sqrt(along * along + 4)
@@ -212,7 +212,7 @@ def polygon_rule(
         sense = 1.0 if k % 2 == 0 else -1.0
         y = 0.5 * (last + sense * spread)
         shares[k] = part * 0.5 * (1 - sense * last / spread)
-        place_point(frame, c * x - s * y, s * x + c * y, places[k])
+        unwhiten(frame, c * x - s * y, s * x + c * y, places[k])
     return area
 
 

@@ -132,7 +132,7 @@ def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
     dof_map, samples = space.dof_map, space.samples
     loads = np.zeros((dof_map.size, f.shape[1]))
     f = np.ascontiguousarray(f, dtype=np.float64)
-    sample_arrays = dof_map.patch[some], *_spline_counts(space), samples.places[some], samples.weights[some]
+    sample_arrays = dof_map.patch[some], *_spline_count_tuples(space), samples.places[some], samples.weights[some]
     add_load(dof_map.unknowns, *sample_arrays, f, loads)
     return loads
 
@@ -145,7 +145,7 @@ def gradient_load(space: SplineSpace, field: Floats) -> Floats:
     from cpmkit.forms.galerkin.space.sample_kernels import add_slope_load_of_samples
 
     dof_map, samples, loads = space.dof_map, space.samples, np.zeros(space.dof_map.size)
-    sample_arrays = dof_map.patch, *_spline_counts(space), samples.places, samples.directions, samples.weights
+    sample_arrays = dof_map.patch, *_spline_count_tuples(space), samples.places, samples.directions, samples.weights
     field = np.ascontiguousarray(field, dtype=np.float64)
     add_slope_load_of_samples(dof_map.unknowns, dof_map.spacing, *sample_arrays, field, loads)
     return loads
@@ -157,7 +157,9 @@ def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_
 
     dof_map, places = space.dof_map, space.samples.places[some]
     values = np.empty((len(places), u.shape[1]))
-    read_values(dof_map.unknowns, dof_map.patch[some], *_spline_counts(space), places, np.ascontiguousarray(u), values)
+    read_values(
+        dof_map.unknowns, dof_map.patch[some], *_spline_count_tuples(space), places, np.ascontiguousarray(u), values
+    )
     return values
 
 
@@ -170,7 +172,7 @@ def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
 
     dof_map, samples = space.dof_map, space.samples
     gradients = np.empty((count, u.shape[1], dof_map.dim))
-    sample_arrays = dof_map.patch, *_spline_counts(space), samples.places, samples.directions
+    sample_arrays = dof_map.patch, *_spline_count_tuples(space), samples.places, samples.directions
     read_slopes_at_samples(dof_map.unknowns, dof_map.spacing, *sample_arrays, np.ascontiguousarray(u), gradients)
     return _with_true_lengths(gradients, dof_map.magnification(dof_map.patch[:count]))
 
@@ -221,13 +223,13 @@ def energy_data(
             a = np.multiply.outer(np.broadcast_to(a, len(space.samples)), np.eye(d))
         scalars = mean_coefficient(space, a) if scale is None else scale
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
-    return _summed_energy(space, scalars, tensors, np.zeros(0) if c is None else _at_each(c), stabilisation)
+    return _summed_energy(space, scalars, tensors, np.zeros(0) if c is None else _as_array(c), stabilisation)
 
 
 def stabilisation_data(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> Floats:
     """Return the entries (z,) of the penalty on derivatives along normals, with factor ``a``, without the energy."""
     d = space.samples.places.shape[1]
-    return _summed_energy(space, _at_each(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
+    return _summed_energy(space, _as_array(a), np.zeros((1, d, d)), np.zeros(0), stabilisation)
 
 
 def _summed_energy(
@@ -304,7 +306,7 @@ def mean_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
 
     A tensor (q, d, d) is replaced by its mean over tangents.
     """
-    return _at_each(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
+    return _as_array(a) if np.ndim(a) < 3 else mean_over_tangents(np.asarray(a), space.samples.normals)
 
 
 def mean_over_tangents(tensors: Floats, normals: Floats) -> Floats:
@@ -314,12 +316,12 @@ def mean_over_tangents(tensors: Floats, normals: Floats) -> Floats:
     return np.asarray((np.trace(tensors, axis1=1, axis2=2) - normal) / tangents)
 
 
-def _at_each(values: Floats | float) -> Floats:
+def _as_array(values: Floats | float) -> Floats:
     """Return ``values`` as a contiguous array (q,), or (1,) for a number."""
     return np.ascontiguousarray(np.atleast_1d(values), dtype=np.float64)
 
 
-def _spline_counts(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _spline_count_tuples(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return two tuples whose lengths are the numbers of splines that a patch reads along an axis.
 
     The first is for the first two axes, the second for the third axis, of length 1 in the plane. Their entries are

@@ -62,7 +62,7 @@ def splines_read(splines: Any) -> int:
 
 
 @inlined
-def room_for(splines: Any) -> int:
+def row_length(splines: Any) -> int:
     """Return the length of a row of forms: the number of splines that a cell in space reads, rounded up to fours."""
     return (len(splines) ** 3 + 3) // 4 * 4
 
@@ -104,7 +104,7 @@ def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
 @compiled
 def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, weight: float) -> None:
     """Fill a pair of rows of ``forms`` with the splines at (x, y, z) in the cell, and with ``weight`` times these."""
-    room = room_for(splines)
+    room = row_length(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
         Z = value_of(splines, kind, 2, i, z)
@@ -131,7 +131,7 @@ def slope_forms(
 
     The symmetric tensor has the entries xx, xy, xz, yy, yz and zz.
     """
-    room = room_for(splines)
+    room = row_length(splines)
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
         Z = value_of(splines, kind, 2, i, z)
@@ -151,7 +151,7 @@ def second_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
     """Fill a pair of rows of ``forms`` with second derivatives of splines along ``n``, and ``weight`` times these."""
-    room, (nx, ny, nz) = room_for(splines), n
+    room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
         Z = value_of(splines, kind, 2, i, z)
@@ -183,7 +183,7 @@ def forms_on_hypersurface(
 
     Each factor of the splines at ``place`` (x, y, z) is evaluated once for all of them.
     """
-    room, (x, y, z), (nx, ny, nz) = room_for(splines), place, n
+    room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
@@ -214,7 +214,7 @@ def third_form(
     forms: Floats, splines: Any, kind: int, x: float, y: float, z: float, n: tuple[float, float, float], weight: float
 ) -> None:
     """Fill a pair of rows of ``forms`` with third derivatives of splines along ``n``, and ``weight`` times these."""
-    room, (nx, ny, nz) = room_for(splines), n
+    room, (nx, ny, nz) = row_length(splines), n
     for i in range(room):
         X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
         Z = value_of(splines, kind, 2, i, z)
@@ -288,7 +288,7 @@ def add_products(forms: Floats, splines: Any, count: int, width: int, block: Flo
 
     ``count`` is a multiple of `SWEEP`; ``width`` is the number of splines that a patch reads.
     """
-    room = room_for(splines)
+    room = row_length(splines)
     for i in range(splines_read(splines)):  # a constant number, so that the compiler lays out each row for itself
         if i == width:
             break
@@ -307,14 +307,14 @@ def add_products(forms: Floats, splines: Any, count: int, width: int, block: Flo
 
 
 @compiled
-def sort_columns(columns: Ints, rank: Ints, ascending: Any) -> None:
+def sort_columns(columns: Ints, order: Ints, ascending: Any) -> None:
     """Fill ``ascending`` (k,) with ``columns`` (k,) sorted, and ``rank`` (k,) with the index of each in ``columns``."""
     for i in range(len(columns)):
         at = i
         while at > 0 and ascending[at - 1] > columns[i]:
-            ascending[at], rank[at] = ascending[at - 1], rank[at - 1]
+            ascending[at], order[at] = ascending[at - 1], order[at - 1]
             at -= 1
-        ascending[at], rank[at] = columns[i], i
+        ascending[at], order[at] = columns[i], i
 
 
 @compiled
@@ -384,7 +384,7 @@ def add_energy(
     """
     indptr, indices, data = matrix
     codim, d = directions.shape[1], places.shape[1]
-    kind, width, room = d - 2, unknowns.shape[1], room_for(splines)
+    kind, width, room = d - 2, unknowns.shape[1], row_length(splines)
     C, z, normals = np.zeros((3, 3)), 0.0, np.zeros((codim, d))
     forms, block = np.zeros(2 * room * (GATHERED + SWEEP)), np.zeros(room * room)
     standing = np.empty(len(indptr) - 1, dtype=np.uint32)
@@ -412,13 +412,13 @@ def add_energy(
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
             if codim == 1 and len(tensors) == 0:
-                n = combined(normals, 0, 0, 1.0, 0.0)
+                n = combined_normal(normals, 0, 0, 1.0, 0.0)
                 tensor = tangential(n, 1.0 - e1, weight * own)
             else:
                 tensor_at(q, normals, own, tensors, e1, weight, C)
                 tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
             if codim == 1:
-                n = combined(normals, 0, 0, 1.0, 0.0)
+                n = combined_normal(normals, 0, 0, 1.0, 0.0)
                 forms_on_hypersurface(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
                 count += 5 if len(c) else 4
                 if len(splines) == 4:
@@ -434,7 +434,7 @@ def add_energy(
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)
                     other = 0.0 if one == two else share
-                    n = combined(normals, one, two, share, other)
+                    n = combined_normal(normals, one, two, share, other)
                     second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
                     count += 1
                     if len(splines) < 4:
@@ -442,7 +442,7 @@ def add_energy(
                     third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                     count += 1
                     if one < two:  # a cubic form in two normals has four coefficients
-                        n = combined(normals, one, two, share, -other)
+                        n = combined_normal(normals, one, two, share, -other)
                         third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                         count += 1
         _add_gathered(forms, splines, count, width, block)
@@ -450,7 +450,7 @@ def add_energy(
 
 
 @compiled
-def combined(normals: Floats, one: int, two: int, share: float, other: float) -> tuple[float, float, float]:
+def combined_normal(normals: Floats, one: int, two: int, share: float, other: float) -> tuple[float, float, float]:
     """Return ``share`` times normal number ``one`` plus ``other`` times number ``two`` of ``normals`` (c, d)."""
     nx = share * normals[one, 0] + other * normals[two, 0]
     ny = share * normals[one, 1] + other * normals[two, 1]
@@ -461,6 +461,6 @@ def combined(normals: Floats, one: int, two: int, share: float, other: float) ->
 @compiled
 def _add_gathered(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
     """Add the products of ``count`` pairs of rows to ``block``; pairs up to a multiple of `SWEEP` are set to zero."""
-    room, whole = room_for(splines), (count + SWEEP - 1) // SWEEP * SWEEP
+    room, whole = row_length(splines), (count + SWEEP - 1) // SWEEP * SWEEP
     forms[2 * room * count : 2 * room * whole] = 0.0
     add_products(forms, splines, whole, width, block)

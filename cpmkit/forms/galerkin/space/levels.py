@@ -80,13 +80,13 @@ def two_scale(
                 weight *= own[axis, left % counts[axis]]
                 place += at[axis, left % counts[axis]]
                 left //= counts[axis]
-            used = _put(columns, weights, begin, used, coarse_unknowns[b, place], weight)
+            used = _add_to_row(columns, weights, begin, used, coarse_unknowns[b, place], weight)
         pointers[i + 1] = used
     return pointers, columns[:used].copy(), weights[:used].copy()
 
 
 @compiled
-def _put(columns: Any, weights: Any, begin: int, used: int, column: int, weight: float) -> int:
+def _add_to_row(columns: Any, weights: Any, begin: int, used: int, column: int, weight: float) -> int:
     """Add ``weight`` in ``column`` to the last row of a CSR matrix, from ``begin`` to ``used``; return its new end.
 
     Columns stay ascending; weights in the same column are summed.
@@ -124,7 +124,7 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     count, label = components(len(dof_map.cells), dof_map.touching[inside])
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
-    touching = _pairs(label[dof_map.touching[~inside]], count)
+    touching = _distinct_pairs(label[dof_map.touching[~inside]], count)
     isolated = _is_isolated(cells, touching)
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
@@ -138,7 +138,7 @@ def two_scale_shares(degree: int) -> Floats:
     return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
 
 
-def _pairs(pairs: Ints, count: int) -> Ints:
+def _distinct_pairs(pairs: Ints, count: int) -> Ints:
     """Return the distinct pairs (k, 2) among ``pairs`` (t, 2) of numbers below ``count``, the smaller number first."""
     codes = np.unique(pairs.min(axis=1) * count + pairs.max(axis=1))
     return np.stack([codes // count, codes % count], axis=1)
@@ -149,11 +149,11 @@ def _is_isolated(cells: Ints, touching: Ints) -> Bools:
 
     ``cells`` (p, d) are the lattice cells of the patches, ``touching`` (t, 2) the pairs of patches that touch.
     """
-    from cpmkit.forms.galerkin.dof_map_kernels import bounds
+    from cpmkit.forms.galerkin.dof_map_kernels import piece_extents
 
     pieces, label = components(len(cells), touching)
     each = np.arange(len(cells), dtype=np.int32)
-    small: Bools = bounds(cells.astype(np.float64), each, label, pieces).max(axis=1) < ISOLATED_CELLS
+    small: Bools = piece_extents(cells.astype(np.float64), each, label, pieces).max(axis=1) < ISOLATED_CELLS
     return small[label]
 
 

@@ -15,7 +15,7 @@ from cpmkit.types import Floats, Ints
 
 
 @compiled
-def following(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
+def next_neighbours(unknowns: Ints, n: int, stride: int, along: int) -> tuple[Ints, Ints]:
     """Return the next neighbours of each unknown along an axis, as ``starts`` (n + 1,) and ``after``.
 
     Those of unknown i are ``after[starts[i] : starts[i + 1]]``: the unknowns ``stride`` places behind i in a row of
@@ -64,7 +64,7 @@ def _grown(values: Ints) -> Ints:
 def runs_of(starts: Ints, after: Ints, length: int) -> Any:
     """Return all runs (r, length): sequences of unknowns each of which is a next neighbour of the one before.
 
-    ``starts`` and ``after`` are the table of next neighbours along an axis from :func:`following`.
+    ``starts`` and ``after`` are the table of next neighbours along an axis from :func:`next_neighbours`.
     """
     n = len(starts) - 1
     runs = np.arange(n).astype(np.int32).reshape(n, 1)

@@ -46,7 +46,7 @@ def spline_slopes(t: float, width: int, slopes: Floats) -> None:
 
 
 @inlined
-def splines_along(width: int, d: int) -> int:
+def spline_count_along(width: int, d: int) -> int:
     """Return the number of splines along an axis for a patch that reads ``width`` splines in ``d`` dimensions."""
     along = 2
     while along**d < width:
@@ -163,7 +163,7 @@ def read_slopes(
     orthonormal bases of the normal space.
     """
     d = cells.shape[1]
-    along = splines_along(unknowns.shape[1], d)
+    along = spline_count_along(unknowns.shape[1], d)
     depth = along if d == 3 else 1
     values, steps = np.ones((3, along)), np.zeros((3, along))
     own = np.empty(3)

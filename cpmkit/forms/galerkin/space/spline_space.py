@@ -86,7 +86,7 @@ class SplineSpace:
 
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
     """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
-    from cpmkit.forms.galerkin.space.pattern_kernels import following, pattern, runs_of
+    from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, pattern, runs_of
     from cpmkit.runtime.inverse_index import inverse_index
 
     samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
@@ -95,7 +95,7 @@ def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> 
     starts, places = inverse_index(dof_map.unknowns.ravel(), n)
     weight = np.bincount(dof_map.patch, samples.weights, minlength=patches)
     heaviest = _heaviest_places(weight[places // width], starts, places)
-    neighbours = [following(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
+    neighbours = [next_neighbours(dof_map.unknowns, n, stride, dof_map.width) for stride in dof_map.strides]
     runs_by_axis = [runs_of(*table, dof_map.width + 1) for table in neighbours]
     del neighbours
     runs = np.concatenate(runs_by_axis)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sample_shapes import octahedron
 
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import _all_samples, _samples_by_count
+from cpmkit.forms.galerkin.quadrature.cell_quadrature import _all_samples, _samples_single_first
 from cpmkit.mesh.mesh import Mesh
 
 SPHERE = octahedron(4)
@@ -21,7 +21,7 @@ def test_samples_are_those_of_the_cut_triangles(curved, clipped, single):
     limits = np.full(count, single)
     limits[::7] = 0.0
     arrays = vertices, cells, midpoints, spacing, np.full(count, clipped), limits
-    found, wanted = _samples_by_count(*arrays), _all_samples(*arrays, False)
+    found, wanted = _samples_single_first(*arrays), _all_samples(*arrays, False)
     for one, other in zip(found, wanted, strict=True):
         np.testing.assert_array_equal(one, other)
     assert (np.diff(found[3]) >= 0).all()
