@@ -26,6 +26,7 @@ DATA = {
     "Floats": "A NumPy array of float64.",
     "Ints": "A NumPy array of int64.",
     "Law": "Any of the standard laws.",
+    "MOST_EDGES": "Edge numbers of a source are below this bound, unless it has an attribute ``edge_limit``.",
     "OneSided": "Any of the standard laws but Interface.",
     "Progress": "A callable that gets the name of a stage and the share of it that is done, from 0 to 1.",
     "SIDES": "Both sides, left first.",

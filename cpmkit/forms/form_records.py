@@ -131,8 +131,7 @@ class FormTraits:
     iterative_solver : str
         The solver of systems too large for a factorisation: "multigrid", "reference", or "direct" if there is none.
     factorise_up_to : float
-        A factorisation is chosen up to so many times the usual number of unknowns (see
-        :func:`cpmkit.linear.solver_options.choose_solver`).
+        A factorisation is chosen up to so many times the usual number of unknowns.
     dispersion : Dispersion
         Errors of eigenvalues and waves.
     work_record : type

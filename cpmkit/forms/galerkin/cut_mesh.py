@@ -16,6 +16,7 @@ from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
 from cpmkit.meshing.mesh_warnings import insertion_warnings
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Ints
 
@@ -46,6 +47,9 @@ class CutMesh:
     left: Bools
     points: Mapping[int, Ints]
     warnings: tuple[str, ...]
+
+    #: The name of :attr:`warnings` before.
+    told = DeprecatedMember("warnings")
 
     @property
     def vertices(self) -> Floats:
