@@ -190,7 +190,10 @@ def largest_dim(source: ClosestPointSource) -> int:
 
 
 def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
-    """Return ``source`` with queries and answers relative to ``origin`` (d,), translated if the source can be."""
+    """Return ``source`` with queries and answers relative to ``origin`` (d,).
+
+    It is translated if it has a method for that, else its queries are shifted one by one.
+    """
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)
     translate = source.translate if isinstance(source, HasTranslation) else getattr(source, "translated", None)

@@ -73,7 +73,7 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
             "of a square of the spacing were left out: the surface is thin, or has parts that the lattice does not "
             "see; use a smaller spacing."
         )
-    yield from _missing_piece_warnings(report.missed, surface, "surface")
+    yield from _missing_piece_warnings(report.missed, surface)
 
 
 def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
@@ -153,11 +153,11 @@ def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
         )
 
 
-def _missing_piece_warnings(points: Floats, source: LocalSource, kind: str) -> Iterator[str]:
-    """Yield a warning if the mesh misses pieces of the manifold, at ``points`` (k, d); ``kind`` names the manifold."""
+def _missing_piece_warnings(points: Floats, source: LocalSource) -> Iterator[str]:
+    """Yield a warning if the mesh misses pieces of the surface, at ``points`` (k, 3)."""
     if len(points):
         yield (
-            f"A piece of the {kind} near {_in_scene(points[0], source)} is too small for the lattice, and was left "
+            f"A piece of the surface near {_in_scene(points[0], source)} is too small for the lattice, and was left "
             "out; use a smaller spacing."
         )
 

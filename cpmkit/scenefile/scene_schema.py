@@ -199,7 +199,7 @@ def application_schema(command: str) -> Schema:
     }
 
 
-def _vectors() -> tuple[Schema, list[str]]:
+def _vector_tables() -> tuple[Schema, list[str]]:
     """Return the JSON schemas of the tables of ``cpmkit vectors``, and the names of the required tables."""
     along = _on_curves(dict.fromkeys(ALONG_KEYS, DIRECTION))
     vector = {"description": "At all of these points, or one for each.", "type": "array"}
@@ -210,7 +210,7 @@ def _vectors() -> tuple[Schema, list[str]]:
     }, ["direction"]
 
 
-def _map() -> tuple[Schema, list[str]]:
+def _map_tables() -> tuple[Schema, list[str]]:
     """Return the JSON schemas of the tables of ``cpmkit map``, and the names of the required tables."""
     curves = _on_curves({"to": IMAGE})
     own: Schema = {
@@ -228,14 +228,14 @@ def _map() -> tuple[Schema, list[str]]:
     }, ["target"]
 
 
-def _paint() -> tuple[Schema, list[str]]:
+def _paint_tables() -> tuple[Schema, list[str]]:
     """Return the JSON schemas of the tables of ``cpmkit paint``, and the names of the required tables."""
     name = {"name": {"description": "For reports.", **TEXT}}
     curves = _on_curves({**name, **dict.fromkeys(COLOUR_KEYS, COLOURS)})
     return {"curve": {"type": "array", "items": {"oneOf": curves}}}, ["curve"]
 
 
-_TABLES = {"vectors": _vectors, "map": _map, "paint": _paint}
+_TABLES = {"vectors": _vector_tables, "map": _map_tables, "paint": _paint_tables}
 
 
 def _on_curves(more: Schema) -> list[Schema]:

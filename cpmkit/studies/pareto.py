@@ -67,7 +67,7 @@ def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     return kept
 
 
-def winners(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
+def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
     """Return, for each decade of the errors on the Pareto front, the cheapest attempt with an error of at most 10^k.
 
     The keys are the whole numbers k, the largest first.
@@ -86,7 +86,7 @@ def winners(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
 def winners_table(made: Sequence[Attempt]) -> str:
     """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
     costs = [cost for cost in COSTS if front(made, cost)]
-    found = {cost: winners(made, cost) for cost in costs}
+    found = {cost: cheapest_by_decade(made, cost) for cost in costs}
     heads = [head for cost in costs for head in (f"least {COSTS[cost]}", COSTS[cost])]
     lines = [table_row(["rms error below", *heads]), "|--:|" + "---|--:|" * len(costs)]
     for power in sorted({power for one in found.values() for power in one}, reverse=True):

@@ -134,7 +134,10 @@ class RefinedMesh:
         return refined_mesh, (self.of,)
 
     def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and triangles (m, 3) of the refined mesh, the vertices of the surface's mesh first."""
+        """Return vertices (v, d) and cells (m, k) of the surface's mesh with no edge longer than ``spacing``.
+
+        The mesh's own vertices come first, then the added vertices, moved to their closest points.
+        """
         points, cells = mesh_of(self.of)(spacing)
         refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
         refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points

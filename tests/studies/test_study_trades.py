@@ -10,7 +10,7 @@ import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.studies import run_one
-from cpmkit.studies.pareto import Attempt, front, winners
+from cpmkit.studies.pareto import Attempt, cheapest_by_decade, front
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
 from cpmkit.studies.reference_values import RefinedMesh, solve_on_refined_mesh
@@ -128,7 +128,7 @@ def test_no_other_beats_the_front_in_both():
 
 def test_the_cheapest_below_each_decade_wins():
     every = [made(0.02, 1.0), made(0.008, 2.0), made(0.009, 3.0), made(0.0002, 9.0)]
-    won = winners(every, "seconds")
+    won = cheapest_by_decade(every, "seconds")
     assert {power: one.seconds for power, one in won.items()} == {-1: 1.0, -2: 2.0, -3: 9.0}
 
 

@@ -31,8 +31,8 @@ from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import (
     FacingRims,
     Junction,
     RimStrip,
-    find_facing_rims,
     find_junctions,
+    find_narrowest_gap,
     find_rim_strips,
 )
 from cpmkit.forms.options import Options
@@ -147,7 +147,7 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
     layout = replace(
         layout,
         rim_strips=find_rim_strips(boundaries.on_lattice, surface, band, lattice),
-        facing_rims=find_facing_rims(surface, band, lattice),
+        facing_rims=find_narrowest_gap(surface, band, lattice),
         junctions=find_junctions(surface, band, lattice),
     )
     return _with_meetings(layout, scene.problem.start_time)

@@ -107,9 +107,10 @@ def _formula_of_rows(layout: Layout) -> RowFormula:
 
 
 def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
-    """Return the centres of the stencils of all rows of E, with the nodes' and ghosts' sides of each boundary.
+    """Return the centres of the stencils of all rows of E, with the side of each boundary on which each lies.
 
-    Their closest points and normals, which choose the sheet, are included if the rows' ``formula`` is given.
+    If the band has sheets and the rows' ``formula`` is given, they include closest points and normals, which choose
+    the sheet.
     """
     band, owner, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
     side_views = []

@@ -297,13 +297,14 @@ def _stretches(close: Bools, closed: bool) -> Iterator[Ints]:
 
 
 def _points_between(curve: SimplifiedCurve, start: float, end: float, length: float) -> Bools:
-    """Return which points (n,) of a curve lie between two places, along the shorter way.
+    """Return which points (n,) of a curve lie between two places, counted in segments from its start.
 
-    No point does if that way is longer than twice the ``length`` of the other curve there: the curves are not parallel.
+    A closed curve has two ways between the places; the shorter way counts. No point does if that way is longer than
+    twice the ``length`` of the other curve there: the curves are not parallel.
     """
     number, low, high = np.arange(len(curve.points)), min(start, end), max(start, end)
-    inside = (number > low) & (number < high)
+    between = number[(number > low) & (number < high)]
     if curve.closed and high - low > 0.5 * len(number):
-        inside = (number < low) | (number > high)
-    way = float(norms(np.diff(curve.points[inside], axis=0)).sum())
-    return inside & (way < 2.0 * length)
+        between = np.concatenate([number[number > high], number[number < low]])
+    way = float(norms(np.diff(curve.points[between], axis=0)).sum())
+    return np.isin(number, between) & (way < 2.0 * length)

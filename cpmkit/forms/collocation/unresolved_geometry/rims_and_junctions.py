@@ -105,8 +105,8 @@ class Junction:
 # hardly any are, and values leak from one side to the other as if the gap were bridged.
 
 
-def find_facing_rims(surface: LocalSource, band: Band, lattice: Lattice) -> list[FacingRims]:
-    """Return the narrowest gap in front of a rim of the manifold in a list, which is empty if there is none.
+def find_narrowest_gap(surface: LocalSource, band: Band, lattice: Lattice) -> list[FacingRims]:
+    """Return a list of the narrowest gap in front of a rim of the manifold; it is empty if there is no gap.
 
     A gap that stencils bridge is preferred, unless it is that of a notch or a small hole. The number of queries grows
     with the length of the rims; without rims there are none.
