@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 TESTS = Path(__file__).parents[1] / "tests"
-sys.path[:0] = [str(TESTS), str(TESTS / "forms" / "galerkin"), str(TESTS / "forms" / "galerkin" / "insertion")]
+sys.path[:0] = [str(TESTS), str(TESTS / "forms" / "galerkin"), str(TESTS / "meshing" / "insertion")]
 
 import acceptance_conditions  # noqa: E402 - the folders that they read from come first
 import acceptance_costs  # noqa: E402

@@ -321,7 +321,5 @@ if not TYPE_CHECKING:  # else every name, even a misspelt one, would exist for a
     _NEW_NAMES = {
         "support_of": "cpmkit.plugin.edge_support",
         "NamesLeft": "cpmkit.plugin.HasLeft",
-        "HasFiniteFeet": "cpmkit.plugin.HasAdvice",
-        "HasManyEdges": "cpmkit.plugin.edge_limit_of",
     }
     __getattr__ = deprecated_names(__name__, _NEW_NAMES, _lazy)

@@ -79,6 +79,7 @@ class SolveHistory:
     chosen: str = ""
 
     told = DeprecatedMember("summary")
+    asked = DeprecatedMember("target")
 
     @property
     def cost_over_last_solve(self) -> float:

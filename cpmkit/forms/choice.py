@@ -57,7 +57,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
     InputError
         If there is no spacing, an option belongs to another form, or a value is not accepted.
     """
-    given = current_keywords(given, RENAMED_OPTIONS, 3)
+    given = current_keywords(given, RENAMED_OPTIONS)
     form, reason = choose_form(scene, given)
     own, rest = split_options(FORMS[form], given)
     target, rest = split_options(

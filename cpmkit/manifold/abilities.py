@@ -236,7 +236,7 @@ def _foot_count(source: ClosestPointSource, spacing: float) -> int | None:
     """Return the number of feet, by the source's advice or its attribute of an earlier release; None if unlimited."""
     count = advice_of(source, spacing).foot_count
     if count is None and hasattr(source, "foot_count"):
-        warn_renamed(f"{type(source).__name__}.foot_count", "Advice.foot_count", 3)
+        warn_renamed(f"{type(source).__name__}.foot_count", "Advice.foot_count")
         count = int(source.foot_count)
     return count
 

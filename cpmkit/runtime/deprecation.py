@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import functools
+import sys
 import warnings
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any, TypeVar
 
+from cpmkit.errors import CpmkitWarning, InputError
+
 Target = TypeVar("Target", bound=Callable[..., Any])
 
 
-def warn_renamed(old: str, new: str, stacklevel: int = 2) -> None:
-    """Issue the DeprecationWarning of a renamed public name, attributed to the caller ``stacklevel`` frames up."""
-    warnings.warn(
-        f"{old} is now called {new}; the old name goes with the next release.",
-        DeprecationWarning,
-        stacklevel=stacklevel + 1,
-    )
+class RenamedWarning(CpmkitWarning, DeprecationWarning):
+    """A public name was renamed; the command line shows it as it shows the warnings of a solution."""
+
+
+def warn_renamed(old: str, new: str) -> None:
+    """Issue a RenamedWarning, attributed to the nearest caller outside cpmkit: Python shows it to the author there."""
+    frame, level = sys._getframe(1), 2
+    while frame.f_back is not None and str(frame.f_globals.get("__name__")).partition(".")[0] == "cpmkit":
+        frame, level = frame.f_back, level + 1
+    sentence = f"{old} is now called {new}; the old name goes with the next release."
+    warnings.warn(sentence, RenamedWarning, stacklevel=level)
 
 
 def deprecated_names(
@@ -62,21 +69,21 @@ class DeprecatedMember:
         return getattr(owner if instance is None else instance, self.new)
 
 
-def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str], stacklevel: int = 2) -> dict[str, Any]:
+def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str]) -> dict[str, Any]:
     """Return keywords, or keys of a file, under their new names, and warn of each old name.
 
     Raises
     ------
-    TypeError
+    InputError
         If a value is given under both names.
     """
     current: dict[str, Any] = {}
     for name, value in keywords.items():
         new = new_names.get(name, name)
         if new != name:
-            warn_renamed(f"{name}=", f"{new}=", stacklevel + 1)
+            warn_renamed(f"{name}=", f"{new}=")
             if new in keywords:
-                raise TypeError(f"{new} is given twice, the second time under its old name {name}.")
+                raise InputError(f"{new} is given twice, once under its old name {name}; leave {name} out.")
         current[new] = value
     return current
 

@@ -7,6 +7,8 @@ from math import pi
 
 import pytest
 
+import cpmkit as ck
+from cpmkit.errors import InputError
 from cpmkit.runtime.deprecation import DeprecatedMember, deprecated_keywords, deprecated_names
 
 
@@ -32,8 +34,16 @@ def test_keywords_of_functions_and_constructors():
     assert caught[0].filename == __file__
     with pytest.warns(DeprecationWarning, match="was= is now called size="):
         assert Part(was=3) == Part(3)
-    with pytest.warns(DeprecationWarning, match="strength"), pytest.raises(TypeError, match="given twice"):
+    with pytest.warns(DeprecationWarning, match="strength"), pytest.raises(InputError, match="given twice"):
         solve(strength=2.0, stabilisation=1.0)
+
+
+def test_an_old_keyword_that_cpmkit_passes_on_is_reported_where_the_user_wrote_it():
+    scene = ck.Scene(ck.source("analytic.circle"), ck.ScreenedPoisson("x"))
+    for call in (ck.solve, ck.prepare, ck.explain):
+        with pytest.warns(DeprecationWarning, match="strength= is now called") as caught:
+            call(scene, 0.2, strength="accurate")
+        assert {warning.filename for warning in caught} == {__file__}
 
 
 def test_members():
