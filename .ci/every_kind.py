@@ -12,7 +12,7 @@ GROUP = "cpmkit.kinds"
 
 declared = {
     kind
-    for project in (ROOT / "pyproject.toml", *(ROOT / "plugins").glob("*/pyproject.toml"))
+    for project in (ROOT / "plugins").glob("*/pyproject.toml")
     for kind in tomllib.loads(project.read_text(encoding="utf-8"))["project"]["entry-points"][GROUP]
 }
 installed = {point.name: point for point in entry_points(group=GROUP)}
