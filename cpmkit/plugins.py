@@ -66,7 +66,7 @@ def _unknown_kind_message(kind: str) -> str:
     missing = f"No plugin provides the kind {shown(kind)}"
     last_words = {name.rpartition(".")[2]: name for name in kinds}
     meant = did_you_mean(kind, kinds) or did_you_mean(kind, last_words)
-    if "." not in kind and meant:
+    if "." not in kind and meant and kind not in COMBINATIONS:
         word = meant.split("'")[1]
         return f"{missing}; did you mean {last_words.get(word, word)!r}? `cpmkit plugins` lists those installed."
     family = kind.partition(".")[0]

@@ -216,6 +216,10 @@ def test_an_unknown_kind_names_those_installed_and_what_would_add_it(monkeypatch
     shapes = [kind for kind in plugins.installed_kinds() if not kind.kind.startswith("levelset.")]
     monkeypatch.setattr(plugins, "installed_kinds", lambda: shapes)
     assert "pip install 'cpmkit[levelset]'" in plugins._unknown_kind_message("levelset.noise")
+    analytic = [kind for kind in shapes if kind.kind.startswith("analytic.")]
+    monkeypatch.setattr(plugins, "installed_kinds", lambda: analytic)
+    assert "pip install 'cpmkit[combinations]'" in plugins._unknown_kind_message("points")
+    monkeypatch.setattr(plugins, "installed_kinds", lambda: shapes)
     with pytest.raises(ck.PluginError) as error:
         ck.source("analytic.cube")
     one_sentence(error, "'analytic.cube'", "analytic.circle")
