@@ -17,9 +17,8 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, evaluate_data, read_formulas
+from cpmkit.scene.data import Data, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
-from cpmkit.types import Floats
 
 
 class EquationFamily:
@@ -86,10 +85,6 @@ class Terms:
     def fixes_constant(self) -> bool:
         """True if c may determine the constant part of u; a callable c does so on each piece where it is not zero."""
         return callable(self.c) or self.c != 0
-
-    def fixes_constant_at(self, points: Floats) -> bool:
-        """Return True if c determines the constant part of u on the piece that contains ``points`` (n, d)."""
-        return self.fixes_constant and bool(np.any(evaluate_data(self.c, points, 1, "the factor c")))
 
 
 def check_conservative(conservative: Any, velocity: VectorField | None, label: str) -> None:

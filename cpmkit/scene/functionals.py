@@ -24,11 +24,7 @@ class TestsFunctionals(Protocol):
 
     @property
     def points(self) -> Floats:
-        """The points (p, d) at which the form has values."""
-
-    @property
-    def points_in_use(self) -> Floats:
-        """The same points (p, d), as an array that must not be written to."""
+        """The points (p, d) at which the form has values; not to be written to."""
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of f, at ``time`` if it depends on it, times each test function."""
@@ -180,7 +176,7 @@ class Divergence(TestedRightSide):
 
     def values(self, form: TestsFunctionals) -> Floats:
         """Return -scale times the integral of X . grad phi for each test function phi, repeated for all channels."""
-        points = form.points_in_use
+        points = form.points
         is_field = getattr(self.of, "points", None) is points  # any other function may write to its argument
         values = np.asarray(self.of(points if is_field else points.copy()), dtype=np.float64)
         if values.shape != points.shape or not np.isfinite(values).all():

@@ -12,8 +12,8 @@ from cpmkit.types import Bools, Floats, Ints
 
 
 @compiled
-def grown(values: Any) -> Any:
-    """Return a copy of ``values`` (k,) with room for 2 k entries."""
+def with_double_room(values: Any) -> Any:
+    """Return a copy of ``values`` (k,) of length 2 k; the second half is not filled."""
     more = np.empty(2 * len(values), dtype=values.dtype)
     more[: len(values)] = values
     return more
@@ -66,7 +66,7 @@ def join_samples(code: Ints, contacts: Ints, cell: Any, vertices: int) -> tuple[
                 unite(parent, holder[slot], i)
                 continue
             if used == len(after):
-                after, holder = grown(after), grown(holder)
+                after, holder = with_double_room(after), with_double_room(holder)
             after[used], holder[used] = first[v], i
             first[v] = used
             used += 1
@@ -97,7 +97,7 @@ def touching_patches(patch: Any, patches: int, first: Any, after: Any, holder: A
                     pair = link[pair]
                 if pair < 0:
                     if used == len(other):
-                        other, link = grown(other), grown(link)
+                        other, link = with_double_room(other), with_double_room(link)
                     other[used], link[used] = b, head[a]
                     head[a] = used
                     used += 1

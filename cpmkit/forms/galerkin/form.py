@@ -236,8 +236,6 @@ class Galerkin(Discretized):
         """(p, d) the samples of the manifold in the scene's coordinates, read-only, cached while in use."""
         return self.coefficients.reader.points
 
-    points_in_use = points
-
     @property
     def point_weights(self) -> Floats:
         """(p,) the quadrature weights of the samples."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.dof_map_kernels import with_double_room
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 
@@ -35,7 +36,7 @@ def next_neighbours(unknowns: Ints, n: int, stride: int, along: int) -> tuple[In
                 at = link[at]
             if at < 0:
                 if used == len(other):
-                    other, link = _grown(other), _grown(link)
+                    other, link = with_double_room(other), with_double_room(link)
                 other[used], link[used] = j, head[i]
                 head[i] = used
                 used += 1
@@ -50,14 +51,6 @@ def next_neighbours(unknowns: Ints, n: int, stride: int, along: int) -> tuple[In
             at = link[at]
     starts[n] = count
     return starts, after
-
-
-@compiled
-def _grown(values: Ints) -> Ints:
-    """Return a copy of ``values`` (k,) of twice the length; the second half is not filled."""
-    more = np.empty(2 * len(values), dtype=values.dtype)
-    more[: len(values)] = values
-    return more
 
 
 @compiled
@@ -104,7 +97,7 @@ def pattern(
     for i in range(n):
         most = used + np.uint64((starts[i + 1] - starts[i]) * width + (run_starts[i + 1] - run_starts[i]) * steps + 1)
         while most > len(columns):
-            columns = _grown(columns)
+            columns = with_double_room(columns)
         for at in range(starts[i], starts[i + 1]):
             row = unknowns[places[at] // width]
             for j in row:
