@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit import ClosestPointSource
 
 
 @dataclass(frozen=True, eq=False)

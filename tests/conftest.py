@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 
 from cpmkit.errors import InputError
-from cpmkit.solution.display_mesh import DisplayMesh, display_mesh
+from cpmkit.plugin import DisplayMesh
+from cpmkit.solution.display_mesh import display_mesh
 
 
 @dataclass(frozen=True, eq=False)

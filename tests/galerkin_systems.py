@@ -6,7 +6,7 @@ from scipy.sparse import csr_array
 
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS, mass, stiffness_with_floor
 from cpmkit.forms.galerkin.space.splines import value_rows
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.plugin import CsrOperator
 
 ORIGIN = np.zeros(3)
 

@@ -2,7 +2,8 @@
 
 from functools import cache
 
-from cpmkit.testing.cases import ConformanceCase, installed_cases
+from cpmkit.plugin import ConformanceCase
+from cpmkit.testing import installed_cases
 
 #: Every case that an installed plugin supplies; `installed_cases` makes new ones at each call.
 CASES = installed_cases()

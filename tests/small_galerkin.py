@@ -16,11 +16,10 @@ from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_w
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
-from cpmkit.scene.data import evaluate_data
+from cpmkit.plugin import evaluate_data, localize
 
 
 @dataclass

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.manifold.source import ClosestPoints
+from cpmkit import ClosestPoints
 
 
 @dataclass(frozen=True)

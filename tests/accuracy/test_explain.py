@@ -57,8 +57,7 @@ def test_nothing_is_requested_of_a_surface_that_a_scene_does_not_require():
     """No boundary and a closed surface: cells and nodes are asked for, nothing else."""
     from layouts import lay_out
 
-    from cpmkit.grid.blocks import cell_levels
-    from cpmkit.manifold.local_source import localize
+    from cpmkit.plugin import cell_levels, localize
 
     sphere = ck.source("analytic.sphere")
     layout = lay_out(ck.Scene(sphere, ck.ScreenedPoisson(1.0)), 0.1)

@@ -8,7 +8,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.accuracy.estimate import coarse_solver, estimate_by_solving
-from cpmkit.manifold.abilities import HasFacets
+from cpmkit.plugin import HasFacets
 
 PROBLEM = ck.ScreenedPoisson(lambda x: np.cos(2 * x[:, 0]) + 3 * x[:, 1])
 

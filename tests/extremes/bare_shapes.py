@@ -10,7 +10,7 @@ from math import ceil, cos, hypot, inf, pi, sin
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.manifold.source import ClosestPoints
+from cpmkit import ClosestPoints
 
 #: Points nearer than this, in sizes of about one, are the same.
 SAME = 1e-7

@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 from scipy.spatial import KDTree
 
-from cpmkit.manifold.source import ClosestPoints
+from cpmkit import ClosestPoints
 
 #: Samples of a smooth arc, from which Newton's steps to the foot start, and how many of these are made.
 ARC_SAMPLES, NEWTON_STEPS = 2000, 4

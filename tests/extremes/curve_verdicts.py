@@ -12,7 +12,7 @@ import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
-from cpmkit.types import no_progress
+from cpmkit.plugin import no_progress
 
 #: The sum of the weights may be off by this share of the length.
 MOST_LENGTH_ERROR = 0.02

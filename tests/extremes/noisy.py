@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit import ClosestPointSource
 
 #: Of the random numbers, which are hashes of the query.
 _MIX = np.array([[127.1, 311.7, 74.7], [269.5, 183.3, 246.1], [113.5, 271.9, 124.6]])

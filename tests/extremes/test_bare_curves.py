@@ -11,7 +11,7 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
 from cpmkit.meshing.contouring import contoured_curves
-from cpmkit.types import no_progress
+from cpmkit.plugin import no_progress
 
 #: Sixty, over all kinds and origins.
 FEW = [([*KINDS][i % len(KINDS)], 10 + i // len(KINDS), i % len(ORIGINS)) for i in range(60)]

@@ -16,8 +16,8 @@ import cpmkit as ck
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.scene_sampling import sample_scene
 from cpmkit.forms.options import Options
-from cpmkit.manifold.local_source import localize, with_noise
-from cpmkit.types import no_progress
+from cpmkit.manifold.local_source import with_noise
+from cpmkit.plugin import localize, no_progress
 
 SPHERE = ck.source("analytic.sphere", center=[0, 0, 0])
 

@@ -10,9 +10,8 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.grid.spacings import fitting_spacing
-from cpmkit.manifold.local_source import localize
+from cpmkit.plugin import as_vector, localize
 from cpmkit.runtime import memory
-from cpmkit.runtime.arrays import as_vector
 
 GIB = 2**30
 

@@ -20,12 +20,12 @@ import pytest
 import cpmkit as ck
 from cpmkit.errors import InputError
 from cpmkit.files.whole_files import unfinished_name, written_whole
+from cpmkit.plugin import no_progress
 from cpmkit.runtime.progress import ProgressLine
 from cpmkit.saving import results
 from cpmkit.saving.export import save
 from cpmkit.scenefile.output_request import OutputRequest
 from cpmkit.studies.records import append_record, drop_unfinished_line
-from cpmkit.types import no_progress
 
 #: Writes a letter 60,000 times into a file, in three pieces, again and again.
 WRITER = """

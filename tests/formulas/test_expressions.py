@@ -5,7 +5,7 @@ import pytest
 from fuzzing import answered
 
 from cpmkit import SceneError
-from cpmkit.formulas.expressions import Expression
+from cpmkit.plugin import Expression
 
 POINTS = np.random.default_rng(0).uniform(0.1, 1, (50, 3))
 X, Y, Z = POINTS.T

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from cpmkit import SceneError
-from cpmkit.formulas.derivatives import MAX_FORMULA_STEPS, formula_jets
+from cpmkit.formulas.derivatives import MAX_FORMULA_STEPS
 from cpmkit.formulas.steps import MAX_STAGED_POINTS
-from cpmkit.formulas.trees import formula_tree
+from cpmkit.plugin import formula_jets, formula_tree
 
 NAMES = ("x", "y", "z")
 POINTS = np.random.default_rng(0).uniform(0.1, 0.9, (3, 40))

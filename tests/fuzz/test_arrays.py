@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import cpmkit as ck
-from cpmkit.files.array_files import read_array, read_arrays
+from cpmkit.files.array_files import read_arrays
+from cpmkit.plugin import read_array
 
 TYPES = st.one_of(
     hnp.floating_dtypes(), hnp.integer_dtypes(), hnp.boolean_dtypes(), hnp.unicode_string_dtypes(max_len=4)

@@ -9,9 +9,7 @@ from fuzzing import answered, long, short
 from hypothesis import given
 from hypothesis import strategies as st
 
-from cpmkit.formulas.derivatives import formula_jets
-from cpmkit.formulas.expressions import Expression
-from cpmkit.formulas.trees import COORDINATES, FUNCTIONS, formula_tree
+from cpmkit.plugin import COORDINATES, FUNCTIONS, Expression, formula_jets, formula_tree
 from cpmkit.studies.named_formulas import expand_names
 
 #: Of functions, in all that is done with one formula: some seconds.

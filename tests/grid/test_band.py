@@ -6,11 +6,10 @@ from bare import Bare
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.grid.band import build_band
+from cpmkit import ClosestPoints, build_band
 from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import cross_offsets, reading_radius, stencil_cells, tensor_offsets
-from cpmkit.manifold.local_source import localize
-from cpmkit.manifold.source import ClosestPoints
+from cpmkit.plugin import localize
 
 
 def sphere_band(spacing, degree=3):

@@ -30,7 +30,7 @@ IRREGULAR = {
     "hidden", "risen", "spoken", "thrown", "worn", "written", "woven", "run", "spun",
 }  # fmt: skip
 #: Modules whose names are public.
-PUBLIC = ("cpmkit", "cpmkit.plugin", "cpmkit.testing", "cpmkit.errors")
+PUBLIC = ("cpmkit", "cpmkit.plugin", "cpmkit.testing", "cpmkit.errors", "cpmkit.applications")
 #: Spacing of the two small solves in which a condition is followed, and the longest sequence that is searched for one.
 TRIP_SPACING, SEARCHED_ENTRIES = 0.1, 20
 
@@ -148,7 +148,7 @@ def count_members(kind: type) -> int:
 
 def contract_members() -> set[str]:
     """Return the public members of the contract of a form: of all classes of its module together."""
-    from cpmkit.forms.contract import Discretized
+    from cpmkit.plugin import Discretized
     from cpmkit.runtime.deprecation import DeprecatedMember
 
     return {
@@ -163,7 +163,7 @@ def contract_members() -> set[str]:
 def galerkin_members() -> int:
     """Return the number of members of the Galerkin form, of the class of it that has most."""
     import cpmkit.forms.galerkin
-    from cpmkit.forms.contract import Discretized
+    from cpmkit.plugin import Discretized
 
     package = cpmkit.forms.galerkin
     for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
@@ -196,8 +196,8 @@ def files_of_condition(form: str) -> set[str]:
     that see it only inside a scene or a boundary, and pass that on, do not count.
     """
     import cpmkit as ck
+    from cpmkit.plugin import Condition
     from cpmkit.scene import laws
-    from cpmkit.scene.conditions import Condition
 
     kinds = (
         Condition,

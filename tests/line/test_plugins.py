@@ -9,8 +9,8 @@ from model_problems import circle_jump
 
 import cpmkit as ck
 from cpmkit import plugins
-from cpmkit.hookspecs import hookimpl
 from cpmkit.linear.direct import DirectSolver
+from cpmkit.plugin import hookimpl
 
 
 class FakeEntryPoint:

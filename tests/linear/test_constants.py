@@ -8,9 +8,9 @@ import cpmkit as ck
 from cpmkit.linear.constant_functions import ROUNDING_SHARE, ConstantFunctions
 from cpmkit.linear.direct import DirectSolver
 from cpmkit.linear.multigrid.solver import MultigridSolver
-from cpmkit.linear.operators import Border, Bordered, ComplexShift, CsrOperator
+from cpmkit.linear.operators import Bordered, ComplexShift
 from cpmkit.linear.reference import ReferenceSolver
-from cpmkit.linear.residuals import judge
+from cpmkit.plugin import Border, CsrOperator, judge
 
 N = 60
 TOLERANCE = 1e-8

@@ -13,7 +13,7 @@ from cpmkit.linear.direct import (
     cholesky,
     factorize_operator,
 )
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.plugin import CsrOperator
 
 
 def positive(n):

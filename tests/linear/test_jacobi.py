@@ -13,7 +13,7 @@ from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.linear import jacobi
 from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver, mass_dominates
 from cpmkit.linear.multigrid.solver import MultigridSolver
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.plugin import CsrOperator
 
 H = 0.16
 sphere = cache(sphere_space)

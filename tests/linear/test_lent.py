@@ -6,12 +6,10 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.families.steady import assemble
+from cpmkit import Scene, assemble
 from cpmkit.linear.multigrid.solver import MultigridSolver
 from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
-from cpmkit.linear.protocols import PreparedSolver
-from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats
+from cpmkit.plugin import Floats, PreparedSolver
 
 SPHERE = ck.source("analytic.sphere")
 

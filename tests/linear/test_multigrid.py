@@ -19,8 +19,9 @@ from cpmkit.linear.jacobi import JacobiSolver
 from cpmkit.linear.multigrid import cycle
 from cpmkit.linear.multigrid.cycle import needs_float64
 from cpmkit.linear.multigrid.solver import MultigridSolver
-from cpmkit.linear.operators import Bordered, CsrOperator
+from cpmkit.linear.operators import Bordered
 from cpmkit.linear.preconditioned import PreconditionedCG, stop_by_preconditioned_residual
+from cpmkit.plugin import CsrOperator
 
 NOWHERE = np.zeros(0, dtype=np.int64)
 sphere = cache(sphere_space)

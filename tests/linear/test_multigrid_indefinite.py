@@ -6,7 +6,7 @@ from model_problems import rotation, sphere_points
 
 import cpmkit as ck
 from cpmkit.linear.krylov import gmres
-from cpmkit.types import no_progress
+from cpmkit.plugin import no_progress
 
 SPHERE = ck.source("analytic.sphere")
 CIRCLE = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=rotation()[0])

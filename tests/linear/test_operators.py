@@ -5,7 +5,8 @@ import pytest
 from scipy.sparse import csr_array
 
 import cpmkit as ck
-from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator
+from cpmkit.linear.operators import Bordered, ComplexShift
+from cpmkit.plugin import CsrOperator
 
 RNG = np.random.default_rng(0)
 CIRCLE = ck.source("analytic.circle")

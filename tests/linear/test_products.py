@@ -7,7 +7,7 @@ from scipy.sparse import random_array
 from cpmkit import InputError
 from cpmkit.linear import operators
 from cpmkit.linear.operators import ThreadedProduct
-from cpmkit.runtime.threads import run_parcels, thread_count
+from cpmkit.plugin import run_parcels, thread_count
 
 
 @pytest.mark.parametrize("threads", ["1", "2", "5"])

@@ -6,13 +6,13 @@ from sample_shapes import equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
-from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.curved_from_points import add_midpoints, curve_from_points, move_vertices_to_manifold
 from cpmkit.meshing.source_cells import source_cells
+from cpmkit.plugin import localize
 
 
 def samples(source, spacing, origin=None):

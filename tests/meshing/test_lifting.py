@@ -6,9 +6,9 @@ from sample_shapes import box, equator, octahedron, with_cut
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import CLIPPED_EDGE_SPACINGS, quadrature
-from cpmkit.manifold.local_source import localize
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
+from cpmkit.plugin import localize
 
 UNIT_BOX = box([-0.5] * 3, [0.5] * 3)
 

@@ -7,13 +7,12 @@ from sample_shapes import octahedron
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
-from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.adjacency import half_facets
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
-from cpmkit.plugin import Advice
+from cpmkit.plugin import Advice, localize
 
 CELLED = [
     case

@@ -9,9 +9,7 @@ from arc_problems import tilted_circle
 
 import cpmkit as ck
 from cpmkit import plugins
-from cpmkit.hookspecs import hookimpl
-from cpmkit.scene.conditions import Condition
-from cpmkit.scene.laws import Interface, Mixed, Nonlinear
+from cpmkit.plugin import Condition, Interface, Mixed, Nonlinear, hookimpl
 from cpmkit.solution.summary import describe_scene
 
 BAR = ck.source("analytic.segment", start=[0, 0], end=[1, 0])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.formulas.expressions import Expression
+from cpmkit.plugin import Expression
 from cpmkit.scene.conditions import same_condition, sides_differ
 
 

@@ -10,7 +10,7 @@ from bare import Bare
 import cpmkit as ck
 from cpmkit.forms.collocation.side_view import put_on_lattice
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.local_source import localize
+from cpmkit.plugin import localize
 
 STRIP = ck.source("parametric.moebius")
 SPHERE = ck.source("analytic.sphere")

@@ -7,8 +7,8 @@ import pytest
 from click.testing import CliRunner
 
 import cpmkit as ck
+from cpmkit import Dirichlet, Neumann
 from cpmkit.cli import main
-from cpmkit.scene.conditions import Dirichlet, Neumann
 
 GOOD = """
 [surface]

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh.normals_of_mesh import vertex_normals
+from cpmkit.plugin import vertex_normals
 from cpmkit.scenefile.look import Look
 from cpmkit.view.drawing import Shapes, draw
 from cpmkit.view.marks import outlines

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cpmkit.plugins
+from cpmkit import source
 from cpmkit.errors import InputError
-from cpmkit.plugins import source
 
 BAD = [
     ("point", {"at": [1.0]}, "at must be 2 or 3 numbers"),

@@ -9,8 +9,7 @@ import pytest
 from cpmkit_analytic import arc, cap, circle, cylinder, point, segment, sphere, torus
 from cpmkit_analytic.frames import space_frame
 
-from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation
-from cpmkit.manifold.vector_algebra import as_rotation
+from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation, as_rotation
 
 SPACE = [
     (point, {"at": [0.3, 0.2, -1.0]}),

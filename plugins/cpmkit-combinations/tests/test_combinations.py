@@ -5,7 +5,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
+from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
 
 CIRCLE = ck.source("analytic.circle")
 SPHERE = ck.source("analytic.sphere")

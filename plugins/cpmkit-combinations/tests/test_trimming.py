@@ -9,7 +9,7 @@ from model_problems import sphere_points
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation
+from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation
 
 SPHERE, TORUS = ck.source("analytic.sphere"), ck.source("analytic.torus")
 

@@ -7,7 +7,7 @@ import pytest
 from model_problems import order_of, sphere_points
 
 import cpmkit as ck
-from cpmkit.forms.contract import Discretized
+from cpmkit.plugin import Discretized
 
 POINTS = sphere_points(1000)
 SPHERE = ck.source("analytic.sphere")

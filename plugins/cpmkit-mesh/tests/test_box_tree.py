@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from cpmkit_mesh.box_tree import build_tree, find_nearest
 
-from cpmkit.runtime.threads import run_parcels, thread_count
+from cpmkit.plugin import run_parcels, thread_count
 
 
 def on_segment(q, edge):

@@ -8,8 +8,7 @@ from cpmkit_mesh.conformance import cases
 from cpmkit_mesh.local_minima import local_minima
 
 import cpmkit as ck
-from cpmkit.manifold.abilities import HasLocalMinima
-from cpmkit.manifold.local_source import localize
+from cpmkit.plugin import HasLocalMinima, localize
 from cpmkit.testing import ConformanceCase, run_laws
 
 

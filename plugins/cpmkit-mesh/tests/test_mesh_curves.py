@@ -7,7 +7,7 @@ from cpmkit_mesh.chains import order_chains
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasMesh, HasTangents, HasTranslation, HasValues
+from cpmkit.plugin import HasMesh, HasTangents, HasTranslation, HasValues
 
 
 def length(curve):
@@ -164,7 +164,7 @@ def test_curves_of_a_mesh_have_the_meshs_data(make):
 
 
 def test_a_scene_file_takes_the_scenes_own_surface(tmp_path):
-    from cpmkit.scenefile.scene_files import load_scene
+    from cpmkit import load_scene
 
     points, faces = block()
     rows = [f"v {x} {y} {z}" for x, y, z in points] + [f"f {a} {b} {c}" for a, b, c in faces + 1]

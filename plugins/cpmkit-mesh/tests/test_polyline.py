@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from cpmkit_mesh import polyline
 
+from cpmkit import ClosestPointSource
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
 
 SQUARE = np.array([[0.0, 0], [1, 0], [1, 1], [0, 1], [0, 0]])
 

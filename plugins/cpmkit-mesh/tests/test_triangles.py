@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from cpmkit_mesh import triangles
 
+from cpmkit import ClosestPointSource
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
-from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.plugin import HasMesh, HasNormals, HasTangents, HasTranslation, HasValues
 
 TRIANGLE = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 NAN = np.array([[0.0, 0, 0], [1, 0, np.nan], [0, 1, 0]])

@@ -5,7 +5,7 @@ import pytest
 from cpmkit_mesh import triangles
 
 import cpmkit as ck
-from cpmkit.manifold.abilities import HasNormals
+from cpmkit.plugin import HasNormals
 
 
 def moebius(columns=40, rows=4):

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from cpmkit_parametric import curve, helix, klein, moebius, planar_curve, revolution, surface, torus_knot
 
-from cpmkit.formulas.trees import formula_tree
-from cpmkit.manifold.abilities import HasNormals, HasTangents
+from cpmkit.plugin import HasNormals, HasTangents, formula_tree
 
 TURN = [0, "2*pi"]
 SURFACES = {  # source, number of rims, Euler characteristic, orientable

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cpmkit.plugins
+from cpmkit import source
 from cpmkit.errors import InputError
-from cpmkit.plugins import source
 
 CIRCLE = {"x": ["cos(t)", "sin(t)"], "range": [0, "2*pi"]}
 STRIP = {"x": ["cos(u)", "sin(u)", "v"], "u": [0, "2*pi"], "v": [0, 1]}

@@ -8,7 +8,7 @@ from model_problems import order_of
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasNormals
+from cpmkit.plugin import HasNormals
 
 BALL = sphere(2000)
 

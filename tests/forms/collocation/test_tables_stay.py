@@ -18,8 +18,7 @@ from cpmkit.families.context import SolveContext
 from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.collocation.form import Collocation
 from cpmkit.linear.solver_options import make_solver
-from cpmkit.manifold.local_source import LocalSource
-from cpmkit.types import no_progress
+from cpmkit.plugin import LocalSource, no_progress
 
 CUT = ck.source("analytic.point", at=on_circle(np.array([1.0]))[0])
 RING = ck.source("analytic.circle", radius=0.5)

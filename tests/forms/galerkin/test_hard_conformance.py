@@ -7,7 +7,7 @@ from scipy.sparse.linalg import splu
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.dof_map import connected_pieces
-from cpmkit.manifold.abilities import HasMesh
+from cpmkit.plugin import HasMesh
 
 SURFACES = [case for case in CASES if source_of(case).manifold_dim in range(1, source_of(case).dim)]
 #: Closest points that have no tangents make no surface, and that is said.

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.welding import RepairReport
 from cpmkit.meshing.mesh_warnings import repair_warnings, seam_warnings
+from cpmkit.plugin import localize
 
 SHEET = np.stack(np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17)), axis=-1).reshape(-1, 2)
 

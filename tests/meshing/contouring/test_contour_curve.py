@@ -11,9 +11,9 @@ from scipy.special import ellipe
 
 import cpmkit as ck
 from cpmkit.errors import ResolutionError
-from cpmkit.manifold.local_source import localize
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
+from cpmkit.plugin import localize
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}
 TREFOIL = ["(2 + cos(3*t))*cos(2*t)/2", "(2 + cos(3*t))*sin(2*t)/2", "sin(3*t)/2"]

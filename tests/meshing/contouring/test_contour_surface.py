@@ -11,11 +11,11 @@ from extremes.bare_shapes import BareSurface, Moved, Rectangles, box, leaf
 from meshing.contouring.measures import area, pieces, topology
 
 import cpmkit as ck
+from cpmkit import ClosestPoints
 from cpmkit.forms.galerkin.dof_map import components
-from cpmkit.manifold.local_source import localize
-from cpmkit.manifold.source import ClosestPoints
 from cpmkit.meshing.contouring.contour_edges import remove_isolated_components
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.plugin import localize
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
 SMOOTH = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh.rectangle import rectangle
+from cpmkit.plugin import rectangle
 
 SHARP = "bends more sharply than the band is wide"
 

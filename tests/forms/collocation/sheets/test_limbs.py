@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
+from cpmkit import ClosestPoints
 from cpmkit.forms.free_constants import Imbalance
-from cpmkit.manifold.source import ClosestPoints
 
 AXES = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
 
