@@ -22,7 +22,7 @@ def sphere(spacing):
     """The unit sphere by the midpoints of squares drawn on the faces of a cube, and their corners' numbers."""
     import numpy as np
 
-    from cpmkit.forms.galerkin.quadrature.samples import Samples
+    from cpmkit.mesh.cell_quadrature import Samples
 
     count = int(np.ceil(np.pi / 2 / (0.4 * spacing)))
     place = np.stack(np.meshgrid(np.arange(count), np.arange(count), indexing="ij"), axis=-1).reshape(-1, 2)

@@ -14,7 +14,6 @@ import numpy as np
 from trimesh.creation import icosphere
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import (
     STABILISATIONS,
     add_ghosts,
@@ -24,6 +23,7 @@ from cpmkit.forms.galerkin.space.energy import (
     values_at_samples,
 )
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
+from cpmkit.mesh.cell_quadrature import Samples
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 STRENGTH = STABILISATIONS["default"]

@@ -6,8 +6,8 @@ import numpy as np
 from sample_shapes import box
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
+from cpmkit.mesh.cell_quadrature import Samples
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
 GAUSS = (np.array([0.5 - np.sqrt(0.15), 0.5, 0.5 + np.sqrt(0.15)]), np.array([5, 8, 5]) / 18)

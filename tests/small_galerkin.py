@@ -10,13 +10,12 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import cut_corners, half_facets
+from cpmkit.mesh.cell_quadrature import Samples, quadrature
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.plugin import evaluate_data, localize

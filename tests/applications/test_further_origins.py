@@ -14,7 +14,7 @@ import cpmkit.linear.direct as factorization
 import cpmkit.linear.multigrid.solver as multigrid
 from cpmkit.applications import geodesic_distance
 from cpmkit.applications.heat import UNDERFLOW_SHARE, is_only_underflow
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 
 SPHERE = ck.source("analytic.sphere")
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sample_shapes import grid, joined, moebius, octahedron, pieces
 
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
+from cpmkit.mesh.cell_quadrature import quadrature
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.welding import RepairReport, repair
 

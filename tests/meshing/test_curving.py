@@ -5,7 +5,7 @@ import pytest
 from sample_shapes import equator, octahedron, with_cut
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature
+from cpmkit.mesh.cell_quadrature import quadrature
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair

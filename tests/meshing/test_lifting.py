@@ -5,7 +5,7 @@ import pytest
 from sample_shapes import box, equator, octahedron, with_cut
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import CLIPPED_EDGE_SPACINGS, quadrature
+from cpmkit.mesh.cell_quadrature import CLIPPED_EDGE_SPACINGS, quadrature
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.plugin import localize

@@ -9,7 +9,6 @@ from cpmkit.forms.galerkin import residual_marking
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, RefinedSpace, build_refined_space
 from cpmkit.forms.galerkin.refinement.regions import Regions
@@ -19,6 +18,7 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Progress, no_progress

@@ -19,10 +19,9 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
-from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
 from cpmkit.forms.galerkin.space.energy import Stabilisation, add_ghosts, kernel_arguments, stabilisation_data
 from cpmkit.forms.galerkin.space.energy_kernels import row_length, second_of, slope_of, sort_columns, value_of
+from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
 from cpmkit.linear.multigrid.cycle import Level

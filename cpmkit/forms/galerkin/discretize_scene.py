@@ -9,13 +9,14 @@ from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.scene_sampling import SampledScene, sample_scene
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS_OF_DEGREE
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.supported_scenes import check as check
 from cpmkit.forms.options import Options
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress, no_progress

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.energy import load
+from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import SAMPLINGS
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
+from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, option
 

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.sample_search import SampleSearch
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.mesh.adjacency import HalfFacets
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints, Side
 

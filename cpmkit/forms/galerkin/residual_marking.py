@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap
+from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE
 from cpmkit.forms.galerkin.space.sample_kernels import spline_slopes, spline_values
 from cpmkit.runtime.compilation import compiled
 from cpmkit.scene.data import evaluate_data

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.grid.lattice import Codes
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.types import Bools, Floats, Ints
 
 #: Points are processed by boxes of so many spacings, in half of the time: the samples of a box stay in the cache.

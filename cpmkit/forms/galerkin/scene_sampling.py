@@ -19,21 +19,22 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
+from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
+from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.solve_memory import check_samples_fit
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
+from cpmkit.forms.options import Options
+from cpmkit.grid.lattice import Lattice, lattice_of
+from cpmkit.manifold.local_source import LocalSource, localize, with_noise
+from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
+from cpmkit.mesh.cell_quadrature import (
     PLAIN_EDGE_SPACINGS,
+    Samples,
     longest_edge,
     needs_degree_four,
     quadrature,
     triangles_to_clip,
 )
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
-from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
-from cpmkit.forms.galerkin.refinement.regions import Regions
-from cpmkit.forms.galerkin.solve_memory import check_samples_fit
-from cpmkit.forms.options import Options
-from cpmkit.grid.lattice import Lattice, lattice_of
-from cpmkit.manifold.local_source import LocalSource, localize, with_noise
-from cpmkit.mesh.adjacency import HalfFacets, cut_corners, half_facets, has_cut_corners, seam_midpoints
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.contouring.contoured_curves import contour_curve

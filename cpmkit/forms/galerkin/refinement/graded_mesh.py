@@ -7,10 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature, triangles_to_clip
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.solution_warnings import ends_inside
+from cpmkit.mesh.cell_quadrature import Samples, quadrature, triangles_to_clip
 from cpmkit.mesh.mesh import CellGeometry, Edges, Mesh
 from cpmkit.mesh.subdivision import halve_edges
 from cpmkit.types import Bools, Floats, Ints

@@ -17,7 +17,6 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
 from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
     LevelSplines,
@@ -35,8 +34,10 @@ from cpmkit.forms.galerkin.space.energy import (
     mean_coefficient,
 )
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.linear.multigrid.cycle import Level
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:

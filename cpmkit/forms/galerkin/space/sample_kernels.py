@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_normals
-from cpmkit.forms.galerkin.quadrature.samples import PLACE_UNIT
+from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
 from cpmkit.runtime.compilation import compiled, inlined
 from cpmkit.types import Floats, Ints
 

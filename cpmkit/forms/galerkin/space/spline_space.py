@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap, connected_pieces, lines_through
-from cpmkit.forms.galerkin.quadrature.samples import QuantisedSamples, Samples
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
+from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:

@@ -5,7 +5,6 @@ import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
 
 from cpmkit.forms.galerkin.dof_map import connected_pieces, dof_map_from_patches
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.forms.galerkin.space.energy import (
     STABILISATIONS,
     Stabilisation,
@@ -17,6 +16,7 @@ from cpmkit.forms.galerkin.space.energy import (
 )
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.mesh.cell_quadrature import Samples
 
 H = 0.4
 NOTHING = Stabilisation(0.0, 0.0, 0.0)

@@ -5,7 +5,8 @@ import pytest
 from galerkin_scenes import sphere
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.quadrature.samples import NORMAL_UNIT, PLACE_UNIT, QuantisedSamples, Samples
+from cpmkit.forms.galerkin.space.quantised_samples import NORMAL_UNIT, PLACE_UNIT, QuantisedSamples
+from cpmkit.mesh.cell_quadrature import Samples
 
 H = 0.2
 

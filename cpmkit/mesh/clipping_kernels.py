@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.polygon_rules import MOST_CORNERS, MOST_POINTS, fan_rule, polygon_rule
+from cpmkit.mesh.polygon_rules import MOST_CORNERS, MOST_POINTS, fan_rule, polygon_rule
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Bools, Floats
 

@@ -11,13 +11,12 @@ error.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import chain
 from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.samples import Samples
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.types import Bools, Floats, Ints
@@ -87,7 +86,7 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
     small as a whole.
     """
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import least_turning_sine, mark_small_triangles
+    from cpmkit.mesh.whole_triangle_kernels import least_turning_sine, mark_small_triangles
 
     cells = np.ascontiguousarray(mesh.cells)
     if mesh.midpoints is None:
@@ -167,8 +166,8 @@ def _all_samples(
 
     Arguments from ``spacing`` on are those of `triangle_samples`, with ``limits`` for ``single``.
     """
-    from cpmkit.forms.galerkin.quadrature.clipping_kernels import triangle_samples
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import gather_nodes
+    from cpmkit.mesh.clipping_kernels import triangle_samples
+    from cpmkit.mesh.whole_triangle_kernels import gather_nodes
 
     return list(triangle_samples(gather_nodes(vertices, cells, midpoints), spacing, clipped, limits, fine))
 
@@ -177,7 +176,7 @@ def _samples_single_first(
     vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
 ) -> list[Any]:
     """Return what `_all_samples` returns, faster if many triangles get a single point: these are sampled first."""
-    from cpmkit.forms.galerkin.quadrature.whole_kernels import one_point_samples
+    from cpmkit.mesh.whole_triangle_kernels import one_point_samples
 
     count = len(cells)
     single: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
@@ -249,3 +248,44 @@ def _normal_frames(tangents: Floats) -> Floats:
     axis = np.eye(3)[np.argmin(np.abs(t), axis=1)]
     first = unit(np.cross(t, axis))
     return np.stack([first, np.cross(t, first)], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Quadrature points of the manifold, over which every integral is summed.
+
+    Attributes
+    ----------
+    points : (q, d) float64
+        Positions relative to the lattice's origin.
+    weights : (q,) float64
+        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
+        evaluated.
+    normals : (q, c, d) float64
+        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
+    cell : (q,) int32
+        The cell of the mesh that contains each sample.
+    """
+
+    points: Floats
+    weights: Floats
+    normals: Floats
+    cell: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def points_at(self, rows: slice | Ints) -> Floats:
+        """Return the points (..., d) of the samples ``rows`` (...)."""
+        return np.asarray(self.points[rows])
+
+    def normals_at(self, rows: slice | Ints) -> Floats:
+        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
+        return np.asarray(self.normals[rows])
+
+    def cell_at(self, rows: Ints) -> Ints:
+        """Return the cells (...) of the samples ``rows`` (...)."""
+        return np.asarray(self.cell[rows])

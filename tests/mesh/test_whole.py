@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sample_shapes import octahedron
 
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import _all_samples, _samples_single_first
+from cpmkit.mesh.cell_quadrature import _all_samples, _samples_single_first
 from cpmkit.mesh.mesh import Mesh
 
 SPHERE = octahedron(4)

@@ -7,7 +7,7 @@ import pytest
 from trimesh.creation import box, icosphere
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import (
+from cpmkit.mesh.cell_quadrature import (
     CURVED_SINGLE_MOMENT,
     MOST_SINGLE_MOMENT,
     SINGLE_MOMENT_OF_ANGLE,
@@ -52,7 +52,7 @@ def test_curved_triangles_much_smaller_than_a_spacing_have_one_sample_and_cost_n
     errors, samples = [], []
     for limit in (0.0, CURVED_SINGLE_MOMENT):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("cpmkit.forms.galerkin.quadrature.cell_quadrature.CURVED_SINGLE_MOMENT", limit)
+            patch.setattr("cpmkit.mesh.cell_quadrature.CURVED_SINGLE_MOMENT", limit)
             found = [ck.solve(scene, 0.45, form="galerkin", origin=[x, 0.1, 0.2]) for x in (0.0, 0.13)]
         errors.append(np.sqrt(np.mean([(one.evaluate(at) - at.prod(axis=1)) ** 2 for one in found])))
         samples.append(found[0].work.samples)
@@ -76,7 +76,7 @@ def test_facets_cost_two_thirds_of_the_samples_and_no_accuracy():
     fewer = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(
-            "cpmkit.forms.galerkin.quadrature.cell_quadrature.one_point_limits",
+            "cpmkit.mesh.cell_quadrature.one_point_limits",
             lambda one, _spacing: np.zeros(len(one.cells)),
         )
         every = [ck.solve(scene, spacing, form="galerkin", origin=origin) for origin in origins]

@@ -14,53 +14,14 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.mesh.cell_quadrature import Samples
+from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 
 #: Unit of a quantised coordinate, in spacings, and of a quantised component of a normal: 1 and -1 are multiples of it.
 PLACE_UNIT, NORMAL_UNIT = 2.0**-32, 2.0**-30
 #: Samples that are rounded or decoded together, so that temporary arrays stay small.
 SAMPLES_AT_ONCE = 1 << 16
-
-
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Quadrature points of the manifold, over which every integral is summed.
-
-    Attributes
-    ----------
-    points : (q, d) float64
-        Positions relative to the lattice's origin.
-    weights : (q,) float64
-        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
-        evaluated.
-    normals : (q, c, d) float64
-        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
-    cell : (q,) int32
-        The cell of the mesh that contains each sample.
-    """
-
-    points: Floats
-    weights: Floats
-    normals: Floats
-    cell: Any
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
-
-    def __len__(self) -> int:
-        return len(self.points)
-
-    def points_at(self, rows: slice | Ints) -> Floats:
-        """Return the points (..., d) of the samples ``rows`` (...)."""
-        return np.asarray(self.points[rows])
-
-    def normals_at(self, rows: slice | Ints) -> Floats:
-        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
-        return np.asarray(self.normals[rows])
-
-    def cell_at(self, rows: Ints) -> Ints:
-        """Return the cells (...) of the samples ``rows`` (...)."""
-        return np.asarray(self.cell[rows])
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +55,6 @@ class QuantisedSamples:
     @classmethod
     def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:
         """Return the ``samples`` of a dof map as quantised samples."""
-        from cpmkit.forms.galerkin.quadrature.quantised_kernels import encode_normals
-
         codim, d = samples.normals.shape[1:]
         is_surface = d - codim == 2
         places = np.empty(samples.points.shape, dtype=np.int32 if is_surface else np.float64)
@@ -141,8 +100,6 @@ class QuantisedSamples:
 
     def points_at(self, rows: slice | Ints) -> Floats:
         """Return the points (..., d) of the samples ``rows`` (...)."""
-        from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_places
-
         places, patch = self.places[rows], self.dof_map.patch[rows]
         points = np.empty(places.shape)
         flat = places.reshape(-1, places.shape[-1])
@@ -151,8 +108,6 @@ class QuantisedSamples:
 
     def normals_at(self, rows: slice | Ints) -> Floats:
         """Return the normals (..., c, d) of the samples ``rows`` (...)."""
-        from cpmkit.forms.galerkin.quadrature.quantised_kernels import decode_all_normals
-
         directions = self.directions[rows]
         normals = np.empty((*directions.shape[:-1], self.dof_map.dim))
         decode_all_normals(directions.reshape(-1, *directions.shape[-2:]), normals.reshape(-1, *normals.shape[-2:]))
@@ -165,3 +120,68 @@ class QuantisedSamples:
         behind = rows >= count
         cells[behind] = self.further_cells[rows[behind] - count]
         return cells
+
+
+@compiled
+def decode_places(places: Any, patch: Any, cells: Ints, spacing: float, points: Floats) -> None:
+    """Fill ``points`` (q, d) with the positions of samples, relative to the origin of the lattice.
+
+    ``places`` (q, d) are the quantised positions relative to the centres of lattice cells; sample q is in cell
+    ``cells[patch[q]]``, with ``cells`` (p, d) and ``patch`` (q,).
+    """
+    for q in range(len(places)):
+        for axis in range(places.shape[1]):
+            points[q, axis] = spacing * (cells[patch[q], axis] + PLACE_UNIT * places[q, axis])
+
+
+@compiled
+def encode_normals(normals: Floats, directions: Any) -> None:
+    """Fill ``directions`` (q, 1, 2) with quantised ``normals`` (q, 1, 3) of a surface.
+
+    A normal is projected to the octahedron |x| + |y| + |z| = 1, which is unfolded into a square.
+    """
+    for q in range(len(normals)):
+        n = normals[q, 0]
+        size = abs(n[0]) + abs(n[1]) + abs(n[2])
+        x, y = n[0] / size, n[1] / size
+        if n[2] < 0:  # the lower half is folded outwards over the edges of the upper one
+            x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
+        directions[q, 0, 0], directions[q, 0, 1] = np.rint(x / NORMAL_UNIT), np.rint(y / NORMAL_UNIT)
+
+
+@compiled
+def decode_normals(directions: Any, normals: Floats) -> None:
+    """Fill ``normals`` (c, d) with the orthonormal normals of a sample, from its quantised ``directions`` (c, e).
+
+    e is d where directions are components of normals, or 2 where they are positions on an unfolded octahedron.
+    """
+    codim, d = normals.shape
+    for c in range(codim):
+        if directions.shape[1] == d:
+            for i in range(d):
+                normals[c, i] = directions[c, i]
+        else:
+            x, y = NORMAL_UNIT * directions[c, 0], NORMAL_UNIT * directions[c, 1]
+            z = 1 - abs(x) - abs(y)
+            if z < 0:
+                x, y = (1 - abs(y)) * (1.0 if x >= 0 else -1.0), (1 - abs(x)) * (1.0 if y >= 0 else -1.0)
+            normals[c, 0], normals[c, 1], normals[c, 2] = x, y, z
+        for other in range(c):
+            along = 0.0
+            for i in range(d):
+                along += normals[other, i] * normals[c, i]
+            for i in range(d):
+                normals[c, i] -= along * normals[other, i]
+        square = 0.0
+        for i in range(d):
+            square += normals[c, i] * normals[c, i]
+        scale = 1.0 / np.sqrt(square)
+        for i in range(d):
+            normals[c, i] *= scale
+
+
+@compiled
+def decode_all_normals(directions: Any, normals: Floats) -> None:
+    """Fill ``normals`` (q, c, d) with the orthonormal normals of samples, from their ``directions`` (q, c, e)."""
+    for q in range(len(normals)):
+        decode_normals(directions[q], normals[q])

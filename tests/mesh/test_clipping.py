@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.quadrature import polygon_rules
-from cpmkit.forms.galerkin.quadrature.cell_quadrature import quadrature, triangles_to_clip
+from cpmkit.mesh import polygon_rules
+from cpmkit.mesh.cell_quadrature import quadrature, triangles_to_clip
 from cpmkit.mesh.mesh import Mesh
 
 SPACING = 0.2

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.quadrature.clipping_kernels import (
+from cpmkit.mesh.clipping_kernels import (
     ON_PLANE_SPACINGS,
     clamp_to_cell,
     position,
