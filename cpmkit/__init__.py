@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.loading import load as load
     from cpmkit.manifold.source import ClosestPoints as ClosestPoints
     from cpmkit.manifold.source import ClosestPointSource as ClosestPointSource
-    from cpmkit.picking import pick_line as pick_line
+    from cpmkit.plugins import pick_line as pick_line
     from cpmkit.plugins import read_mesh as read_mesh
     from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
@@ -126,7 +126,7 @@ _PUBLIC = {
     "load": "loading",
     "load_scene": "scenefile.scene_files",
     "normals_at": "solution.boundary_points",
-    "pick_line": "picking",
+    "pick_line": "plugins",
     "prepare": "preparing",
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",

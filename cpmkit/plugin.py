@@ -25,10 +25,8 @@ if TYPE_CHECKING:
     from cpmkit.files.array_files import read_array as read_array
     from cpmkit.files.array_files import read_bytes as read_bytes
     from cpmkit.files.data_files import existing_file as existing_file
-    from cpmkit.files.ply_files import PlyLists as PlyLists
-    from cpmkit.files.ply_files import ply_vertices as ply_vertices
-    from cpmkit.files.ply_files import read_ply as read_ply
     from cpmkit.files.whole_files import write_png as write_png
+    from cpmkit.files.whole_files import written_whole as written_whole
     from cpmkit.forms.backend import Backend as Backend
     from cpmkit.forms.contract import Discretized as Discretized
     from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
@@ -96,6 +94,7 @@ if TYPE_CHECKING:
     from cpmkit.mesh.normals_of_mesh import edge_support as edge_support
     from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
     from cpmkit.mesh.rectangle import rectangle as rectangle
+    from cpmkit.plugins import read_ply_points as read_ply_points
     from cpmkit.plugins import source as source
     from cpmkit.runtime.arrays import as_colour as as_colour
     from cpmkit.runtime.arrays import as_points as as_points
@@ -133,6 +132,8 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.point_values import small_boundary_warnings as small_boundary_warnings
     from cpmkit.scene.scene import Scene as Scene
+    from cpmkit.scene.surface_input import Surface as Surface
+    from cpmkit.scene.surface_input import as_source as as_source
     from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.solving import solve as solve
@@ -203,13 +204,12 @@ GROUPS: dict[str, dict[str, str]] = {
         "check_source": "manifold.source",
     },
     "Reading and writing files": {
-        "PlyLists": "files.ply_files",
-        "ply_vertices": "files.ply_files",
-        "read_ply": "files.ply_files",
+        "read_ply_points": "plugins",
         "existing_file": "files.data_files",
         "read_array": "files.array_files",
         "read_bytes": "files.array_files",
         "write_png": "files.whole_files",
+        "written_whole": "files.whole_files",
     },
     "Formulas": {
         "COORDINATES": "formulas.trees",
@@ -249,6 +249,8 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "Making and solving scenes": {
         "source": "plugins",
+        "Surface": "scene.surface_input",
+        "as_source": "scene.surface_input",
         "Boundary": "scene.boundary",
         "Dirichlet": "scene.conditions",
         "Neumann": "scene.conditions",

@@ -6,7 +6,8 @@ import re
 
 import numpy as np
 
-from cpmkit.plugin import Floats, InputError, PlyLists, ply_vertices, read_ply
+from cpmkit.plugin import Floats, InputError
+from cpmkit_mesh.ply_files import PlyLists, ply_vertices, read_ply
 from cpmkit_mesh.polygons import Polygons
 from cpmkit_mesh.text import parse_floats, parse_ints, text_lines
 

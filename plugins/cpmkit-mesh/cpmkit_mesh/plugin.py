@@ -11,10 +11,19 @@ from cpmkit_mesh.geodesic_path import path
 from cpmkit_mesh.mesh_curves import edge_loop, feature_edges
 from cpmkit_mesh.mesh_files import read_mesh
 from cpmkit_mesh.obj import read_texture_coordinates
+from cpmkit_mesh.picking import pick_line
+from cpmkit_mesh.ply_files import read_ply_points
 from cpmkit_mesh.polyline import polyline
 
-# cpmkit's functions of the same names call the last two
-__all__ = ["cpmkit_conformance_cases", "cpmkit_sources", "read_mesh", "read_texture_coordinates"]
+# cpmkit's functions of the same names call the last four
+__all__ = [
+    "cpmkit_conformance_cases",
+    "cpmkit_sources",
+    "pick_line",
+    "read_mesh",
+    "read_ply_points",
+    "read_texture_coordinates",
+]
 
 if TYPE_CHECKING:
     from cpmkit.plugin import ConformanceCase

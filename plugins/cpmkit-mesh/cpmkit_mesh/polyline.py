@@ -92,7 +92,7 @@ class Polyline:
         InputError
             If ``x`` does not have shape (n, d) or is not finite.
         """
-        nearest = find_nearest(self._tree, _in_three_dimensions(as_points(x, self.dim)))
+        nearest = find_nearest(self._tree, in_three_dimensions(as_points(x, self.dim)))
         segment, t = self._tree.order[nearest.slot], nearest.local[:, :1]
         start, end = self.segments[segment].T
         edge = np.where(t[:, 0] <= 0.0, self.ends[start], np.where(t[:, 0] >= 1.0, self.ends[end], -1))
@@ -160,7 +160,7 @@ class Polyline:
 
     @cached_property
     def _tree(self) -> BoxTree:
-        points = _in_three_dimensions(self.vertices)
+        points = in_three_dimensions(self.vertices)
         return build_tree(points[self.segments[:, [0, 1, 1]]])
 
 
@@ -214,6 +214,6 @@ def _single_chain(points: Floats, rows: Ints, closed: bool) -> Polyline:
     return Polyline(points[rows], np.stack([start, (start + 1) % k], axis=1), ends, rows, len(points), points)
 
 
-def _in_three_dimensions(points: Floats) -> Floats:
+def in_three_dimensions(points: Floats) -> Floats:
     """Return (n, 3) points, those of the plane with a third coordinate of zero."""
     return points if points.shape[1] == 3 else np.hstack([points, np.zeros((len(points), 1))])

@@ -16,10 +16,9 @@ from cpmkit.plugin import (
     MissingDependencyError,
     as_positions,
     existing_file,
-    ply_vertices,
     read_array,
     read_bytes,
-    read_ply,
+    read_ply_points,
     shown,
 )
 
@@ -68,7 +67,7 @@ def _read_npy(file: Path) -> np.ndarray:
 
 def _read_ply(file: Path) -> np.ndarray:
     try:
-        return ply_vertices(read_ply(read_bytes(file)))
+        return read_ply_points(read_bytes(file))
     except InputError as error:
         raise InputError(f"{shown(file.name)} does not parse as PLY: {error}") from error
 

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
-from cpmkit.types import Floats, Ints
+from cpmkit.plugin import Floats, InputError, Ints, shown
 
 #: Types of properties, as NumPy names them.
 PLY_TYPES = {
@@ -72,6 +71,17 @@ def read_ply(data: bytes) -> dict[str, Table]:
     if stream.left:
         raise InputError("it goes on after the last row that it announces.")
     return tables
+
+
+def read_ply_points(data: bytes) -> Floats:
+    """Return the vertices (n, 3) of a PLY file.
+
+    Raises
+    ------
+    InputError
+        As :func:`read_ply` and :func:`ply_vertices` do.
+    """
+    return ply_vertices(read_ply(data))
 
 
 def ply_vertices(tables: dict[str, Table]) -> Floats:

@@ -10,16 +10,19 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.facade import Solution
-from cpmkit.files.whole_files import written_whole
-from cpmkit.manifold.abilities import HasMesh
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.mixed_cells import with_corners
-from cpmkit.runtime.messages import install_command
-from cpmkit.scene.surface_input import Surface, as_source
-from cpmkit.types import Floats
-from cpmkit.view.drawing import in_space
+from cpmkit.plugin import (
+    ClosestPointSource,
+    Floats,
+    HasMesh,
+    InputError,
+    MissingDependencyError,
+    Solution,
+    Surface,
+    as_source,
+    shown,
+    written_whole,
+)
+from cpmkit_mesh.polyline import in_three_dimensions
 
 #: Largest distance of neighbouring points of a line, in steps; a longer gap is a jump to another part of the surface.
 LARGEST_GAP_STEPS = 4.0
@@ -167,31 +170,7 @@ HELP = "right click: add a point,  BackSpace: remove it,  q: done"
 def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:
     """Show a surface or a solution in a window, in which clicks draw a line, and return the line.
 
-    The right button adds a point under the mouse, the key BackSpace removes the last one, q or closing the window ends
-    the line; the left button and the wheel turn and zoom. Between the points the line follows the surface. Its left is
-    at the left hand of a walker in the order of the clicks on the outside of the surface.
-
-    Parameters
-    ----------
-    shown : ClosestPointSource or Solution
-        The surface to draw on; also a mesh of another library, as for :class:`cpmkit.Scene`.
-    path : path, optional
-        A ``.csv``, ``.obj`` or ``.npy`` file, which the kind ``mesh.polyline`` reads; an existing file is replaced.
-    closed : bool
-        Whether the last point is connected to the first.
-
-    Returns
-    -------
-    (n, d) float64
-        Points of the line on the surface, in the scene's coordinates; a closed line ends with its first point.
-
-    Raises
-    ------
-    InputError
-        If ``shown`` is no surface or has no mesh, the file has another suffix, or fewer than two points were picked
-        (three for a closed line).
-    MissingDependencyError
-        If pyvista, which shows the window, is not installed.
+    See :func:`cpmkit.pick_line`.
     """
     surface = shown.scene.surface if isinstance(shown, Solution) else as_source(shown)
     place = None if path is None else check_line_file(path, surface)
@@ -245,10 +224,10 @@ class Canvas:
         self.plotter.remove_actor(["clicks", "line"])
         if len(self.line.clicks):
             marks = {"pickable": False, "reset_camera": False, "color": "black"}
-            clicks, balls = pyvista.PolyData(in_space(self.line.clicks)), {"render_points_as_spheres": True}
+            clicks, balls = pyvista.PolyData(in_three_dimensions(self.line.clicks)), {"render_points_as_spheres": True}
             self.plotter.add_mesh(clicks, name="clicks", point_size=POINT_SIZE, **balls, **marks)
             if len(self.line.points) > 1:
-                curve = pyvista.lines_from_points(in_space(self.line.points))
+                curve = pyvista.lines_from_points(in_three_dimensions(self.line.points))
                 tube = curve.tube(radius=TUBE_RADIUS_STEPS * self.line.step)  # a thin tube is half hidden by triangles
                 self.plotter.add_mesh(tube, name="line", **marks)
         self.say(HELP)
@@ -272,10 +251,10 @@ def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
     if not isinstance(surface, HasMesh):
         raise InputError("the surface has no mesh, without which it cannot be shown.")
     points, cells = surface.mesh(_size(surface) / SHOWN_CELLS)
-    triangles = with_corners(cells, 3)
+    triangles = cells[(cells >= 0).sum(axis=1) == 3]
     if not len(triangles):  # a point cloud
-        return pyvista.PolyData(in_space(points))
-    return pyvista.PolyData.from_regular_faces(in_space(points), triangles)
+        return pyvista.PolyData(in_three_dimensions(points))
+    return pyvista.PolyData.from_regular_faces(in_three_dimensions(points), triangles)
 
 
 def _size(surface: ClosestPointSource) -> float:
@@ -295,5 +274,5 @@ def _pyvista() -> Any:
         return import_module("pyvista")
     except ImportError as error:
         raise MissingDependencyError(
-            f"pyvista, which shows the window, does not import: {error}; {install_command('view')} adds it."
+            f"pyvista, which shows the window, does not import: {error}; `pip install 'cpmkit[view]'` adds it."
         ) from error

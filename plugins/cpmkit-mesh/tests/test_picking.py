@@ -2,10 +2,10 @@
 
 import numpy as np
 import pytest
+from cpmkit_mesh.picking import start_line, write_line
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.picking import start_line, write_line
 
 SPHERE = ck.source("analytic.sphere")
 CLICKS = np.array([[1.0, 0.0, 0.2], [0.1, 1.0, 0.2], [-1.0, 0.1, 0.2], [0.0, -1.1, 0.2]])
@@ -99,7 +99,7 @@ def test_a_window_takes_clicks_and_keys(clicking, tmp_path):
 
 
 def test_a_window_shows_a_solution_and_its_line_is_a_boundary(clicking, monkeypatch, tmp_path):
-    import cpmkit.picking as picking
+    import cpmkit_mesh.picking as picking
 
     made = []
     before = picking.Canvas.__init__
