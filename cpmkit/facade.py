@@ -44,8 +44,7 @@ class Solution(SolutionRecord):
     imbalances : tuple of Imbalance
         Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
         solution is determined up to a constant (and has mean zero): the part of the data for which there is no
-        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f, or
-        one "fluxes" instead if balanced fluxes were requested.
+        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f.
     estimated : ErrorEstimate, optional
         The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
     solve_history : SolveHistory, optional

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Generic
 
@@ -14,7 +15,7 @@ from cpmkit.grid.band import stencil_codes
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import Codes
 from cpmkit.grid.stencils import base_offset
-from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress
 
@@ -95,6 +96,12 @@ class CostModel(ABC, Generic[Own]):
         """The scene's manifold as a local source, in the scene's coordinates."""
         return localize(self.scene.surface, np.zeros(self.scene.surface.dim))
 
+    def extrapolate(self, fine: Mapping[str, int], coarse: Mapping[str, int], spacing: float) -> dict[str, int]:
+        """Return counts by name at the spacing of the options, from those at a coarser ``spacing`` and its double."""
+        m = largest_dim(self.scene.surface)
+        growths = {name: rising_growth((spacing, fine[name]), (2 * spacing, coarse[name]), m) for name in fine}
+        return {name: round(max(growth.at(self.options.spacing), fine[name])) for name, growth in growths.items()}
+
     def band_unknowns(self, source: LocalSource) -> float:
         """Return the approximate number of unknowns in a band around a ``source``; 0 for a point."""
         if source.largest_dim == 0:
@@ -130,20 +137,16 @@ class Growth:
         return float(np.min([root.real for root in roots if root.real > 0]))
 
 
-def growth_through(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs of a spacing and a number; m is the dimension of the manifold."""
+def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
+    """Return the growth through two pairs of a spacing and a number; m is the dimension of the manifold.
+
+    Where a term would be negative, as the coarse lattice does not resolve the manifold, it is ``a / h^m`` through the
+    pair ``fine`` alone.
+    """
     (h, n), (wide, few) = fine, coarse
     b = (few * wide**m - n * h**m) / (wide - h)
-    return Growth(n * h**m - b * h, b, m)
-
-
-def rising_growth(fine: tuple[float, float], coarse: tuple[float, float], m: int) -> Growth:
-    """Return the growth through two pairs of a spacing and a number, or ``a / h^m`` through ``fine`` alone.
-
-    The latter if a term would be negative, as the coarse lattice then does not resolve the manifold.
-    """
-    growth = growth_through(fine, coarse, m)
-    return growth if growth.a > 0 and growth.b >= 0 else Growth(fine[1] * fine[0] ** m, 0.0, m)
+    a = n * h**m - b * h
+    return Growth(a, b, m) if a > 0 and b >= 0 else Growth(n * h**m, 0.0, m)
 
 
 def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tuple[float, float]:

@@ -56,12 +56,8 @@ class Imbalance:
         Share of the nodes that are on the piece.
     bounded_by : tuple of str
         Names and sides of the boundaries around the piece.
-    parts : int
-        More than 1 where crossing boundaries cut the piece into so many parts, which are connected at the crossings.
     shift : tuple of float
         Only of "mean": the constant that was added to u on the piece, for each channel.
-    degree, functions : int
-        Only of "fluxes": degree and number of the polynomials.
     """
 
     of: Literal["data", "mean", "fluxes"]
@@ -71,10 +67,7 @@ class Imbalance:
     near: tuple[float, ...] = ()
     share: float = 1.0
     bounded_by: tuple[str, ...] = ()
-    parts: int = 1
     shift: tuple[float, ...] = ()
-    degree: int = 0
-    functions: int = 0
 
     @property
     def relative(self) -> float:
@@ -99,38 +92,22 @@ class Imbalance:
 
     @property
     def warnings(self) -> list[str]:
-        """Warnings of an imbalance that the spacing does not explain, and of a piece that crossing boundaries cut."""
-        sentences = [self._warning()] if self.relative > self.explained else []
-        if self.parts > 1:
-            sentences.append(
-                f"Boundaries that cross cut the piece of the manifold {self.where}, into {self.parts} parts, which "
-                "hang together at the crossings: one constant is free for all of them, and data that do not balance on "
-                "each part flow through the crossings."
-            )
-        return sentences
-
-    def _warning(self) -> str:
-        """Return the warning of an imbalance that the spacing does not explain."""
+        """A list with the warning of an imbalance that the spacing does not explain; empty if it explains it."""
+        if self.relative <= self.explained:
+            return []
+        worst = self.value[self.shares.index(self.relative)]
         if self.of == "data":
-            worst = self.value[self.shares.index(self.relative)]
-            return (
+            return [
                 f"The data do not balance on the piece of the manifold {self.where}: the integral of f must equal the "
                 f"flux out of the piece. f exceeds it by {worst:.4g} per unit of measure, {self.relative:.2g} of the "
                 f"data's mean size (the spacing explains {self.explained:.2g}); this was subtracted from f. Check f "
                 "and the fluxes."
-            )
-        leak = "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one."
-        if self.of == "mean":
-            worst = max(self.value, key=abs)
-            return (
-                f"{leak} On a piece that nothing flows out of, c times the mean of u differed from the mean of f by "
-                f"{worst:.3g}. The mean was corrected; the rest of the solution may be off by up to "
-                f"{self.relative:.1%} of its range."
-            )
-        return (
-            f"{leak} Balancing the fluxes moved u by {self.relative:.1%} of its range, and near them it may still be "
-            "off by as much."
-        )
+            ]
+        return [
+            "The solution leaks at creases or thin parts that the spacing does not resolve; use a smaller one. On a "
+            f"piece that nothing flows out of, c times the mean of u differed from the mean of f by {worst:.3g}. The "
+            f"mean was corrected; the rest of the solution may be off by up to {self.relative:.1%} of its range."
+        ]
 
     @property
     def nothing_given(self) -> list[str]:
@@ -162,15 +139,20 @@ def free_pieces(
     """
     from scipy.sparse import csr_array
 
-    matrix = stiffness.to_csr()
-    piece = stiffness.pieces()[1][:constant_unknowns]
+    constant = np.zeros(stiffness.size)
+    constant[:constant_unknowns] = 1.0
+    residual = np.abs(stiffness.apply(constant))
+    rounding = ROUNDING * float(np.abs(stiffness.diagonal).max())
+    if residual.min(initial=np.inf) > rounding:
+        return None
+    all_pieces = stiffness.pieces()[1]
+    piece = all_pieces[:constant_unknowns]
     count = int(piece.max(initial=-1)) + 1
-    starts = np.minimum(np.arange(matrix.shape[0] + 1), len(piece))  # other unknowns are on no piece
-    indicator = csr_array((np.ones(len(piece)), piece, starts), shape=(matrix.shape[0], count))
-    product = matrix @ indicator
-    largest = np.zeros(count)
-    np.maximum.at(largest, product.indices, np.abs(product.data))
-    free = np.flatnonzero(largest <= ROUNDING * float(np.abs(matrix.diagonal()).max()))
+    starts = np.minimum(np.arange(stiffness.size + 1), len(piece))  # other unknowns are on no piece
+    indicator = csr_array((np.ones(len(piece)), piece, starts), shape=(stiffness.size, count))
+    largest = np.zeros(int(all_pieces.max(initial=-1)) + 1)
+    np.maximum.at(largest, all_pieces, residual)
+    free = np.flatnonzero(largest[:count] <= rounding)
     if not len(free):
         return None
     indicator = indicator[:, free].tocsr()

@@ -78,7 +78,7 @@ def check_fits(
     ResolutionError
         If it does not fit; the message states a spacing that does.
     """
-    needed, limit = unknowns * memory.bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
+    needed, limit = unknowns * bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
     if needed > excess * limit.bytes:
         fits = fitting_spacing(source, degree, limit.bytes, solver)
         raise ResolutionError(
@@ -88,12 +88,30 @@ def check_fits(
         )
 
 
+def bytes_per_unknown(
+    dim: int, degree: int, solver: str = "reference", channels: int = 1, rows: float | None = None
+) -> float:
+    """Return the bytes of tables and vectors for each unknown of a band, at the peak of a solve.
+
+    ``dim``, ``degree`` and ``channels`` are the dimension of the space, the degree of the interpolation and the number
+    of right-hand sides, ``rows`` the rows of E for each unknown, by default the usual number. The solver ``direct``
+    needs the memory of the assembled matrix and its factors.
+    """
+    stencil: int = (degree + 1) ** dim
+    rows = rows or (1.3 if dim == 3 else 1.5)
+    tables = rows * (stencil * memory.ENTRY_BYTES + 80 * dim) + 2 * dim * (memory.ENTRY_BYTES + 8)
+    if solver == "direct":
+        # A has about 2.1 entries for each stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
+        return tables + stencil * (2.2 * memory.ENTRY_BYTES + (14 if dim == 2 else 60))
+    return tables + 96 * channels
+
+
 def fitting_spacing(source: LocalSource, degree: int, available: int, solver: str = "reference") -> float:
     """Return a spacing, rounded up to two digits, at which a solve fits into ``available`` bytes.
 
     It depends neither on the spacing of the user nor on the origin of the lattice.
     """
-    unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / memory.bytes_per_unknown(source.dim, degree, solver)
+    unknowns = (1 - SPARE_MEMORY_SHARE) * max(available, 1) / bytes_per_unknown(source.dim, degree, solver)
     return rounded_up((unknowns_at_unit_spacing(source, degree) / unknowns) ** (1 / max(source.largest_dim, 1)))
 
 

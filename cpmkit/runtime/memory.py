@@ -119,39 +119,6 @@ def _text_of(file: Path) -> str:
         return ""
 
 
-def peak_bytes(rows: float, unknowns: float, dim: int, degree: int, channels: int, solver: str) -> float:
-    """Return the bytes of tables and vectors at the peak of a solve by the collocation form.
-
-    Parameters
-    ----------
-    rows : float
-        Number of rows of E, those of outer nodes and of all ghosts included.
-    unknowns : float
-        Number of rows of the operator.
-    dim, degree, channels : int
-        Dimension of the space, degree of the interpolation, number of right-hand sides.
-    solver : str
-        Name of the solver; ``direct`` needs the memory of the assembled matrix and its factors.
-    """
-    stencil: int = (degree + 1) ** dim
-    tables = rows * (stencil * ENTRY_BYTES + 10 * dim * 8) + unknowns * 2 * dim * (ENTRY_BYTES + 8)
-    if solver == "direct":
-        # A has about 2.1 entries for each stencil entry in the plane and 2.3 in space; SuperLU's fill was measured.
-        fill = 14 if dim == 2 else 60
-        return tables + unknowns * stencil * ENTRY_BYTES * 2.2 + unknowns * fill * stencil
-    return tables + unknowns * channels * 8 * 12
-
-
-def bytes_per_unknown(dim: int, degree: int, solver: str = "reference") -> float:
-    """Return the bytes for each unknown at the peak of a solve of one channel."""
-    return peak_bytes(rows_per_unknown(dim), 1.0, dim, degree, 1, solver)
-
-
-def rows_per_unknown(dim: int) -> float:
-    """Return the approximate number of rows of E for each unknown."""
-    return 1.3 if dim == 3 else 1.5
-
-
 def release_memory() -> None:
     """Return freed memory of a large process to the system, if the C library supports it (glibc does).
 

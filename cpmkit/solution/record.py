@@ -104,8 +104,7 @@ class SolutionRecord:
     imbalances : tuple of Imbalance
         Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
         solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
-        "mean" for each closed piece on which c times the mean of u was set to the mean of f; in place of these one of
-        "fluxes" where balanced fluxes were requested.
+        "mean" for each closed piece on which c times the mean of u was set to the mean of f.
     estimated : ErrorField, optional
         The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
     solve_history : SolveHistory, optional

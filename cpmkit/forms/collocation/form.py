@@ -10,11 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.components import components_without_flux
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
 from cpmkit.forms.collocation.layout_warnings import layout_warnings, sharp_bends
-from cpmkit.forms.collocation.mean_weights import correct_means, find_border, means_over, remove_constants
+from cpmkit.forms.collocation.mean_weights import (
+    components_without_flux,
+    correct_means,
+    describe_imbalances,
+    means_over,
+    with_smooth_means,
+)
 from cpmkit.forms.collocation.nonlinear_fluxes import FluxRows, find_flux_rows, linearise_fluxes
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.read_points import Reader
@@ -22,7 +27,6 @@ from cpmkit.forms.collocation.refusals import check_waves
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
-from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.spacings import check_fits
@@ -241,7 +245,8 @@ class Collocation(Reader):
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the border that fixes the constant on each component on which it is free; None if there is none."""
-        return find_border(self.tables, self.scene)
+        border = super().free_constants(stiffness)
+        return None if border is None else with_smooth_means(self.tables, border)
 
     def means_without_flux(self) -> csr_array | None:
         """Return the matrix (components, n) of means over the components that no flux leaves, None if there is none.
@@ -258,10 +263,11 @@ class Collocation(Reader):
 
         The result includes the imbalances found; ``b`` (n, channels) is the right-hand side.
         """
-        defects: tuple[Imbalance, ...] = ()
+        result = super().remove_constants(operator, b, u)
+        defects = result.imbalances
         if isinstance(operator, Bordered):
-            u, defects = remove_constants(self.tables, self.scene, operator, u)
-        u, means = correct_means(self.tables, self.scene, b, u)
+            defects = describe_imbalances(self.tables, self.scene, operator, defects)
+        u, means = correct_means(self.tables, self.scene, b, result.values)
         return SteadyResult(u, (*defects, *means))
 
     # Diagnosis

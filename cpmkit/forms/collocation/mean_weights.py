@@ -7,15 +7,19 @@ nodes is not the mean over the manifold: the band is thicker where the surface i
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.collocation.components import components_without_flux, parts_of_nodes, singular_components
 from cpmkit.forms.collocation.discretization import Discretization
-from cpmkit.forms.collocation.extension_operator import ExtensionOperator
+from cpmkit.forms.collocation.extension_operator import ExtensionOperator, build_operator
 from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SHARE, Imbalance
 from cpmkit.linear.operators import Border, Bordered
+from cpmkit.scene.edge_conditions import edge_condition
+from cpmkit.scene.equations import Terms
+from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
@@ -141,41 +145,39 @@ def means_over(tables: Discretization, count: int, component: Ints) -> tuple[csr
     return csr_array((weights, (component, members)), shape=(count, tables.unknowns.count)), members, component
 
 
-# Free constants. On a closed surface, or a component of one with Neumann conditions all around, u + constant solves the
-# same problem as u, and the data must balance: what f brings in has to flow out. There the solution of mean zero is
-# taken; the part of the data that does not balance, a constant on each component, is left out of f and reported.
+# Free constants: the solution of mean zero is taken on each component on which u + constant is a solution if u is one.
 
 
-def find_border(tables: Discretization, scene: Scene) -> Border | None:
-    """Return the border that fixes free constants: indicators and means of components on which they are free.
+def with_smooth_means(tables: Discretization, border: Border) -> Border:
+    """Return the ``border`` of free constants with means over the manifold in place of means over the unknowns."""
+    component = np.full(tables.unknowns.count, -1)
+    indicator = border.indicator.tocoo()
+    component[indicator.row] = indicator.col
+    return replace(border, mean=means_over(tables, border.mean.shape[0], component)[0])
 
-    None if no constant is free.
+
+def describe_imbalances(
+    tables: Discretization, scene: Scene, operator: Bordered, imbalances: Iterable[Imbalance]
+) -> tuple[Imbalance, ...]:
+    """Return the ``imbalances`` of the border's pieces with their sizes, places, and the imbalance that is explained.
+
+    The lowest order of the conditions, 1 or 2, decides how large an imbalance discretisation explains.
     """
-    from scipy.sparse import csr_array
-
-    count, component = singular_components(tables, scene)
-    if not count:
-        return None
-    mean, members, component = means_over(tables, count, component)
-    indicator = csr_array((np.ones(len(members)), (members, component)), shape=(tables.unknowns.count, count))
-    return Border(indicator, mean)
-
-
-def remove_constants(
-    tables: Discretization, scene: Scene, operator: Bordered, u: Floats
-) -> tuple[Floats, tuple[Imbalance, ...]]:
-    """Return u (n, channels) with mean zero on each component, and the imbalances of the data on them."""
-    u, means = operator.border.remove_means(u)
-    sizes = _data_sizes(tables, scene, operator)
-    defects = [
-        _defect(tables, scene, operator.border, number, value, size)
-        for number, (value, size) in enumerate(zip(operator.shift * means, sizes, strict=True))
-    ]
-    return u, tuple(defects)
+    layout, described = tables.layout, []
+    order = min([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
+    indicator = operator.border.indicator.toarray().T
+    for imbalance, piece, size in zip(imbalances, indicator, _data_sizes(tables, scene, operator), strict=True):
+        members = np.flatnonzero(piece)
+        feet = layout.band.feet.points[members[members < layout.band.inner]]
+        spacings = max(float(np.ptp(feet, axis=0).max()) / layout.lattice.spacing, 1.0)
+        explained = min(EXPLAINED_DEFECT_FACTOR / spacings**order, GROSS_DEFECT_SHARE)
+        place = _place_of(tables, scene, members)
+        described.append(replace(imbalance, size=tuple(size.tolist()), explained=explained, **place))
+    return tuple(described)
 
 
 def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Floats:
-    """Return the mean absolute value (components, channels) of f plus that of the fluxes through ends, by component."""
+    """Return the mean absolute value (pieces, channels) of f plus that of the fluxes through ends, by piece."""
     indicator, stiffness = operator.border.indicator, operator.operator
     assert isinstance(stiffness, ExtensionOperator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
@@ -186,32 +188,6 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     mean_f = (indicator.T @ (is_node[:, None] * f)) / (indicator.T @ is_node)[:, None]
     flux = indicator.T @ (_end_weights(tables)[:, None] * fluxes) * conductivity / total
     return np.asarray(mean_f + flux)
-
-
-def _defect(
-    tables: Discretization, scene: Scene, border: Border, number: int, value: Floats, size: Floats
-) -> Imbalance:
-    """Return the record of the imbalance ``value`` (channels,) of the data on component ``number``.
-
-    Its order of accuracy, 1 or 2, decides how large an imbalance discretisation explains.
-    """
-    layout, band = tables.layout, tables.layout.band
-    members = border.indicator.tocsc()[:, [number]].indices.astype(np.int64)
-    nodes = members[members < band.inner]
-    spacings = max(float(np.ptp(band.feet.points[nodes], axis=0).max()) / layout.lattice.spacing, 1.0)
-    order = min([layout.order, *(condition.order for condition in scene.conditions if condition.order)])
-    parts = 1
-    if len(layout.ghosts) > 1:  # boundaries that cross may cut it into parts larger than a stencil
-        sizes = np.bincount(parts_of_nodes(tables)[nodes])
-        parts = max(int(np.count_nonzero(sizes > (band.degree + 1) ** band.dim)), 1)
-    return Imbalance(
-        "data",
-        value=tuple(value.tolist()),
-        size=tuple(size.tolist()),
-        explained=min(EXPLAINED_DEFECT_FACTOR / spacings**order, GROSS_DEFECT_SHARE),
-        **_place_of(tables, scene, members),
-        parts=parts,
-    )
 
 
 def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, Any]:
@@ -236,6 +212,23 @@ def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, 
 # Means. The integral of -div(a grad u) over a closed surface, or over one between walls, is zero, so c times the mean
 # of u is the mean of f. The closest point method is not conservative: on meshes with creases and thin parts a
 # small flux is lost or gained, and where c is small the mean of u is off by that flux over c.
+
+
+def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, Ints]:
+    """Return the number of components that no flux leaves, and the component (n,) of each unknown, -1 on others.
+
+    If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
+    those without edges.
+    """
+    if any(tables.numbering.unknown_ghosts):
+        return 0, np.full(tables.unknowns.count, -1)
+    count, label = build_operator(tables, Terms()).pieces()
+    closed = np.ones(count, dtype=bool)
+    edge = tables.layout.band.feet.edge[: tables.layout.band.inner]
+    for loop in np.unique(edge[edge >= 0]):
+        if not is_zero_neumann(edge_condition(scene.edge, int(loop)).law):
+            closed[label[edge == loop]] = False
+    return int(closed.sum()), np.where(closed, np.cumsum(closed) - 1, -1)[label]
 
 
 def correct_means(tables: Discretization, scene: Scene, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from cpmkit.forms.cost_model import CostModel, growth_through
+from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
 from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -41,7 +41,7 @@ COARSEST_DRY_RUN_SHARE = 1 / 16
 SOLUTION_BYTES_PER_SAMPLE = 50.0
 
 
-def _counts(form: Galerkin) -> dict[str, float]:
+def _counts(form: Galerkin) -> dict[str, int]:
     """Return the numbers of unknowns, samples, patches, closest points, and samples of each boundary, by name."""
     counts = {
         "unknowns": form.size,
@@ -51,7 +51,7 @@ def _counts(form: Galerkin) -> dict[str, float]:
     }
     for number, _ in enumerate(form.scene.boundaries):
         counts[f"boundary {number}"] = int((form.sampled.boundary.owner == number).sum())
-    return {name: float(count) for name, count in counts.items()}
+    return counts
 
 
 class GalerkinCost(CostModel[GalerkinOptions]):
@@ -122,9 +122,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         if not exact:
             progress("dry run", 0.7)
             coarse = _counts(discretize(scene, replace(plain, spacing=2 * spacing)))
-            for name, fine in counts.items():
-                growth = growth_through((spacing, fine), (2 * spacing, coarse[name]), surface.largest_dim)
-                counts[name] = max(growth.at(options.spacing), fine)
+            counts = self.extrapolate(counts, coarse, spacing)
         progress("dry run", 1.0)
         chosen = self.choose_solver(solver, counts["unknowns"])
         if factorised_share(scene, chosen):  # the memory of other solvers was checked before
@@ -134,8 +132,8 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         return Explanation(
             (*self._parts(form, counts), solver_part(scene, chosen, solver)),
             tuple(left_out),
-            round(counts["unknowns"]),
-            round(counts["queries"]),
+            counts["unknowns"],
+            counts["queries"],
             round(self._bytes_with_samples(counts["unknowns"], chosen, counts["samples"])),
             max(form.source_error(), self.source_error()),
             chosen,
@@ -143,19 +141,19 @@ class GalerkinCost(CostModel[GalerkinOptions]):
             form.warnings() if exact else (),
         )
 
-    def _parts(self, form: Galerkin, counts: Mapping[str, float]) -> list[Part]:
+    def _parts(self, form: Galerkin, counts: Mapping[str, int]) -> list[Part]:
         """Return the parts of the explanation with their counts: samples, patches, splines, levels and boundaries."""
         own = self.options.own
         parts = [
             Part(
                 "samples",
-                f"{round(counts['samples']):,}",
+                f"{counts['samples']:,}",
                 f"form 'galerkin': {self.options.reason}; quadrature points of all integrals",
             ),
-            Part("patches", f"{round(counts['patches']):,}", "connected components of the samples in a lattice cell"),
+            Part("patches", f"{counts['patches']:,}", "connected components of the samples in a lattice cell"),
             Part(
                 "splines",
-                f"{round(counts['unknowns']):,}",
+                f"{counts['unknowns']:,}",
                 f"unknowns: of degree {own.degree}, stabilisation {own.stabilisation!r}",
             ),
         ]
@@ -166,5 +164,5 @@ class GalerkinCost(CostModel[GalerkinOptions]):
             why = f"the mesh is cut there, each side has splines of its own: {sides_in_words(boundary)}"
             if form.sampled.oriented[number].left_description:
                 why += f"; {form.sampled.oriented[number].left_description}"
-            parts.append(Part(f"samples of {boundary.name!r}", f"{round(counts[f'boundary {number}']):,}", why))
+            parts.append(Part(f"samples of {boundary.name!r}", f"{counts[f'boundary {number}']:,}", why))
         return parts

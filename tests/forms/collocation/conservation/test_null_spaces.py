@@ -9,7 +9,7 @@ from layouts import build_tables
 from model_problems import on_circle, order_of, origins, rotation, sphere_points
 
 import cpmkit as ck
-from cpmkit.forms.collocation.mean_weights import find_border, mean_weights
+from cpmkit.forms.collocation.mean_weights import mean_weights
 
 SPACINGS = (0.2, 0.14, 0.1)
 COARSE = (0.25, 0.18, 0.125)
@@ -305,7 +305,8 @@ def test_a_piece_narrower_than_the_stencil_has_a_mean():
         for name, height in (("low", 0.2), ("high", 0.27))
     ]
     scene = ck.Scene(SPHERE, ck.Poisson(lambda x: x @ E1), strip)
-    border = find_border(build_tables(scene, 0.1), scene)
+    form = ck.discretize(scene, 0.1, form="collocation")
+    border = form.free_constants(form.stiffness(scene.problem.terms()))
     assert border.mean.shape[0] == 3
     assert np.asarray(border.mean.sum(axis=1)) == pytest.approx([1, 1, 1], abs=1e-12)
     assert np.abs(border.mean.toarray()).sum(axis=1).max() < 3

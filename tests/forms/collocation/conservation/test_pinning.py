@@ -2,10 +2,8 @@
 
 import numpy as np
 import pytest
-from layouts import build_tables
 
 import cpmkit as ck
-from cpmkit.forms.collocation.components import components
 
 FREE, FIXED = ck.Neumann(0.0), ck.Dirichlet(1.0)
 TILTED = np.array([0.3, 0.2, 1.0]) / np.linalg.norm([0.3, 0.2, 1.0])
@@ -54,25 +52,23 @@ def test_a_strip_between_two_walls_is_free_and_the_caps_beside_it_are_not():
     assert abs(piece.near[2]) < 0.4
 
 
-def test_parts_that_meet_where_walls_cross_count_as_one_and_say_so():
+def test_parts_that_meet_where_walls_cross_count_as_one():
     one, axis = circle("one", 0.0, TILTED, both=FREE), (1, 0.1, -0.2)
     solution = ck.solve(scene(one, circle("other", 0.1, axis, both=FREE)), 0.2, form="collocation")
     (piece,) = solution.imbalances
-    assert piece.parts == 4
-    assert any("into 4 parts, which hang together at the crossings" in told for told in solution.warnings)
-    assert free_pieces(0.2, one)[0].parts == 1
+    assert piece.share == 1.0
     assert not free_pieces(0.2, one, circle("other", 0.1, axis, left=FREE, right=ck.Robin(1.0, 1.0, 0.0)))
 
 
 def test_a_strip_narrower_than_a_spacing_is_a_piece():
     walls = scene(circle("low", 0.2, TILTED, both=FREE), circle("high", 0.27, TILTED, both=FREE))
-    assert components(build_tables(walls, 0.1))[0] == 3
+    assert ck.assemble(ck.discretize(walls, 0.1, form="collocation")).operator.pieces()[0] == 3
 
 
 def test_ghosts_belong_to_the_piece_that_they_carry():
     cut = scene(circle("wall", 0.2, TILTED, both=FREE))
-    tables = build_tables(cut, 0.15)
-    count, label = components(tables)
+    form = ck.discretize(cut, 0.15, form="collocation")
+    tables, (count, label) = form.tables, ck.assemble(form).operator.pieces()
     inner, (ghosts,) = tables.layout.band.inner, tables.layout.ghosts
     up = tables.layout.band.feet.points @ TILTED > 0.2
     assert count == 2
