@@ -9,7 +9,7 @@ from model_problems import circle_jump
 
 import cpmkit as ck
 from cpmkit import plugins
-from cpmkit.linear.direct import DirectSolver
+from cpmkit.linear.solver_options import make_solver
 from cpmkit.plugin import hookimpl
 
 
@@ -50,7 +50,7 @@ class GoodPlugin:
     def cpmkit_solvers(self):
         def patient(*, patience=1):
             assert patience > 0
-            return DirectSolver()
+            return make_solver("direct", {})
 
         return {"fake.solver": patient}
 

@@ -1,18 +1,24 @@
-"""Without a name, the quicker solver is taken; a multigrid only where a form has levels for it."""
+"""Without a name, the quicker solver is taken; multigrid only where a form has levels for it."""
 
-from cpmkit.linear.multigrid.solver import MultigridSolver
-from cpmkit.linear.solver_options import choose_solver, make_solver
+import pytest
 
+import cpmkit as ck
 
-def test_what_is_quicker_is_taken():
-    assert choose_solver("auto", 100_000, 2) == "reference"
-    assert choose_solver("auto", 100_000, 2, iterative="multigrid") == "multigrid"
-    assert choose_solver("auto", 100_000, 1, iterative="multigrid") == "direct"
-    assert choose_solver("auto", 500, 2) == choose_solver("auto", 5_000, 2, 4.0, iterative="multigrid") == "direct"
-    assert choose_solver("auto", 5_000, 2, iterative="multigrid") == "multigrid"
-    assert choose_solver("auto", 100_000, 2, iterative="direct") == "direct"
-    assert choose_solver("reference", 5_000, 2, iterative="multigrid") == "reference"
+CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 
 
-def test_a_multigrid_takes_its_most_iterations():
-    assert make_solver("multigrid", {"max_iterations": 7}) == MultigridSolver(7)
+@pytest.mark.parametrize(
+    ("surface", "form", "spacing", "expected"),
+    [
+        (SPHERE, "collocation", 0.03, "reference"),
+        (SPHERE, "galerkin", 0.03, "multigrid"),
+        (SPHERE, "galerkin", 0.1, "multigrid"),
+        (SPHERE, "galerkin", 0.5, "direct"),
+        (CIRCLE, "galerkin", 0.001, "direct"),
+        (CIRCLE, "collocation", 0.01, "direct"),
+    ],
+)
+def test_what_is_quicker_is_taken(surface, form, spacing, expected):
+    scene = ck.Scene(surface, ck.ScreenedPoisson(1.0))
+    assert ck.explain(scene, spacing, form=form).solver == expected
+    assert ck.explain(scene, spacing, form=form, solver="reference").solver == "reference"

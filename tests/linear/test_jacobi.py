@@ -10,9 +10,7 @@ from model_problems import sphere_points
 import cpmkit as ck
 from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.forms.galerkin.space.levels import coarser_levels
-from cpmkit.linear import jacobi
-from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver, mass_dominates
-from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.solver_options import make_solver
 from cpmkit.plugin import CsrOperator
 
 H = 0.16
@@ -22,15 +20,15 @@ RING = ck.Boundary(
 )
 
 
-def stepped(share, beside=False, unit=1.0):
+def stepped(share, beside=False):
     """M + h^2 S + factor A for a step of ``share`` spacings squared, levels and a right-hand side."""
-    space = sphere(H * unit, unit)
+    space = sphere(H)
     stiffness = stiffness_of(space)
     strip = np.zeros(0, dtype=np.int64)
-    matrix = mass_of(space).matrix + ((share + 1e-2) * (H * unit) ** 2) * stiffness.matrix
+    matrix = mass_of(space).matrix + ((share + 1e-2) * H**2) * stiffness.matrix
     if beside:
         strip, penalty = circle_beside(space, 0.31)
-        matrix = matrix + share * (H * unit) ** 2 * penalty
+        matrix = matrix + share * H**2 * penalty
     b = mass_of(space).matrix @ np.random.default_rng(0).normal(size=(space.dof_map.size, 2))
     return CsrOperator(matrix.tocsr(), symmetric=True), coarser_levels(space.dof_map, strip), b
 
@@ -38,50 +36,58 @@ def stepped(share, beside=False, unit=1.0):
 @pytest.mark.parametrize("beside", [False, True])
 def test_it_finds_what_the_cycle_finds_beside_conditions_too(beside):
     operator, levels, b = stepped(1.0, beside)
-    found, report = JacobiSolver().prepare(operator, levels).solve(b, 1e-12)
-    expected, _ = MultigridSolver().prepare(operator, levels).solve(b, 1e-12)
+    found, report = make_solver("jacobi", {}).prepare(operator, levels).solve(b, 1e-12)
+    expected, _ = make_solver("multigrid", {}).prepare(operator, levels).solve(b, 1e-12)
     np.testing.assert_allclose(found, expected, atol=1e-8 * np.abs(expected).max())
     assert report.solver == "jacobi"
     assert report.residual <= 1e-12
     assert report.iterations < 150
 
 
-def test_short_steps_take_the_diagonal_in_any_unit():
-    for share, expected in ((0.05, True), (5.0, True), (1000.0, False)):
-        for unit in (1e-6, 1.0, 1e6):
-            assert mass_dominates(stepped(share, unit=unit)[0].matrix) == expected
-    solvers = [
-        JacobiOrMultigrid(MultigridSolver()).prepare(*one[:2]).solve(one[2], 1e-8)[1].solver
-        for one in map(stepped, (1, 1000))
-    ]
-    assert solvers == ["jacobi", "multigrid"]
+def heat_run(share, unit=1.0):
+    """Two steps of ``share`` spacings squared on a sphere of this radius."""
+    spacing, ball = 0.3 * unit, ck.source("analytic.sphere", radius=unit)
+    step = share * spacing**2
+    heat = ck.Heat(lambda x: x[:, 0] / unit + x[:, 1] * x[:, 2] / unit**2, until=2 * step, step=step)
+    return ck.solve(ck.Scene(ball, heat), spacing, form="galerkin")
 
 
+@pytest.fixture
+def no_factors(monkeypatch):
+    monkeypatch.setattr("cpmkit.linear.solver_options.DIRECT_BESIDE_MULTIGRID", {})
+
+
+@pytest.mark.usefixtures("no_factors")
+@pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
+def test_short_steps_take_the_diagonal_in_any_unit(unit):
+    taken = [heat_run(share, unit).report.solver for share in (0.05, 5.0, 1000.0)]
+    assert taken == ["jacobi", "jacobi", "multigrid"]
+
+
+@pytest.mark.usefixtures("no_factors")
 def test_where_it_takes_too_long_the_cycle_solves_and_nothing_is_remembered(monkeypatch):
-    operator, levels, b = stepped(1.0)
-    plain = JacobiOrMultigrid(MultigridSolver()).prepare(operator, levels).solve(b, 1e-10)[0]
-    monkeypatch.setattr(jacobi, "MAX_BEFORE_MULTIGRID", 5)
-    prepared = JacobiOrMultigrid(MultigridSolver()).prepare(operator, levels)
-    (first, report), (again, same) = (prepared.solve(b, 1e-10) for _ in range(2))
-    assert report.solver == "multigrid"
-    assert report.iterations == same.iterations > 5
-    np.testing.assert_array_equal(first, again)
-    np.testing.assert_allclose(first, plain, atol=1e-6 * np.abs(plain).max())
+    plain = heat_run(1.0).values
+    monkeypatch.setattr("cpmkit.linear.jacobi.MAX_BEFORE_MULTIGRID", 5)
+    first, again = heat_run(1.0), heat_run(1.0)
+    assert first.report.solver == "multigrid"
+    assert first.report.iterations > 5
+    np.testing.assert_array_equal(first.values, again.values)
+    np.testing.assert_allclose(first.values, plain, atol=1e-6 * np.abs(plain).max())
 
 
-def test_what_it_cannot_solve_is_told():
+def test_what_it_cannot_solve_is_refused():
     operator, levels, b = stepped(1.0)
     with pytest.raises(ConvergenceError, match="max_iterations"):
-        JacobiSolver(3).prepare(operator, levels).solve(b, 1e-10)
+        make_solver("jacobi", {"max_iterations": 3}).prepare(operator, levels).solve(b, 1e-10)
     turned = CsrOperator((-1 * operator.matrix).tocsr(), symmetric=True)
     with pytest.raises(ConvergenceError, match=r"indefinite.*diagonal"):
-        JacobiSolver().prepare(turned, levels)
+        make_solver("jacobi", {}).prepare(turned, levels)
     space = sphere(H)
     shifted = CsrOperator((stiffness_of(space).matrix - 30 * mass_of(space).matrix).tocsr(), symmetric=True)
     with pytest.raises(ConvergenceError):
-        JacobiSolver().prepare(shifted, levels).solve(b, 1e-10)
+        make_solver("jacobi", {}).prepare(shifted, levels).solve(b, 1e-10)
     with pytest.raises(SceneError, match="solver 'jacobi' solves real symmetric systems"):
-        JacobiSolver().prepare(CsrOperator(operator.matrix))
+        make_solver("jacobi", {}).prepare(CsrOperator(operator.matrix))
 
 
 def test_runs_in_time_are_those_of_the_other_solvers():
@@ -91,11 +97,3 @@ def test_runs_in_time_are_those_of_the_other_solvers():
     for name, run in runs.items():
         assert run.report.solver == name
         np.testing.assert_allclose(run.evaluate(at), runs["direct"].evaluate(at), atol=1e-8)
-
-
-def test_without_a_name_a_large_run_in_time_takes_the_diagonal(monkeypatch):
-    monkeypatch.setattr("cpmkit.linear.solver_options.DIRECT_BESIDE_MULTIGRID", {})
-    for step, expected in ((0.05, "jacobi"), (100.0, "multigrid")):
-        heat = ck.Heat(lambda x: x[:, 0], until=2 * step, step=step)
-        run = ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.3)
-        assert run.report.solver == expected

@@ -5,8 +5,6 @@ import pytest
 from model_problems import rotation, sphere_points
 
 import cpmkit as ck
-from cpmkit.linear.krylov import gmres
-from cpmkit.plugin import no_progress
 
 SPHERE = ck.source("analytic.sphere")
 CIRCLE = ck.source("analytic.circle", center=[0, 0, 0], radius=1.0, normal=rotation()[0])
@@ -50,28 +48,3 @@ def test_a_coarsest_level_too_large_to_be_factorised_is_refused(monkeypatch):
     monkeypatch.setattr("cpmkit.linear.multigrid.solver.MAX_FACTORISED_WAVES", 1_000)
     with pytest.raises(ck.SceneError, match=r"it has 1,4\d\d of the 5,7\d\d unknowns, where up to 1,000 are accepted"):
         ck.solve(ck.Scene(SPHERE, ck.Helmholtz(bump, 5.0)), 0.1, solver="multigrid")
-
-
-@pytest.mark.parametrize("kind", [np.float64, np.complex128])
-def test_as_many_steps_as_unknowns_solve_any_system(kind):
-    rng = np.random.default_rng(0)
-    parts = [rng.normal(size=(30, 30)) + 3 * np.eye(30) for _ in range(2)]
-    matrix = (parts[0] + (1j * parts[1] if kind is np.complex128 else 0)).astype(kind)
-    b = rng.normal(size=(30, 3)).astype(kind)
-    b[:, 1] = matrix @ np.eye(30)[:, 4]  # the preconditioner below finds it at once
-    inverse = np.linalg.inv(matrix + np.diag(rng.normal(size=30)) * (np.arange(30) != 4))
-    target = 1e-12 * np.linalg.norm(b, axis=0)
-    x, taken = gmres(lambda u: matrix @ u, lambda u: inverse @ u, b, target, 30, no_progress)
-    assert taken <= 30
-    np.testing.assert_allclose(matrix @ x, b, atol=1e-10)
-
-
-def test_the_residual_never_grows_with_the_steps():
-    rng = np.random.default_rng(1)
-    matrix = rng.normal(size=(40, 40))
-    b = rng.normal(size=(40, 2))
-    sizes = []
-    for most in range(1, 30):
-        x, _ = gmres(lambda u: matrix @ u, lambda u: u, b, np.full(2, 1e-300), most, no_progress)
-        sizes.append(np.linalg.norm(b - matrix @ x, axis=0))
-    assert (np.diff(sizes, axis=0) <= 1e-12).all()

@@ -1,18 +1,13 @@
 """The estimated error is a field like the solution: drawn, and saved beside it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.commands.options import as_shown
 from cpmkit.errors import InputError, SceneError
-from cpmkit.scenefile.look import Look
-from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
-from cpmkit.view.pictures import shown_values
+from cpmkit.scenefile.output_request import PictureRequest
 
 SCENE = """
 [surface]
@@ -66,10 +61,12 @@ def test_paraview_shows_the_error_beside_the_solution(jumping, tmp_path):
 
 def test_a_picture_shows_the_error(jumping, tmp_path):
     pytest.importorskip("matplotlib")
-    mesh = jumping.display_mesh()
-    values, bar = shown_values(jumping, mesh, Look(field="error"))
-    assert bar.ends[1] == values.max() == jumping.error.on_mesh(mesh).max()
-    assert jumping.picture(tmp_path / "error.png", width=300, field="error").file.is_file()
+    error = jumping.error.on_mesh(jumping.display_mesh())
+    low, high = float(error.min()), float(error.max())
+    drawn = [tmp_path / "error.png", tmp_path / "same.png", tmp_path / "other.png"]
+    for file, options in zip(drawn, ({}, {"clim": (low, high)}, {"clim": (low, 2 * high)}), strict=True):
+        assert jumping.picture(file, width=300, field="error", **options).file.is_file()
+    assert drawn[0].read_bytes() == drawn[1].read_bytes() != drawn[2].read_bytes()
     with pytest.raises(InputError, match="field of a picture must be 'solution' or 'error', got 'grad'"):
         jumping.picture(tmp_path / "error.png", field="grad")
 
@@ -95,18 +92,25 @@ def test_a_scene_file_asks_for_a_picture_of_the_error(tmp_path, monkeypatch):
         assert "the scene asks for none" in refused.output
 
 
-def test_the_command_line_says_how_the_picture_looks():
-    output = OutputRequest(Path("out"), (), PictureRequest(file="ball.png", cmap="gray", edges=True))
-    look = ["cmap=magma", "clim=[0, 2]", "isolines=3", "title=two words", "up=y"]
-    drawn = as_shown(output, None, look, None).picture
-    assert (drawn.file, drawn.edges) == ("ball.png", True)
-    assert (drawn.cmap, drawn.clim, drawn.isolines, drawn.title, drawn.up) == ("magma", (0.0, 2.0), 3, "two words", "y")
-    for wrong, told in (("cmpa=magma", "'cmap'"), ("clim=[2, 0]", "the lower first"), ("magma", "KEY=VALUE")):
-        with pytest.raises(InputError, match=told):
-            as_shown(output, None, [wrong], None)
+def test_the_command_line_says_how_the_picture_looks(tmp_path, monkeypatch):
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "ball.toml").write_text(SCENE + 'picture = { file = "ball.png", cmap = "gray", edges = true }\n')
+    look = {"cmap": "magma", "clim": [0, 2], "isolines": 3, "title": "two words", "up": "y"}
+    said = [word for key, value in look.items() for word in ("--look", f"{key}={value}")]
+    done = CliRunner().invoke(main, ["solve", "ball.toml", *said])
+    assert done.exit_code == 0, done.output
+    loaded = ck.load_scene("ball.toml")
+    solution = ck.solve(loaded.scene, loaded.spacing)
+    solution.picture("same.png", edges=True, **look)
+    assert (tmp_path / "out" / "ball.png").read_bytes() == (tmp_path / "same.png").read_bytes()
+    for wrong, message in (("cmpa=magma", "'cmap'"), ("clim=[2, 0]", "the lower first"), ("magma", "KEY=VALUE")):
+        refused = CliRunner().invoke(main, ["solve", "ball.toml", "--look", wrong])
+        assert refused.exit_code == 1
+        assert message in refused.output
 
 
 @pytest.mark.parametrize("given", [{"field": "grad"}, {"field": "error", "frames": True}])
-def test_what_a_picture_cannot_show_is_refused(given):
+def test_fields_that_a_picture_cannot_show_are_refused(given):
     with pytest.raises(SceneError, match="field"):
         PictureRequest(**given)

@@ -11,6 +11,7 @@ from cpmkit.forms.contract import integrals
 from cpmkit.forms.galerkin.adaptive_refinement import discretize_in_regions
 from cpmkit.forms.galerkin.refinement.regions import Regions, cells_of_codes, codes_of_cells
 from cpmkit.forms.galerkin.scene_sampling import insert_scene
+from cpmkit.linear.solver_options import make_solver
 
 SPHERE = ck.source("analytic.sphere")
 SMOOTH = ck.ScreenedPoisson(lambda x: 3 * x[:, 0] + 13 * x.prod(axis=1), c=1.0)
@@ -144,11 +145,9 @@ def test_errors_are_of_third_order_with_the_same_regions():
 
 
 def multigrid(form):
-    from cpmkit.linear.multigrid.solver import MultigridSolver
-
     stiffness = form.stiffness(form.scene.problem.terms())
     b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
-    return MultigridSolver().prepare(stiffness, form.levels(stiffness)).solve(b, 1e-10)
+    return make_solver("multigrid", {}).prepare(stiffness, form.levels(stiffness)).solve(b, 1e-10)
 
 
 def test_gradients_and_integrals_are_read(cap):

@@ -8,7 +8,7 @@ from thin_ellipsoid import odd_solution
 
 import cpmkit as ck
 from cpmkit.scenefile.look import Look
-from cpmkit.view.drawing import DOT_CORNERS, draw
+from cpmkit.view.drawing import draw
 
 SPACINGS = (0.05, 0.035, 0.025)
 
@@ -73,7 +73,7 @@ def test_a_picture_can_show_the_twins():
     assert on_either.max() <= 1e-12
     mesh = solution.display_mesh()
     shown, bare = (draw(solution, mesh, Look(twins=twins), 400, False).ink.points for twins in (True, False))
-    assert len(shown) == DOT_CORNERS * len(solution.doubled)
+    assert len(shown) == 24 * len(solution.doubled)
     assert not len(bare)
 
 
