@@ -1,6 +1,7 @@
 """The degree of splines is chosen by a record, and only where that says something."""
 
 import json
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,6 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy import degree_choice
 from cpmkit.accuracy.degree_choice import error_of_equal_cost
 
 TABLE = Path(__file__).parents[2] / "docs" / "tables" / "knobs.md"
@@ -21,7 +21,7 @@ def f(x):
 
 
 def test_the_record_is_that_of_the_documentation():
-    rows = json.loads(Path(degree_choice.__file__).with_name("degree_choice.json").read_text())
+    rows = json.loads(files("cpmkit.accuracy").joinpath("degree_choice.json").read_text())
     cells = [[cell.strip() for cell in line.strip("|\n").split("|")] for line in TABLE.read_text().splitlines()[2:]]
     printed_rows = [row for row in cells if row[3] == "as they are" and row[2] in ("2", "3")]
     assert len(rows) == len(printed_rows) == 12
@@ -36,7 +36,9 @@ def test_costs_are_equal_between_the_errors_at_which_each_degree_wins():
 
 
 def test_cubic_splines_reach_small_errors(monkeypatch):
-    monkeypatch.setattr(degree_choice, "error_of_equal_cost", lambda: 2e-3)  # a size that is solved quickly
+    monkeypatch.setattr(
+        "cpmkit.accuracy.degree_choice.error_of_equal_cost", lambda: 2e-3
+    )  # a size that is solved quickly
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), tolerance=1e-3)
     off = (solution.evaluate(AT) - AT[:, 0] * AT[:, 1]) / np.ptp(AT[:, 0] * AT[:, 1])
     trade = solution.solve_history
@@ -51,7 +53,7 @@ def test_cubic_splines_reach_small_errors(monkeypatch):
 
 @pytest.mark.parametrize("options", [{"tolerance": 5e-3}, {"tolerance": 1e-3, "degree": 2}, {"memory": "20 MB"}])
 def test_nothing_is_chosen_elsewhere(options, monkeypatch):
-    monkeypatch.setattr(degree_choice, "error_of_equal_cost", lambda: 2e-3)
+    monkeypatch.setattr("cpmkit.accuracy.degree_choice.error_of_equal_cost", lambda: 2e-3)
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), **options)
     assert solution.discretization()["degree"] == 2
     assert not solution.solve_history.chosen

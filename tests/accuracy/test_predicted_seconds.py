@@ -1,13 +1,13 @@
 """What a solve costs is foretold from two coarse ones: here in counts, which no clock disturbs."""
 
+from types import SimpleNamespace
+
 import pytest
 from click.testing import CliRunner
 
 import cpmkit as ck
 from cpmkit.cli import main
-from cpmkit.dispatch import solve_scene
 from cpmkit.explaining import extrapolated_cost
-from cpmkit.forms.cost_model import line_through
 
 BALL = ck.source("analytic.sphere")
 RING = ck.Boundary("ring", ck.source("analytic.circle", normal=[0, 0, 1]), left=ck.Dirichlet(1), right=ck.Dirichlet(0))
@@ -29,18 +29,24 @@ def test_the_work_of_a_solve_is_foretold_within_two(boundaries, form):
 
     def solve_coarse(coarse):
         spacings.append(coarse)
-        solution = solve_scene(scene, coarse, form=form, solver=explanation.solver)
+        solution = ck.solve(scene, coarse, estimate=False, form=form, solver=explanation.solver)
         return solution, work(solution)
 
     found = extrapolated_cost(solve_coarse, spacing, explanation.unknowns, 2)
     assert spacings[0] == spacings[1] == 2 * spacings[2]
     assert spacings[2] >= 2 * spacing  # what is asked for is not solved to foretell itself
-    assert 0.5 < found / work(solve_scene(scene, spacing, form=form)) < 2
+    assert 0.5 < found / work(ck.solve(scene, spacing, form=form, estimate=False)) < 2
 
 
-def test_a_line_goes_through_both_and_never_below_half_a_share():
-    assert line_through((100.0, 3.0), (200.0, 5.0)) == pytest.approx((1.0, 0.02))
-    assert line_through((100.0, 6.0), (200.0, 5.0)) == pytest.approx((2.5, 0.0125))
+@pytest.mark.parametrize(("costs", "expected"), [((3.0, 5.0), 1.0 + 0.02 * 1000), ((6.0, 5.0), 2.5 + 0.0125 * 1000)])
+def test_a_line_goes_through_both_and_never_below_half_a_share(costs, expected):
+    solves = iter([(100, 0.0), (100, costs[0]), (200, costs[1])])
+
+    def solve_coarse(_):
+        size, cost = next(solves)
+        return SimpleNamespace(discretized=SimpleNamespace(size=size)), cost
+
+    assert extrapolated_cost(solve_coarse, 0.01, 1000, 2) == pytest.approx(expected)
 
 
 def test_seconds_are_reported_where_they_are_requested(tmp_path):

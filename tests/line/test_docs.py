@@ -3,21 +3,21 @@
 import doctest
 import importlib.util
 import inspect
+import json
 import pkgutil
 import re
 from importlib import import_module
 from pathlib import Path
 
 import pytest
+from click.testing import CliRunner
 
 import cpmkit
 import cpmkit.plugin
 from cpmkit import hookspecs, load_scene, plugins
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.formulas import trees
-from cpmkit.linear.solver_options import SOLVERS
-from cpmkit.scenefile import application_files, condition_tables, scene_files
+from cpmkit.plugin import COORDINATES, FUNCTIONS
 from cpmkit.scenefile.output_request import PictureRequest
 
 ROOT = Path(__file__).parents[2]
@@ -116,20 +116,32 @@ def accepted(tmp_path, table, beside=""):
     return set(str(caught.value).partition("accepted are ")[2].rstrip(".").split(", "))
 
 
+def properties(schema):
+    """Return the names of the tables and keys in a part of a schema, at any depth."""
+    entries = schema.values() if isinstance(schema, dict) else schema if isinstance(schema, list) else ()
+    names = schema.get("properties", ()) if isinstance(schema, dict) else ()
+    return set(names).union(*map(properties, entries))
+
+
+def schema_of(command):
+    return json.loads(CliRunner().invoke(main, ["schema", command]).output)["properties"]
+
+
 def test_every_table_of_a_scene_is_documented():
     text = (DOCS / "reference" / "scene-keys.md").read_text()
-    for table in scene_files.SCENE_TABLES:
+    for table in {"output", *schema_of("scene")} - {"title"}:
         assert f"## `[{table}]`" in text or f"## `[[{table}]]`" in text
 
 
-def test_every_table_and_key_of_an_application_is_documented():
+@pytest.mark.parametrize("command", ["vectors", "map", "paint"])
+def test_every_table_and_key_of_an_application_is_documented(command):
     text = (DOCS / "reference" / "application-keys.md").read_text()
-    for command, tables in scene_files.APPLICATION_TABLES.items():
-        assert f"## `cpmkit {command}`" in text
-        assert all(f"[{table}]" in text for table in tables)
-    own = {*application_files.ALONG_KEYS, *application_files.COLOUR_KEYS}
-    named = own | {*application_files.MAP_KEYS, *application_files.VECTORS_KEYS}
-    assert named - documented("application-keys.md") == set()
+    assert f"## `cpmkit {command}`" in text
+    new = {table: keys for table, keys in schema_of(command).items() if table not in schema_of("scene")}
+    assert new
+    assert all(f"[{table}]" in text for table in new)
+    sources = properties({"properties": {}, "all": [schema_of("scene")["surface"], schema_of("scene")["boundary"]]})
+    assert properties(list(new.values())) - sources - documented("application-keys.md") == set()
 
 
 @pytest.mark.parametrize("table", ["discretization", "solver", "output"])
@@ -137,23 +149,36 @@ def test_every_key_of_a_table_is_documented(table, tmp_path):
     assert accepted(tmp_path, table) - documented("scene-keys.md") == set()
 
 
-@pytest.mark.parametrize("kind", scene_files.PROBLEMS)
-def test_every_key_of_a_problem_is_documented(kind, tmp_path):
-    keys = set(inspect.signature(scene_files.PROBLEMS[kind]).parameters)
-    assert {kind, *keys} - documented("scene-keys.md") == set()
+@pytest.mark.parametrize(
+    "kind", [kind for kind in cpmkit.kinds() if kind.sort == "equation"], ids=lambda kind: kind.name
+)
+def test_every_key_of_a_problem_is_documented(kind):
+    assert {kind.name, *(key.name for key in kind.keys)} - documented("scene-keys.md") == set()
+
+
+def offered(call):
+    """Return the words that the message of an error lists as accepted."""
+    with pytest.raises(cpmkit.InputError) as caught:
+        call()
+    return set(
+        re.findall(r"\.?\w+", re.search(r"(?:must be|accepted are) ([^;]*?)(?:, or the|\.$)", str(caught.value))[1])
+    )
 
 
 def test_every_condition_key_and_word_is_documented():
-    from cpmkit.saving.export import SUFFIXES
-
     named = documented("scene-keys.md")
     sides = {name for name in inspect.signature(cpmkit.Boundary).parameters if name != "source"}
     assert {*sides, "kind", "edge", "order"} - named == set()
     assert set(inspect.signature(PictureRequest).parameters) - named == set()
-    assert {"auto", *SOLVERS, *SUFFIXES} - named == set()
-    for condition in condition_tables.CONDITIONS:
+    scene = cpmkit.Scene(cpmkit.source("analytic.circle"), cpmkit.ScreenedPoisson(1.0))
+    solvers = offered(lambda: cpmkit.solve(scene, 0.2, solver="nonsense"))
+    suffixes = offered(lambda: cpmkit.solve(scene, 0.2).save("nonsense.nonsense"))
+    assert {"auto", "multigrid"} < solvers
+    assert {".npz", ".vtp"} < suffixes
+    assert {*solvers, *suffixes} - named == set()
+    for condition in (kind.name for kind in cpmkit.kinds() if kind.sort == "condition"):
         assert any(name.startswith(f"{{ {condition} = ") for name in named), condition
-    assert {*trees.COORDINATES, *trees.CONSTANTS, *trees.FUNCTIONS} - named == set()
+    assert {*COORDINATES, *FUNCTIONS, "pi", "e"} - named == set()
 
 
 def test_every_installed_kind_and_key_is_documented():

@@ -7,9 +7,7 @@ import pytest
 from scipy.spatial import Delaunay
 
 from cpmkit.errors import InputError
-from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
-from cpmkit.mesh.mixed_cells import refine_mixed_cells, with_corners
-from cpmkit.solution.display_mesh import display_mesh, plane_normals
+from cpmkit.solution.display_mesh import display_mesh
 
 
 def areas(mesh):
@@ -109,20 +107,6 @@ def test_a_zero_on_another_sheet_is_no_crossing(square):
     assert len(mesh.points) == mesh.original
 
 
-def test_segments_are_cut_alike():
-    points = np.stack([np.linspace(0, 1, 5), np.zeros(5)], axis=1)
-    cells = np.stack([np.arange(4), np.arange(1, 5)], axis=1)
-    pin = SimpleNamespace(closest_point=lambda x: SimpleNamespace(points=np.tile([0.4, 0.0], (len(x), 1))))
-    after = cut_by_distance(
-        CutCells(points, np.zeros((5, 1), dtype=np.int64), cells), 0, points[:, 0] - 0.4, 2, pin, 0.1
-    )
-    assert len(after.cells) == 5
-    ends = after.attributes[after.cells][:, :, 0]
-    assert np.ptp(ends, axis=1).sum() == pytest.approx(1)
-    assert (after.sides[after.cells][ends.mean(axis=1) < 0.4] <= 0).all()
-    np.testing.assert_allclose(after.attributes[5:], [[0.4, 0], [0.4, 0]], rtol=1e-14)
-
-
 def test_triangles_segments_and_points_are_cut_together(mixture):
     solution = mixture()
     mesh = display_mesh(solution)
@@ -147,35 +131,39 @@ def test_points_have_the_normals_of_the_plane_around_them_and_segments_have_none
     assert not mesh.normals[mesh.segments].any()
 
 
+def cloud(points, **abilities):
+    """A solution on a cloud of points, whose value is the first coordinate."""
+    source = SimpleNamespace(closest_point=lambda x: SimpleNamespace(points=x), **abilities)
+    source.mesh = lambda spacing: (points, np.arange(len(points))[:, None])
+    scene = SimpleNamespace(surface=source, boundaries=())
+    return SimpleNamespace(scene=scene, spacing=0.1, channels=1, evaluate=lambda points, side=None: points[:, 0])
+
+
 def test_the_normals_of_a_cloud_are_its_own_where_it_has_them():
     points = np.random.default_rng(0).uniform(size=(50, 3))
-    source = SimpleNamespace(closest_point=lambda x: SimpleNamespace(points=x), normals=lambda feet: feet.points)
-    source.mesh = lambda spacing: (points, np.arange(50)[:, None])
-    solution = SimpleNamespace(
-        scene=SimpleNamespace(surface=source, boundaries=()),
-        spacing=0.1,
-        channels=1,
-        evaluate=lambda points, side=None: points[:, 0],
-    )
-    mesh = display_mesh(solution)
+    mesh = display_mesh(cloud(points, normals=lambda feet: feet.points))
     np.testing.assert_allclose(mesh.normals, points / np.linalg.norm(points, axis=1, keepdims=True))
     np.testing.assert_array_equal(mesh.values[:, 0], points[:, 0])
 
 
 @pytest.mark.parametrize("points", [np.eye(3)[:2], np.linspace(0, 1, 20)[:, None] * [1.0, 2.0, 0.5]])
 def test_points_that_span_no_plane_have_no_normal(points):
-    assert not plane_normals(points).any()
+    assert not display_mesh(cloud(points)).normals.any()
 
 
 @pytest.mark.parametrize("longest", [0.5, 0.05])
 def test_every_sort_of_cell_is_refined_by_itself(mixture, longest):
-    source = mixture().surface
-    finer, cells = refine_mixed_cells(source.points, source.cells, 3, longest)
-    np.testing.assert_array_equal(with_corners(cells, 1), with_corners(source.cells, 1))
-    ends = finer[with_corners(cells, 2)]
+    solution = mixture()
+    object.__setattr__(solution, "boundaries", {})
+    object.__setattr__(solution, "value", lambda points, signs: points[:, :1])
+    before = display_mesh(solution)
+    object.__setattr__(solution, "spacing", longest / 2)  # edges are up to two spacings long
+    mesh = display_mesh(solution)
+    np.testing.assert_array_equal(mesh.dots, before.dots)
+    ends = mesh.points[mesh.segments]
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).max() <= longest
     assert np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1).sum() == pytest.approx(1)
-    assert len(with_corners(cells, 3)) > len(with_corners(source.cells, 3)) or longest == 0.5
+    assert len(mesh.triangles) > len(before.triangles) or longest == 0.5
 
 
 def test_turning_the_triangles_corners_changes_nothing(square):
@@ -187,11 +175,15 @@ def test_turning_the_triangles_corners_changes_nothing(square):
 
 
 @pytest.mark.parametrize("longest", [0.5, 0.3, 0.17, 0.11])
-def test_long_edges_are_halved_until_none_is_left(longest):
+def test_long_edges_are_halved_until_none_is_left(square, longest):
     random = np.random.default_rng(4).uniform(size=(6, 2))
     points = np.concatenate([[[0, 0], [1, 0], [1, 1], [0, 1]], 0.1 + 0.8 * random])
     cells = Delaunay(points).simplices.astype(np.int64)
-    finer, pieces = refine_mixed_cells(points, cells, 2, longest)
+    coarse = square(2)
+    object.__setattr__(coarse, "surface", type(coarse.surface)(points, cells))
+    object.__setattr__(coarse, "spacing", longest / 2)
+    mesh = display_mesh(coarse)
+    finer, pieces = mesh.points, mesh.triangles
     ends = finer[np.stack([pieces, np.roll(pieces, 1, axis=1)], axis=-1)]
     assert np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=-1).max() <= longest
     np.testing.assert_array_equal(finer[:10], points)

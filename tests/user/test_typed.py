@@ -1,6 +1,7 @@
 """A user's editor knows every name and every option, and a type checker refuses what there is none of."""
 
 import ast
+import inspect
 import os
 import re
 import subprocess
@@ -15,28 +16,22 @@ import pytest
 
 import cpmkit as ck
 import cpmkit.applications
-from cpmkit.families import solve_options
-from cpmkit.families.solve_options import Checkpointing
-from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.choice import FORMS
-from cpmkit.forms.options import Options
-from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
-from cpmkit.runtime.options import declared_options
-from cpmkit.scenefile.look import AXES, LIGHTS, PICTURE_FIELDS, Look, LookKeywords, SavingKeywords
+from cpmkit.preparing import Prepared
+from cpmkit.scenefile.look import Look, LookKeywords, SavingKeywords
 
 ROOT = Path(__file__).parents[2]
 SCRIPT = Path(__file__).with_name("typed_script.py")
 TASKS = sorted((ROOT / "examples" / "tasks").glob("*.py"))
-#: What options are kept as, where they are given in more ways: text is read as bytes, or as a path.
-KEPT = {"Path": "PathLike[str]"}
+#: Types of arguments that are converted to the type of an option.
+WIDER = {"Path": "PathLike[str]"}
 
 
 @pytest.mark.slow
 def test_a_type_checker_passes_what_is_right_and_refuses_each_line_that_is_not():
-    told = mypy(SCRIPT, *TASKS)
-    refused = {int(number) for number in re.findall(rf"{SCRIPT.name}:([0-9]+): error:", told)}
-    assert refused == {number for number, line in enumerate(lines(), 1) if line.endswith("# wrong")}, told
-    assert [line for line in told.splitlines() if ": error:" in line and SCRIPT.name not in line] == []
+    output = mypy(SCRIPT, *TASKS)
+    refused = {int(number) for number in re.findall(rf"{SCRIPT.name}:([0-9]+): error:", output)}
+    assert refused == {number for number, line in enumerate(lines(), 1) if line.endswith("# wrong")}, output
+    assert [line for line in output.splitlines() if ": error:" in line and SCRIPT.name not in line] == []
 
 
 def test_the_script_uses_public_names_alone():
@@ -62,24 +57,22 @@ def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
     assert "module 'cpmkit' has no attribute 'Dirichlett'. Did you mean: 'Dirichlet'?" in done.stderr
 
 
-@pytest.mark.parametrize(
-    ("seen", "kinds", "more"),
-    [
-        (solve_options.SolverKeywords, [SolverOptions], {one for of_one in SOLVER_OPTIONS.values() for one in of_one}),
-        (solve_options.DiscretizingKeywords, [Options, *FORMS.values()], set()),
-        (solve_options.CheckpointingKeywords, [Checkpointing], set()),
-        (solve_options.TargetKeywords, [AccuracyTarget], set()),
-    ],
-)
-def test_typed_options_are_those_that_are_declared(seen, kinds, more):
-    stated = {one.name: one.type for kind in kinds for one in fields(kind) if one.name in declared_options(kind)}
-    stated.pop("spacing", None)  # a parameter of its own
-    typed = {name: str(hint.__forward_arg__) for name, hint in seen.__annotations__.items()}
-    assert set(typed) == set(stated) | more
-    for name, kept in stated.items():
-        kinds_kept = {KEPT.get(one, one) for one in kept.split(" | ")}
-        assert typed[name] == "Any" or kept == "Any" or kinds_kept <= set(typed[name].split(" | ")), name
-    assert typing.get_type_hints(seen)
+@pytest.mark.parametrize("call", [ck.solve, ck.prepare, ck.discretize, ck.explain, ck.estimate_error, Prepared.solve])
+def test_typed_options_are_those_that_are_declared(call):
+    """Signatures show what is declared; the keywords that type checkers see are those of the first overload."""
+    first, *_ = [*typing.get_overloads(call), inspect.unwrap(call)]
+    (keywords,) = typing.get_args(typing.get_type_hints(first)["options"])
+    declared = {
+        name: parameter.annotation
+        for name, parameter in inspect.signature(call).parameters.items()
+        if parameter.kind is parameter.KEYWORD_ONLY and name not in (first.__kwdefaults__ or {})
+    }
+    typed = {name: str(hint.__forward_arg__) for name, hint in keywords.__annotations__.items()}
+    assert set(typed) - {"max_iterations"} == set(declared)  # which only some of the solvers have
+    for name, stated in declared.items():
+        kinds = {WIDER.get(kind, kind) for kind in stated.split(" | ")}
+        assert typed[name] == "Any" or stated == "Any" or kinds <= set(typed[name].split(" | ")), name
+    assert typing.get_type_hints(keywords)
 
 
 def test_typed_options_of_pictures_are_those_of_a_look():
@@ -90,9 +83,10 @@ def test_typed_options_of_pictures_are_those_of_a_look():
         stated = {kind for kind in one.type.split(" | ") if kind in ("int", "bool", "str", "None")}
         assert stated - kinds <= {"str"}, one.name  # a Literal stands for text
         assert ("str" in stated) == ("str" in kinds or bool(literals(typed[one.name]))), one.name
-    assert literals(typed["field"]) == PICTURE_FIELDS
-    assert literals(typed["light"]) == LIGHTS
-    assert literals(typed["up"]) == AXES
+    for name in ("field", "light", "up"):
+        with pytest.raises(ck.InputError, match=f"{name} of a picture.* must be ") as error:
+            Look(**{name: "nonsense"})
+        assert literals(typed[name]) == tuple(re.findall(r"'(\w+)'", str(error.value).partition(", got")[0])), name
     assert set(typing.get_type_hints(SavingKeywords)) == {*typed, "fps"}
 
 
@@ -106,19 +100,27 @@ def literals(hint):
 
 
 @pytest.mark.parametrize(
-    ("draw", "told"),
+    ("draw", "message"),
     [
-        (lambda one: one.picture("a.png", widht=100), r"a picture has no option 'widht' \(did you mean 'width'"),
-        (lambda one: one.plot(cmpa="jet"), r"a plot has no option 'cmpa' \(did you mean 'cmap'"),
-        (lambda one: one.show(titel="A"), r"a page has no option 'titel' \(did you mean 'title'"),
-        (lambda one: one.save("a.html", isoline=1), r"a page has no option 'isoline' \(did you mean 'isolines'"),
-        (lambda one: one.animate("a.gif", fpss=3), r"a film has no option 'fpss' \(did you mean 'fps'"),
-        (lambda one: one.save("a.gif", veiw=(1, 0, 0)), r"a film has no option 'veiw' \(did you mean 'view'"),
+        (
+            lambda solution: solution.picture("a.png", widht=100),
+            r"a picture has no option 'widht' \(did you mean 'width'",
+        ),
+        (lambda solution: solution.plot(cmpa="jet"), r"a plot has no option 'cmpa' \(did you mean 'cmap'"),
+        (lambda solution: solution.show(titel="A"), r"a page has no option 'titel' \(did you mean 'title'"),
+        (
+            lambda solution: solution.save("a.html", isoline=1),
+            r"a page has no option 'isoline' \(did you mean 'isolines'",
+        ),
+        (lambda solution: solution.animate("a.gif", fpss=3), r"a film has no option 'fpss' \(did you mean 'fps'"),
+        (lambda solution: solution.save("a.gif", veiw=(1, 0, 0)), r"a film has no option 'veiw' \(did you mean 'view'"),
     ],
 )
-def test_a_misspelt_option_of_a_picture_is_answered_with_the_one_that_may_be_meant(draw, told, monkeypatch, tmp_path):
+def test_a_misspelt_option_of_a_picture_is_answered_with_the_one_that_may_be_meant(
+    draw, message, monkeypatch, tmp_path
+):
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(ck.InputError, match=told):
+    with pytest.raises(ck.InputError, match=message):
         draw(cooling())
     assert not list(tmp_path.iterdir())
 
