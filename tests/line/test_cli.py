@@ -13,9 +13,7 @@ from click.testing import CliRunner
 
 import cpmkit
 from cpmkit import cli
-from cpmkit.commands import group
 from cpmkit.errors import SceneError
-from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.progress import ProgressLine
 from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
 
@@ -162,11 +160,11 @@ def test_plugins_lists_kinds_with_their_distributions(run):
 def plugged(monkeypatch):
     """Offer the commands `greet`, `broken` and `number` as plugins do."""
     points = [
-        EntryPoint("greet", f"{__name__}_commands:greet", COMMANDS_GROUP),
-        EntryPoint("broken", "cpmkit_absent:command", COMMANDS_GROUP),
-        EntryPoint("number", "math:pi", COMMANDS_GROUP),
+        EntryPoint("greet", f"{__name__}_commands:greet", "cpmkit.commands"),
+        EntryPoint("broken", "cpmkit_absent:command", "cpmkit.commands"),
+        EntryPoint("number", "math:pi", "cpmkit.commands"),
     ]
-    monkeypatch.setattr(group, "entry_points", lambda group: points)
+    monkeypatch.setattr("cpmkit.commands.group.entry_points", lambda group: points)
     greet = click.Command("greet", callback=lambda: click.echo("good day"))
     monkeypatch.setitem(__import__("sys").modules, f"{__name__}_commands", SimpleNamespace(greet=greet))
 

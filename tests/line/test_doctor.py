@@ -7,7 +7,6 @@ from importlib.metadata import PackageNotFoundError
 import pytest
 
 from cpmkit.cli import main
-from cpmkit.commands import doctor
 from cpmkit.commands.doctor import diagnose
 from cpmkit.errors import CpmkitWarning
 
@@ -29,9 +28,9 @@ def test_what_is_installed_is_reported(monkeypatch):
 
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):
-    monkeypatch.setattr(doctor, "DISTRIBUTIONS", ("matplotlib", "pyvista", "imageio", "cpmkit-no-such"))
+    monkeypatch.setattr("cpmkit.commands.doctor.DISTRIBUTIONS", ("matplotlib", "pyvista", "imageio", "cpmkit-no-such"))
     monkeypatch.setattr("cpmkit.solution.summary.version", _absent)
-    monkeypatch.setattr(doctor, "installed_kinds", list)
+    monkeypatch.setattr("cpmkit.commands.doctor.installed_kinds", list)
     found = diagnose()
     assert found.versions["pyvista"] is None
     assert "not installed" in str(found)
@@ -43,7 +42,7 @@ def _absent(name):
     raise PackageNotFoundError(name)
 
 
-def test_a_scene_that_does_not_load_is_told_and_exits_with_1(tmp_path):
+def test_a_scene_that_does_not_load_is_reported_and_exits_with_1(tmp_path):
     (tmp_path / "scene.toml").write_text("[surface\n")
     result = runner.invoke(main, ["doctor", str(tmp_path / "scene.toml")])
     assert result.exit_code == 1

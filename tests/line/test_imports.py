@@ -4,13 +4,12 @@ import json
 import subprocess
 import sys
 from functools import cache
+from importlib.metadata import entry_points
 
 import pytest
 
-from cpmkit.plugins import installed_kinds
-
 LIBRARIES = {"scipy", "numba", "trimesh", "pyvista", "vtk", "vtkmodules", "matplotlib", "skfem", "open3d"}
-PLUGINS = {kind.module.partition(":")[0].partition(".")[0] for kind in installed_kinds()} - {"cpmkit"}
+PLUGINS = {point.value.partition(":")[0].partition(".")[0] for point in entry_points(group="cpmkit.kinds")} - {"cpmkit"}
 COMMAND = """
 from click.testing import CliRunner
 from cpmkit.cli import main
@@ -55,9 +54,9 @@ def test_not_even_numpy_is_imported(statement):
 
 def test_a_kind_imports_its_own_plugin_and_no_other():
     assert {"cpmkit_analytic", "cpmkit_mesh"} <= PLUGINS
-    held = imported_by("import cpmkit; cpmkit.source('analytic.torus')")
-    assert held & PLUGINS == {"cpmkit_analytic"}
-    assert held & LIBRARIES == set()
+    modules = imported_by("import cpmkit; cpmkit.source('analytic.torus')")
+    assert modules & PLUGINS == {"cpmkit_analytic"}
+    assert modules & LIBRARIES == set()
 
 
 def test_every_public_name_exists():

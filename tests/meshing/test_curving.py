@@ -10,7 +10,7 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.mesh.welding import repair
 from cpmkit.meshing.curved_from_normals import curve_cells
-from cpmkit.meshing.curved_from_points import add_midpoints, curve_from_points, move_vertices_to_manifold
+from cpmkit.meshing.curved_from_points import curve_from_points
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.plugin import localize
 
@@ -93,7 +93,7 @@ def test_a_coarse_mesh_far_from_the_manifold_still_reaches_its_rim():
     source = localize(ck.source("analytic.cap"), np.zeros(3))
     coarse = octahedron()
     half = Mesh.of(coarse.vertices, coarse.cells[:4])
-    mesh = move_vertices_to_manifold(subdivide(repair(half)[0], 0.1), source)
+    mesh = curve_from_points(subdivide(repair(half)[0], 0.1), source)
     single = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)
     rim = np.unique(single[0][single[1] == 1])
     assert mesh.vertices[rim, 2] == pytest.approx(np.zeros(len(rim)), abs=1e-13)
@@ -122,7 +122,7 @@ def test_boundaries_are_curved_onto_theirs_and_their_extensions_are_not():
 
 
 def test_cells_beside_an_edge_share_its_midpoint():
-    mesh = add_midpoints(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
+    mesh = curve_from_points(octahedron(2), localize(ck.source("analytic.sphere"), np.zeros(3)))
     ends = np.sort(mesh.facets.reshape(-1, 2), axis=1)
     order = np.lexsort(ends.T)
     shared = mesh.midpoints.reshape(-1, 3)[order].reshape(-1, 2, 3)
@@ -132,7 +132,7 @@ def test_cells_beside_an_edge_share_its_midpoint():
 def test_a_foot_far_from_the_chord_is_a_crease():
     corner = localize(ck.source("mesh.polyline", points=[[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]), np.zeros(2))
     mesh = Mesh.of(np.array([[0.0, 0.5], [0.5, 0.0]]), np.array([[0, 1]]))
-    assert add_midpoints(mesh, corner).midpoints[0, 0].tolist() == [0.25, 0.25]
+    assert curve_from_points(mesh, corner).midpoints[0, 0].tolist() == [0.25, 0.25]
 
 
 def test_segments_end_where_the_curve_crosses_knot_planes():

@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.studies import figures
 from cpmkit.studies.baselines import solve_by_fixed_nodes
 from cpmkit.studies.checking import at_spacing
-from cpmkit.studies.named_formulas import expand, expand_all, expand_names
+from cpmkit.studies.named_formulas import expand_all, expand_names
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
 from cpmkit.studies.reference_values import sample_points
@@ -208,8 +208,8 @@ def test_a_wrong_study_file_is_answered_in_one_sentence(file, old, new, message)
 def test_names_of_formulas_are_put_in_place():
     known = expand_names({"r": "sqrt(x**2 + y**2)", "half": 0.5, "s": "half*r"})
     assert known["s"] == "(0.5)*(sqrt(x**2 + y**2))"
-    assert expand("2 - s", {"s": "x - y"}) == "2 - (x - y)"
-    assert expand("no formula at all", known) == "no formula at all"
+    assert expand_all({"f": "2 - s"}, {"s": "x - y"}) == {"f": "2 - (x - y)"}
+    assert expand_all({"f": "no formula at all"}, known) == {"f": "no formula at all"}
     table = {"kind": "s", "both": {"dirichlet": ["s", 1.0]}, "at": [1, 2]}
     assert expand_all(table, {"s": "x"}) == {"kind": "s", "both": {"dirichlet": ["(x)", 1.0]}, "at": [1, 2]}
     parts = {"of": [{"kind": "s", "phi": "s"}], "values": "s", "file": ["s"]}

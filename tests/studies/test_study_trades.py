@@ -9,7 +9,6 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.studies import run_one
 from cpmkit.studies.pareto import Attempt, cheapest_by_decade, front
 from cpmkit.studies.record_series import gather
 from cpmkit.studies.records import read_records
@@ -139,7 +138,7 @@ def test_bytes_are_foretold_where_they_are_not_measured():
     assert foretold["bytes_are"] == "foretold"
     assert foretold["bytes"] > 1000 * solution.discretized.size
     other = SimpleNamespace(discretized=SimpleNamespace(options=None), scene=solution.scene)
-    assert run_one.costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
+    assert costs_in_memory(other, None) == {"bytes": None, "bytes_are": None}
 
 
 def test_a_refined_mesh_is_finer_and_the_error_on_it_falls_at_second_order():

@@ -7,7 +7,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import geodesic_distance, logarithmic_map, vector_field
-from cpmkit.plugins import installed_kinds, load, manager
+from cpmkit.testing import installed_cases
 
 CIRCLE = ck.source("analytic.circle")
 CUT = ck.Boundary("cut", ck.source("analytic.point", at=[1, 0]), left=1.0, right="x < 5")
@@ -21,15 +21,12 @@ def solution():
 
 
 def sources():
-    for kind in installed_kinds():
-        load(kind.kind)
-    cases = [case for found in manager().hook.cpmkit_conformance_cases() for case in found]
-    first = {case.kind: case for case in reversed(cases) if not case.kind.startswith(LEFT_OUT)}
+    first = {case.kind: case for case in reversed(installed_cases()) if not case.kind.startswith(LEFT_OUT)}
     return [pytest.param(case.make, id=kind) for kind, case in first.items()]
 
 
 @pytest.mark.parametrize("make", sources())
-def test_a_source_is_told_in_one_line_and_pickles(make):
+def test_a_source_has_a_repr_of_one_line_and_pickles(make):
     source = make()
     assert "\n" not in repr(source)
     assert len(repr(source)) < 200
@@ -39,7 +36,7 @@ def test_a_source_is_told_in_one_line_and_pickles(make):
     np.testing.assert_array_equal(source.closest_point(x).points, again.closest_point(x).points)
 
 
-def test_results_of_applications_are_told_in_two_lines():
+def test_results_of_applications_have_reprs_of_two_lines():
     sphere = ck.source("analytic.sphere")
     found = [
         geodesic_distance(sphere, [[0.0, 0.0, 1.0]], spacing=0.4),
@@ -54,7 +51,7 @@ def test_results_of_applications_are_told_in_two_lines():
         assert len(repr(one)) < 250
 
 
-def test_a_cloud_is_told_in_one_line():
+def test_a_cloud_has_a_repr_of_one_line():
     angle = np.linspace(0, 2 * np.pi, 60, endpoint=False)
     points = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     for normals in (None, points):
@@ -64,7 +61,7 @@ def test_a_cloud_is_told_in_one_line():
 
 
 @pytest.mark.parametrize(
-    ("problem", "told"),
+    ("problem", "text"),
     [
         (ck.Laplace(), "Solution of laplace with 1 boundaries, form galerkin, spacing 0.2"),
         (ck.Heat("x", until=0.2, step=0.1, frames=1), "time 0.2 after 2 steps, 2 frames"),
@@ -73,12 +70,12 @@ def test_a_cloud_is_told_in_one_line():
     ],
     ids=lambda one: getattr(one, "kind", None),
 )
-def test_a_solution_is_told_in_two_lines_and_pickles(problem, told):
+def test_a_solution_has_a_repr_of_two_lines_and_pickles(problem, text):
     cut = ck.Boundary("cut", CUT.source, both=0.0) if problem.kind == "eigen" else CUT
     prepared = ck.prepare(ck.Scene(CIRCLE, problem, [cut]), spacing=0.2)
     solution = prepared.solve()
     assert repr(solution).count("\n") == 1
-    assert told.partition(" .*")[0] in repr(solution)
+    assert text.partition(" .*")[0] in repr(solution)
     again = pickle.loads(pickle.dumps(solution))
     points = np.array([[0.6, 0.8], [1.0, 0.0]])
     np.testing.assert_array_equal(again.evaluate(points, "both"), solution.evaluate(points, "both"))
@@ -87,7 +84,7 @@ def test_a_solution_is_told_in_two_lines_and_pickles(problem, told):
     assert repr(prepared).count("\n") == 1
 
 
-def test_scenes_boundaries_and_explanations_are_told_shortly(solution):
+def test_scenes_boundaries_and_explanations_have_short_reprs(solution):
     scene = solution.scene
     assert repr(scene).count("\n") == 1
     assert "'cut'" in repr(scene)

@@ -8,7 +8,6 @@ import pytest
 from model_problems import angle_after, on_circle, order_of, sphere_points
 
 import cpmkit as ck
-from cpmkit.families.evolution.schedule import schedule
 from cpmkit.families.evolution.stepping import semidiscrete
 from cpmkit.forms.collocation.form import Collocation
 
@@ -309,14 +308,15 @@ def test_data_at_rest_are_read_once():
     assert counts[0] == counts[1]
 
 
-def test_steps_end_at_frames_and_at_the_end():
-    steps = schedule(1.0, 0.3, (0.0, 0.5))
-    np.testing.assert_allclose([step.end for step in steps], [0.3, 0.5, 0.8, 1.0], rtol=1e-15)
-    assert [step.is_frame for step in steps] == [False, True, False, False]
-    equal = schedule(0.7, 0.1, tuple(np.linspace(0, 0.7, 8)))
-    assert {step.length for step in equal} == {0.1}
-    assert len(equal) == 7
-    assert [step.length for step in schedule(1e-12, 1.0, ())] == [1e-12]
+@pytest.mark.parametrize(
+    ("until", "step", "frames", "steps"),
+    [(1.0, 0.3, (0.0, 0.5), 4), (0.7, 0.1, tuple(np.linspace(0, 0.7, 8)), 7), (1e-12, 1.0, (), 1)],
+)
+def test_steps_end_at_frames_and_at_the_end(until, step, frames, steps):
+    """The first has steps to 0.3, 0.5, 0.8 and 1."""
+    solution = ck.solve(circle_scene(ck.Heat(HILL, until=until, step=step, frames=frames)), 0.3)
+    assert (solution.time, solution.steps) == (until, steps)
+    np.testing.assert_allclose([frame.time for frame in solution.frames], frames, rtol=1e-15)
 
 
 def test_wrong_arguments_are_answered():

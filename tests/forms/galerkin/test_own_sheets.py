@@ -6,7 +6,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.patch_locator import PatchLocator
 
 pytestmark = pytest.mark.filterwarnings("ignore::cpmkit.errors.CpmkitWarning")
 #: c of -Lap u + c u = c s, s = 1 on one side and -1 on the other: u = s to exp(-6 d), d from where the sides meet.
@@ -133,7 +132,7 @@ def test_smooth_surfaces_are_read_without_further_searches(monkeypatch):
     def refuse(*_):
         raise AssertionError("no sheets are beside one another here")
 
-    monkeypatch.setattr(PatchLocator, "_on_own_sheet", refuse)
+    monkeypatch.setattr("cpmkit.forms.galerkin.patch_locator.PatchLocator._on_own_sheet", refuse)
     vertices, faces = ck.source("analytic.torus").mesh(0.15)
     for surface in (ck.source("analytic.sphere"), (vertices, faces)):
         scene = ck.Scene(surface, ck.ScreenedPoisson("z"))

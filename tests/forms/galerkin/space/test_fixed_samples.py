@@ -5,7 +5,7 @@ import pytest
 from galerkin_scenes import sphere
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.space.quantised_samples import NORMAL_UNIT, PLACE_UNIT, QuantisedSamples
+from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.mesh.cell_quadrature import Samples
 
 H = 0.2
@@ -20,8 +20,8 @@ def test_points_and_normals_are_rounded_to_a_unit():
     drawn = sphere(0.55 * H)
     one = fixed(drawn)
     assert one.places.dtype == one.directions.dtype == np.int32
-    assert 0 < np.abs(one.points - drawn.samples.points).max() <= 0.51 * PLACE_UNIT * H
-    assert 0 < np.abs(one.normals - drawn.samples.normals).max() <= 4 * NORMAL_UNIT
+    assert 0 < np.abs(one.points - drawn.samples.points).max() <= 0.51 * 2.0**-32 * H
+    assert 0 < np.abs(one.normals - drawn.samples.normals).max() <= 4 * 2.0**-30
     assert np.abs(np.linalg.norm(one.normals, axis=2) - 1).max() < 1e-15
     assert np.array_equal(one.weights, drawn.samples.weights)
 

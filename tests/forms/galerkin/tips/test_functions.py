@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from plane_zones import FRAME, slit, solved
 
-from cpmkit.forms.galerkin.enrichment.singular_functions import WAVES, SingularFunction
+from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
+
+#: Frequency and phase of the functions of a tip, by whether a value is given on the left and on the right.
+WAVES = {
+    (False, False): [(0.5, 0.0)],
+    (True, True): [(0.5, 0.5 * np.pi)],
+    (True, False): [(-0.25, 0.25 * np.pi), (-0.75, 0.75 * np.pi)],
+    (False, True): [(0.25, 0.25 * np.pi), (0.75, 0.75 * np.pi)],
+}
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +36,12 @@ def test_the_axes(disc):
     assert 0.8 < disc.radius < 1
 
 
-@pytest.mark.parametrize("held", WAVES)
-def test_slopes_are_those_of_the_values(disc, held):
+@pytest.mark.parametrize("given", WAVES)
+def test_slopes_are_those_of_the_values(disc, given):
     generator = np.random.default_rng(0)
     r, t = generator.uniform(0.05, 0.85, 50), generator.uniform(-3, 3, 50)
     points, cells = around(disc, r, t)
-    for wave in WAVES[held]:
+    for wave in WAVES[given]:
         function = SingularFunction(disc, *wave)
         rows, slopes = function.slopes(points, cells)
         assert len(rows) == len(points)
@@ -42,13 +50,13 @@ def test_slopes_are_those_of_the_values(disc, held):
             np.testing.assert_allclose(slopes @ axis, (apart[0] - apart[1]) / 2e-6, atol=1e-7)
 
 
-@pytest.mark.parametrize("held", WAVES)
-def test_sides(disc, held):
+@pytest.mark.parametrize("given", WAVES)
+def test_sides(disc, given):
     """On the sides that hold values the functions vanish, on the others their slope across does."""
     r = np.linspace(0.1, 0.8, 8)
-    for side, holds in zip((1, -1), held, strict=True):
+    for side, holds in zip((1, -1), given, strict=True):
         points, cells = around(disc, r, np.full(8, side * (np.pi - 1e-12)))
-        for wave in WAVES[held]:
+        for wave in WAVES[given]:
             function = SingularFunction(disc, *wave)
             read = function.values(points, cells)[1] if holds else function.slopes(points, cells)[1] @ disc.leftward
             np.testing.assert_allclose(read, 0, atol=1e-9)
