@@ -39,6 +39,7 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.scene.compound_equations import Biharmonic as Biharmonic
     from cpmkit.scene.compound_equations import Coupled as Coupled
     from cpmkit.scene.compound_equations import Eigen as Eigen
+    from cpmkit.scene.compound_equations import ReactionDiffusion as ReactionDiffusion
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
     from cpmkit.scene.conditions import Neumann as Neumann
     from cpmkit.scene.conditions import Robin as Robin
@@ -50,18 +51,17 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.scene.equations import ScreenedPoisson as ScreenedPoisson
     from cpmkit.scene.equations_in_time import Heat as Heat
     from cpmkit.scene.equations_in_time import Wave as Wave
-    from cpmkit.scene.functionals import Divergence as Divergence
-    from cpmkit.scene.functionals import PointSource as PointSource
     from cpmkit.scene.nonlinear_equations import NonlinearDiffusion as NonlinearDiffusion
     from cpmkit.scene.nonlinear_equations import PLaplacian as PLaplacian
     from cpmkit.scene.nonlinear_equations import TotalVariation as TotalVariation
-    from cpmkit.scene.reaction_diffusion import ReactionDiffusion as ReactionDiffusion
     from cpmkit.scene.scene import Scene as Scene
     from cpmkit.scene.special_conditions import NonlinearFlux as NonlinearFlux
     from cpmkit.scene.special_conditions import SimplySupported as SimplySupported
     from cpmkit.scene.special_conditions import Steklov as Steklov
     from cpmkit.scene.special_conditions import Transmission as Transmission
-    from cpmkit.scene.vertex_data import VertexData as VertexData
+    from cpmkit.scene.special_data import Divergence as Divergence
+    from cpmkit.scene.special_data import PointSource as PointSource
+    from cpmkit.scene.special_data import VertexData as VertexData
     from cpmkit.scenefile.kinds import kinds as kinds
     from cpmkit.scenefile.scene_files import load_scene as load_scene
     from cpmkit.solution.boundary_points import boundary_points as boundary_points
@@ -85,7 +85,7 @@ _PUBLIC = {
     "CpmkitWarning": "errors",
     "Dirichlet": "scene.conditions",
     "Eigen": "scene.compound_equations",
-    "Divergence": "scene.functionals",
+    "Divergence": "scene.special_data",
     "EigenSolution": "facade",
     "Elliptic": "scene.equations",
     "Equation": "scene.equations",
@@ -99,9 +99,9 @@ _PUBLIC = {
     "NonlinearFlux": "scene.special_conditions",
     "PLaplacian": "scene.nonlinear_equations",
     "PluginError": "errors",
-    "PointSource": "scene.functionals",
+    "PointSource": "scene.special_data",
     "Poisson": "scene.equations",
-    "ReactionDiffusion": "scene.reaction_diffusion",
+    "ReactionDiffusion": "scene.compound_equations",
     "ResolutionError": "errors",
     "Robin": "scene.conditions",
     "Scene": "scene.scene",
@@ -113,7 +113,7 @@ _PUBLIC = {
     "TotalVariation": "scene.nonlinear_equations",
     "Transmission": "scene.special_conditions",
     "Wave": "scene.equations_in_time",
-    "VertexData": "scene.vertex_data",
+    "VertexData": "scene.special_data",
     "assemble": "families.steady",
     "boundary_points": "solution.boundary_points",
     "build_band": "grid.band",

@@ -71,10 +71,10 @@ if TYPE_CHECKING:
     from cpmkit.manifold.abilities import local_minima_of as local_minima_of
     from cpmkit.manifold.abilities import members_of as members_of
     from cpmkit.manifold.abilities import warnings_of as warnings_of
-    from cpmkit.manifold.chains import Chain as Chain
-    from cpmkit.manifold.chains import link_chains as link_chains
     from cpmkit.manifold.local_source import LocalSource as LocalSource
     from cpmkit.manifold.local_source import localize as localize
+    from cpmkit.manifold.orientation import Chain as Chain
+    from cpmkit.manifold.orientation import link_chains as link_chains
     from cpmkit.manifold.source import ClosestPoints as ClosestPoints
     from cpmkit.manifold.source import ClosestPointSource as ClosestPointSource
     from cpmkit.manifold.source import check_source as check_source
@@ -132,9 +132,9 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.point_values import small_boundary_warnings as small_boundary_warnings
     from cpmkit.scene.scene import Scene as Scene
+    from cpmkit.scene.special_data import VertexData as VertexData
     from cpmkit.scene.surface_input import Surface as Surface
     from cpmkit.scene.surface_input import as_source as as_source
-    from cpmkit.scene.vertex_data import VertexData as VertexData
     from cpmkit.solution.display_mesh import DisplayMesh as DisplayMesh
     from cpmkit.solving import solve as solve
     from cpmkit.testing import ConformanceCase as ConformanceCase
@@ -232,8 +232,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "unit": "manifold.vector_algebra",
         "rectangle": "mesh.rectangle",
         "rotate": "manifold.vector_algebra",
-        "Chain": "manifold.chains",
-        "link_chains": "manifold.chains",
+        "Chain": "manifold.orientation",
+        "link_chains": "manifold.orientation",
         "number_edges": "mesh.mixed_cells",
         "rotate_triangles": "mesh.mixed_cells",
         "Polyline": "mesh.mixed_cells",
@@ -255,7 +255,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "Dirichlet": "scene.conditions",
         "Neumann": "scene.conditions",
         "Laplace": "scene.equations",
-        "VertexData": "scene.vertex_data",
+        "VertexData": "scene.special_data",
         "solve": "solving",
         "Solution": "facade",
     },

@@ -21,7 +21,7 @@ from cpmkit.errors import InputError
 from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
-from cpmkit.manifold.mixed_dimension import joints_warning, touching_joints
+from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.scene.equations_in_time import Wave
@@ -202,11 +202,11 @@ def _check(scene: Scene, options: Mapping[str, Any]) -> None:
             f"{given[0]}={options[given[0]]!r} goes with one solve at one spacing, and a tolerance, seconds or memory "
             "may take several; give a spacing."
         )
-    joints = touching_joints(scene.surface)
+    joints = mixed_joint_warnings(scene.surface)
     if joints:
         raise InputError(
             "A tolerance, seconds or memory goes by estimates of the error, of which there is none here; give a "
-            f"spacing. {joints_warning(scene.surface, joints)}"
+            f"spacing. {joints[0]}"
         )
     if isinstance(scene.problem, Wave) and scene.problem.scheme == "leapfrog":
         raise InputError(

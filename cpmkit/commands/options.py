@@ -12,7 +12,7 @@ import click
 
 if TYPE_CHECKING:
     from cpmkit.facade import Solution
-    from cpmkit.scenefile.output_request import OutputRequest
+    from cpmkit.scenefile.look import OutputRequest
     from cpmkit.scenefile.scene_files import SceneFile
 
 Command = TypeVar("Command", bound=Callable[..., Any])

@@ -53,11 +53,11 @@ def schema(sort: str) -> None:
     Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
     """
     if sort == "scene":
-        from cpmkit.scenefile.scene_schema import scene_schema as make
+        from cpmkit.scenefile.kinds import scene_schema as make
     elif sort == "study":
         from cpmkit.studies.studyfile import study_schema as make
     else:
-        from cpmkit.scenefile.scene_schema import application_schema
+        from cpmkit.scenefile.kinds import application_schema
 
         make = partial(application_schema, sort)
     click.echo(json.dumps(make(), indent=1))

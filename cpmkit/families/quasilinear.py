@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError
+from cpmkit.errors import ConvergenceError, SceneError
 from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
@@ -20,7 +20,7 @@ from cpmkit.forms.contract import integrals, require
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Equation, Terms
-from cpmkit.scene.nonlinear_equations import QuasilinearEquation, check_one_channel
+from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
@@ -106,7 +106,8 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     form, problem = context.discretized, context.scene.problem
     assert isinstance(problem, QuasilinearEquation)
     require(form, "diffusivity that depends on u")
-    check_one_channel(context.scene.channels)
+    if context.scene.channels > 1:
+        raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {context.scene.channels}.")
     form.check(context.solver_name)
     terms = replace(problem.terms(), f=_CachedData(problem.terms().f))
     u = _first_iterate(context, problem, terms)

@@ -36,7 +36,7 @@ from cpmkit.manifold.abilities import advice_of
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import Data, evaluate_data, takes_time
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.laws import Spectral, is_dissipative
+from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
@@ -405,4 +405,4 @@ def surely_positive(form: FormValues) -> bool:
     terms = form.scene.problem.terms()
     if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:
         return False
-    return all(is_dissipative(condition.law) for condition in form.scene.conditions)
+    return all(condition.law.is_dissipative for condition in form.scene.conditions)

@@ -9,7 +9,6 @@ from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 
 _QUICK_ESTIMATE = (
@@ -124,7 +123,7 @@ def solver_part(scene: Scene, chosen: str, target: str) -> Part:
 
 def condition_name(condition: Condition) -> str:
     """Return the kind of a condition in words."""
-    return "zero Neumann" if is_zero_neumann(condition.law) else condition.kind.replace("_", " ").capitalize()
+    return "zero Neumann" if condition.law.is_zero_flux else condition.kind.replace("_", " ").capitalize()
 
 
 def sides_in_words(boundary: BoundarySet) -> str:

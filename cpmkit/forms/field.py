@@ -16,7 +16,7 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.tangent_space import project_tangent
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.data import evaluate_data
-from cpmkit.scene.functionals import Divergence
+from cpmkit.scene.special_data import Divergence
 from cpmkit.types import Floats
 
 #: Step of differences of closest points, in spacings, for sources without normals of their own.

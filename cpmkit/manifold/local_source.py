@@ -29,6 +29,13 @@ NOISE_LINES = 25
 LEAST_NOISE_SPACINGS = 1e-10
 
 
+def _ability(ability: type, of_members: bool = False) -> cached_property[bool]:
+    """Return a property of a local source: whether its source, or each of its members, has the ``ability``."""
+    return cached_property(
+        lambda local: all(isinstance(member.source, ability) for member in (local.members if of_members else [local]))
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class LocalSource:
     """A source whose queries and answers are relative to ``origin``.
@@ -121,30 +128,13 @@ class LocalSource:
         members = [member for member in self.members if member.manifold_dim == dimension]
         return all(member.has_tangents if dimension == 1 else member.has_normals for member in members)
 
-    @cached_property
-    def has_normals(self) -> bool:
-        """Whether the source has normals."""
-        return isinstance(self.source, HasNormals)
-
-    @cached_property
-    def has_creases(self) -> bool:
-        """Whether the source is a mesh that stands for a smooth surface but has creases."""
-        return isinstance(self.source, HasCreases)
-
-    @cached_property
-    def has_tangents(self) -> bool:
-        """Whether the source has tangents."""
-        return isinstance(self.source, HasTangents)
-
-    @cached_property
-    def has_local_minima(self) -> bool:
-        """Whether the source, or each member of a union, finds a foot on every sheet near a query."""
-        return all(isinstance(member.source, HasLocalMinima) for member in self.members)
-
-    @cached_property
-    def has_left(self) -> bool:
-        """Whether the source, or each member of a union, has a left side of its own."""
-        return all(isinstance(member.source, HasLeft) for member in self.members)
+    #: Whether the source has the ability.
+    has_normals = _ability(HasNormals)
+    has_creases = _ability(HasCreases)
+    has_tangents = _ability(HasTangents)
+    #: Whether the source, or each member of a union, has the ability.
+    has_local_minima = _ability(HasLocalMinima, of_members=True)
+    has_left = _ability(HasLeft, of_members=True)
 
     def closest_point(self, x: Floats) -> ClosestPoints:
         """Return the closest points of ``x`` (n, d), both relative to the origin.

@@ -1,4 +1,4 @@
-"""Signs of normals and tangents of sources that have no orientation of their own, propagated along a boundary.
+"""Samples of a boundary and their neighbours: signs propagated from sample to sample, points in the order of travel.
 
 Differs from King et al. (2024), section 4.7, where vectors get their signs stencil by stencil.
 """
@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from cpmkit.manifold.vector_algebra import dots
 from cpmkit.types import Bools, Floats, Ints
 
 #: Samples within this many of their spacings may be neighbours.
@@ -31,24 +32,21 @@ SIGN_SAMPLES = 6
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """A consistent choice of sign for normals or tangents of a boundary, stored at samples of it.
+    """A consistent choice of sign for the conormals of a boundary, or for normals along it, stored at samples of it.
 
     Attributes
     ----------
     points : (s, d) float64 or None
         Samples of the boundary; None where the source's own signs are used.
     directions : (s, d) float64 or None
-        Unit normals or tangents at the samples; the signs of neighbours agree.
+        Unit vectors at the samples; the signs of neighbours agree.
     spacing : float
         Distance of the samples.
-    travel : bool
-        True where the directions are tangents of a curve, False where they are normals.
     """
 
     points: Floats | None = None
     directions: Floats | None = None
     spacing: float = 0.0
-    travel: bool = False
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d), with signs changed where the samples near by require it.
@@ -59,7 +57,7 @@ class Orientation:
             return directions
         nearest, short = self._nearest_samples(points), SHORT_CHORD_SPACINGS * self.spacing
         chords = points[:, None] - self.points[nearest]
-        agreement = agreements(self.directions[nearest], directions[:, None], chords, short, self.travel)
+        agreement = agreements(self.directions[nearest], directions[:, None], chords, short)
         best = np.take_along_axis(agreement, np.abs(agreement).argmax(axis=1)[:, None], 1)
         return np.asarray(np.where(best >= 0, directions, -directions))
 
@@ -78,7 +76,7 @@ class Orientation:
         """Return one orientation of several parts of a boundary, all of which have samples."""
         points, directions = ([getattr(part, name) for part in parts] for name in ("points", "directions"))
         spacing = min(part.spacing for part in parts)
-        return cls(np.concatenate(points), np.concatenate(directions), spacing, parts[0].travel)
+        return cls(np.concatenate(points), np.concatenate(directions), spacing)
 
     @cached_property
     def _tree(self) -> Any:
@@ -97,28 +95,18 @@ class Orientation:
 AS_GIVEN = Orientation()
 
 
-def agreements(first: Floats, second: Floats, chords: Floats, short: float, travel: bool) -> Floats:
+def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> Floats:
     """Return the cosines (...,) between ``second`` and ``first`` after transport along the chords, all (..., d).
 
-    A direction is rotated as along a circular arc with this chord: a normal to its mirror image in the plane across the
-    chord, a tangent to the opposite of its mirror image. This is right to third order on a smooth curve or surface, and
-    also across a corner in the middle of the chord, where the two directions themselves may be far apart.
-
-    Parameters
-    ----------
-    first, second : (..., d) float64
-        Unit directions at the start and the end of each chord.
-    chords : (..., d) float64
-    short : float
-        Chords up to this length rotate nothing.
-    travel : bool
-        True for tangents, False for normals.
+    A normal or conormal is rotated as along a circular arc with this chord, to its mirror image in the plane across the
+    chord. This is right to third order on a smooth curve or surface, and also across a corner in the middle of the
+    chord, where the two directions themselves may be far apart. Chords up to the length ``short`` rotate nothing.
     """
     length = np.linalg.norm(chords, axis=-1, keepdims=True)
     unit_chords = chords / np.where(length > 0, length, 1.0)
     plain = np.sum(first * second, axis=-1)
     mirrored = plain - 2 * np.sum(first * unit_chords, axis=-1) * np.sum(second * unit_chords, axis=-1)
-    return np.asarray(np.where(length[..., 0] <= short, plain, -mirrored if travel else mirrored))
+    return np.asarray(np.where(length[..., 0] <= short, plain, mirrored))
 
 
 def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
@@ -158,7 +146,7 @@ class PropagatedSigns:
     consistent: bool
 
 
-def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float, travel: bool) -> PropagatedSigns:
+def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float) -> PropagatedSigns:
     """Return ``directions`` (s, d) at ``points`` (s, d) with signs that agree between neighbours.
 
     Signs follow a minimum spanning tree of the ``pairs`` (k, 2) of neighbours, whose weights are small where directions
@@ -169,7 +157,7 @@ def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: fl
 
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
-    agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing, travel)
+    agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)
     leaning = [np.abs(np.sum(chord * directions[end], axis=1)) for end in (first, second)]
     length = np.maximum(np.linalg.norm(chord, axis=1), SHORT_CHORD_SPACINGS * spacing)
     uneven = np.abs(leaning[0] - leaning[1]) / length
@@ -182,7 +170,7 @@ def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: fl
         _, parent = breadth_first_order(tree, members[0], directed=False)
         above = np.where(parent[members] < 0, members, parent[members]).astype(np.int64)
         step = points[members] - points[above]
-        over = agreements(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing, travel)
+        over = agreements(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing)
         sign[members] = _signs_from_root((over >= 0) | (above == members), members, above)
     clear = (np.abs(agreement) >= SURE_COSINE) & (uneven <= UNEVEN_COSINE)
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
@@ -210,31 +198,83 @@ def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
         sign, up = sign * sign[up], further
 
 
-def sign_by_rule(points: Floats, directions: Floats, centre: Floats, travel: bool) -> float:
-    """Return 1 or -1, the factor that gives ``directions`` (s, d) of a connected piece their conventional orientation.
+#: Number of nearest points among which each point looks for its two neighbours.
+CHAIN_NEIGHBOURS = 24
+#: Least cosine between the chord to a neighbour and the tangents at both ends, and between the conormals there.
+LEAST_CHORD_COSINE, LEAST_CONORMAL_COSINE = 0.5, 0.25
+#: Weight of the sideways part of a chord against the part ahead, in the choice of the next point.
+SIDEWAYS_WEIGHT = 4.0
 
-    The rule does not depend on the lattice. Normals point away from ``centre`` (d,), tangents (``travel``) run
-    counter-clockwise about the axis with the largest angular moment. Where this is undecided, the largest component of
-    the mean direction, or else of the direction at the first sample in lexicographic order, is positive.
+
+class Chain(NamedTuple):
+    """Numbers of points (k,) in the order of travel; in a closed chain the first point follows the last."""
+
+    order: Ints
+    closed: bool
+
+
+def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> list[Chain]:
+    """Return the chains of ``points`` (n, d) in the order of travel, one for each curve that passes through them.
+
+    Two points are linked if each is the other's next point: the nearest within ``reach`` that lies ahead or behind,
+    with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms
+    and neighbouring sheets of a surface therefore stay separate.
+
+    Parameters
+    ----------
+    points : (n, d) float64
+        Samples of the curves, a few times denser than ``reach``.
+    tangents : (n, d) float64
+        Unit tangents of any sign.
+    conormals : (n, d) float64
+        Unit vectors across the curve, of one sign along each curve.
+    reach : float
+        Largest distance of linked points.
     """
-    away = points - centre
-    moments = [directions.mean(axis=0), directions[np.lexsort(points.T)[0]]]
-    if travel:
-        turning = np.cross(away, directions) if points.shape[1] == 3 else away[:, :1] * directions[:, 1:]
-        if points.shape[1] == 2:
-            turning = turning - away[:, 1:] * directions[:, :1]
-        moments.insert(1, turning.mean(axis=0) / _largest_length(away))
-    else:
-        moments.insert(0, np.array([np.sum(away * directions, axis=1).mean() / _largest_length(away)]))
-    decided = next((moment for moment in moments if np.abs(moment).max() > 0.05), moments[-1])
-    return -1.0 if decided[np.argmax(np.abs(decided))] < 0 else 1.0
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    pairs = _links(points, tangents, conormals, reach)
+    n = len(points)
+    ends = np.concatenate([pairs, pairs[:, ::-1]]).T
+    graph = coo_array((np.ones(2 * len(pairs)), (ends[0], ends[1])), (n, n)).tocsr()
+    degree, chains = np.diff(graph.indptr), []
+    count, label = connected_components(graph, directed=False)
+    for piece in range(count):
+        members = np.flatnonzero(label == piece)
+        ends_of_piece = members[degree[members] < 2]
+        closed = not len(ends_of_piece)
+        start = members[0] if closed else ends_of_piece[0]
+        order = np.asarray(breadth_first_order(graph, start, directed=False, return_predecessors=False), np.int64)
+        # breadth first search visits a closed chain in both directions by turns
+        chains.append(Chain(np.concatenate([order[:1], order[1::2], order[2::2][::-1]]) if closed else order, closed))
+    return chains
 
 
-def _largest_length(away: Floats) -> float:
-    """Return the largest length of the vectors ``away`` (s, d), 1 if all are zero."""
-    return float(np.linalg.norm(away, axis=1).max()) or 1.0
+def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> Ints:
+    """Return the pairs (m, 2) of points that are linked (see :func:`link_chains`), the smaller number first."""
+    from scipy.spatial import cKDTree
+
+    n = len(points)
+    distance, other = cKDTree(points).query(points, min(CHAIN_NEIGHBOURS, n), distance_upper_bound=reach)
+    distance, other = (np.reshape(columns, (n, -1))[:, 1:] for columns in (distance, other))
+    within_reach = np.isfinite(distance)
+    other = np.where(within_reach, other, 0)
+    chord = points[other] - points[:, None]
+    ahead = dots(chord, tangents[:, None])
+    fits = within_reach & (dots(conormals[other], conormals[:, None]) >= LEAST_CONORMAL_COSINE)
+    fits &= np.minimum(np.abs(ahead), np.abs(dots(chord, tangents[other]))) >= LEAST_CHORD_COSINE * distance
+    cost = np.where(fits, (1 + SIDEWAYS_WEIGHT) * distance**2 - SIDEWAYS_WEIGHT * ahead**2, np.inf)
+    forward, backward = (_cheapest(other, np.where(side, cost, np.inf)) for side in (ahead > 0, ahead <= 0))
+    choices = np.concatenate([np.stack([np.arange(n), number], axis=1)[number >= 0] for number in (forward, backward)])
+    pairs, times = np.unique(np.sort(choices, axis=1), axis=0, return_counts=True)
+    return np.asarray(pairs[times == 2], dtype=np.int64)
 
 
-def piece_masks(piece: Ints) -> list[Bools]:
-    """Return for each connected piece a mask (s,) of its samples, from the ``piece`` (s,) of each sample."""
-    return [piece == number for number in range(int(piece.max(initial=-1)) + 1)]
+def _cheapest(other: Ints, cost: Floats) -> Ints:
+    """Return the entry (n,) of ``other`` (n, k) of least ``cost`` in each row, -1 where all costs are infinite."""
+    if not cost.shape[1]:
+        return np.full(len(cost), -1)
+    best = cost.argmin(axis=1)[:, None]
+    finite = np.isfinite(np.take_along_axis(cost, best, 1)[:, 0])
+    return np.where(finite, np.take_along_axis(other, best, 1)[:, 0], -1)

@@ -138,56 +138,49 @@ def _by_member(
     return vectors
 
 
-def axis_and_left(
+def left_conormals(
     source: LocalSource,
     surface: LocalSource,
-    signs: tuple[Orientation, Orientation],
+    signs: Orientation,
     on_surface: ClosestPoints,
     feet: ClosestPoints,
     step: float,
-) -> tuple[Floats, Floats]:
-    """Return the normal n (n, d) of the manifold and the conormal v = n x t (n, d) to the left of a boundary.
+) -> Floats:
+    """Return the unit conormals v = n x t (n, d) to the left of a boundary.
 
-    Here t is the unit tangent of the boundary. Where n is not needed, v is returned for it.
+    Here n is the normal of the manifold, in an area of the plane the third axis, and t the tangent of the boundary. Of
+    a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface.
     King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
     Parameters
     ----------
     source, surface : LocalSource
         The boundary, of one dimension less than the manifold there, and the manifold.
-    signs : pair of Orientation
-        Across: signs of the manifold's normals, or of its tangents where it is a curve. Along: signs of the boundary's
-        tangents, or of its normals where it is a surface.
+    signs : Orientation
+        The conormals at samples of the boundary; without samples the signs of the sources' own directions are used.
     on_surface, feet : ClosestPoints
         The closest points on the manifold and on the boundary of the same points.
     step : float
         Step of the differences of closest points.
     """
-    across, along = signs
     dimension = (source.manifold_dim or 0) + 1
-    axis = None
-    if dimension == 2 and surface.dim == 3:
-        axis = across.apply(on_surface.points, unit_normals(surface, on_surface, step))
     left = np.empty_like(on_surface.points)
     for member, rows, member_feet in source.by_member(feet):
         if member.has_left:
             left[rows] = member.leftward(member_feet)
-        elif dimension == 1:
-            left[rows] = -across.apply(on_surface.points[rows], unit_tangents(surface, on_surface.take(rows), step))
+            continue
+        on_member, corner = on_surface.take(rows), np.zeros(len(rows), dtype=bool)
+        if dimension == 1:
+            conormals = -unit_tangents(surface, on_member, step)
         elif dimension == 3:
-            left[rows] = along.apply(member_feet.points, unit_normals(member, member_feet, step))
-        elif axis is None:
-            tangent = _direction_of_travel(member, along, member_feet, step)
-            left[rows] = np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+            conormals = unit_normals(member, member_feet, step)
         else:
-            left[rows] = _normalize(np.cross(axis[rows], _direction_of_travel(member, along, member_feet, step)))
-    return (left if axis is None else axis), left
-
-
-def _direction_of_travel(source: LocalSource, along: Orientation, feet: ClosestPoints, step: float) -> Floats:
-    """Return unit tangents (n, d) at ``feet`` on a curve, with the signs of ``along``; the bisector at corners."""
-    directions, corner = tangents_and_corners(source, feet, step)
-    directions = along.apply(feet.points, directions)
-    if along.points is not None and corner.any():
-        directions[corner] = along.mean(feet.points[corner])
-    return directions
+            tangents, corner = tangents_and_corners(member, member_feet, step)
+            if surface.dim == 2:
+                conormals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
+            else:
+                conormals = _normalize(np.cross(unit_normals(surface, on_member, step), tangents))
+        left[rows] = signs.apply(on_member.points, conormals)
+        if signs.points is not None and corner.any():  # the bisector
+            left[rows[corner]] = signs.mean(on_member.points[corner])
+    return left

@@ -20,8 +20,7 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
-from cpmkit.scenefile.look import Look
-from cpmkit.scenefile.output_request import check_vertices
+from cpmkit.scenefile.look import Look, check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.record import given_mesh_of

@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.runtime.messages import install_command
-from cpmkit.scenefile.output_request import check_vertices
+from cpmkit.scenefile.look import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import given_mesh_of
 from cpmkit.types import Floats

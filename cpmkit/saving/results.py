@@ -16,7 +16,7 @@ from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links
+from cpmkit.scenefile.look import VERTICES, OutputRequest, PictureRequest, check_links
 from cpmkit.types import Progress
 from cpmkit.view import check_picture, picture
 from cpmkit.view.pictures import check_channels

@@ -18,18 +18,7 @@ from cpmkit.scene.data import Data
 from cpmkit.types import Floats, Ints, Side
 
 
-def vertex_numbers(value: Any) -> Ints | None:
-    """Return an integer, or a one-dimensional sequence of integers, as an array (k,); None for any other value."""
-    if isinstance(value, (str, bytes, bool)) or not (isinstance(value, (int, np.integer)) or hasattr(value, "__len__")):
-        return None
-    try:
-        array = np.asarray(value)
-    except ValueError:
-        return None
-    return np.atleast_1d(array) if array.dtype.kind in "iu" and array.ndim < 2 and array.size else None
-
-
-def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
+def _vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
     """Return the vertices (k, d) with the ``numbers`` (k,) of a surface that was made from a mesh.
 
     ``label`` is the name of the argument in error messages.
@@ -40,14 +29,10 @@ def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
         If the surface was not made from a mesh, if a number is negative or not below the number of vertices, or if
         there are d numbers, which may also be the coordinates of one point.
     """
-    dim = int(surface.dim)
+    dim, text = int(surface.dim), shown(numbers.tolist())
     if not isinstance(surface, HasGivenMesh):
-        raise SceneError(
-            f"{label} is {shown(numbers.tolist())}, numbers of vertices, and the surface is no mesh; give points (k, "
-            f"{dim})."
-        )
+        raise SceneError(f"{label} is {text}, numbers of vertices, and the surface is no mesh; give points (k, {dim}).")
     if len(numbers) == dim:
-        text = shown(numbers.tolist())
         raise SceneError(
             f"{label} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
             f"point, or vertices[{text}]."
@@ -61,26 +46,18 @@ def vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
     return np.asarray(vertices[numbers], dtype=np.float64)
 
 
-@dataclass(frozen=True, eq=False)
-class VertexNumbers:
-    """Vertex numbers (k,) of a surface, as the place of a boundary before the scene replaces them by points."""
+def _as_boundary_source(value: Any) -> Any:
+    """Return the closest-point source of points (k, d) or of a point (d,), or integers as vertex numbers (k,).
 
-    numbers: Ints
-
-
-def as_boundary_source(value: Any) -> Any:
-    """Return the closest-point source of points (k, d) or of a point (d,), or the :class:`VertexNumbers` of integers.
-
-    An integer, and integers in an array (k,), are vertex numbers. Any other value, also a source, is returned
-    unchanged.
+    Any other value, also a source, is returned unchanged.
     """
     if isinstance(value, (ClosestPointSource, str, bytes, bool)) or callable(value):
         return value
-    numbers = vertex_numbers(value)
-    if numbers is not None:
-        return VertexNumbers(numbers)
     try:
-        array = np.asarray(value, dtype=np.float64)
+        array = np.asarray(value)
+        if array.dtype.kind in "iu" and array.ndim < 2 and array.size:
+            return np.atleast_1d(array)
+        array = array.astype(np.float64)
     except (TypeError, ValueError):
         return value
     is_point = array.ndim == 1 and len(array) in (2, 3)
@@ -167,8 +144,8 @@ class Boundary:
                 raise SceneError(f"boundary {self.name!r}: `{side}` must be {accepted}, got {shown(condition)}.")
         if same_condition(self.left, self.right):  # sides with equal data need no left
             object.__setattr__(self, "right", self.left)
-        object.__setattr__(self, "source", as_boundary_source(self.source))
-        if isinstance(self.source, VertexNumbers):  # the scene replaces them by points
+        object.__setattr__(self, "source", _as_boundary_source(self.source))
+        if self._vertex_numbers is not None:  # the scene replaces them by points
             return
         check_source(self.source, f"boundary {self.name!r}", "points (k, d), or numbers of the surface's vertices")
         if self.left_of is None:
@@ -188,6 +165,13 @@ class Boundary:
         sides = {side: getattr(self, side) for side in ("both", "left", "right", "across")}
         return {side: condition for side, condition in sides.items() if condition is not None}
 
+    @property
+    def _vertex_numbers(self) -> Ints | None:
+        """The place of the boundary as numbers (k,) of vertices, None if it is a source."""
+        place: Any = self.source
+        is_numbers = isinstance(place, np.ndarray) and place.ndim == 1 and place.dtype.kind in "iu"
+        return place if is_numbers else None
+
     def on(self, surface: ClosestPointSource) -> Boundary:
         """Return the boundary with vertex numbers replaced by those vertices of ``surface``; itself if it has none.
 
@@ -196,9 +180,9 @@ class Boundary:
         SceneError
             If the surface has no such vertices.
         """
-        if not isinstance(self.source, VertexNumbers):
+        if self._vertex_numbers is None:
             return self
-        points: Any = vertices_of(surface, self.source.numbers, f"boundary {self.name!r}")
+        points: Any = _vertices_of(surface, self._vertex_numbers, f"boundary {self.name!r}")
         return replace(self, source=points)
 
     def condition(self, side: Side, /) -> Condition:

@@ -1,4 +1,4 @@
-"""Equations of eigenvalues, of coupled channels, and of fourth order."""
+"""Equations of eigenvalues, of coupled channels, of fourth order, and of reaction and diffusion."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data
-from cpmkit.scene.diffusivities import as_diffusivity
-from cpmkit.scene.equations import EigenFamily, Equation, Terms, check_factor
+from cpmkit.scene.data import ChannelData, Data, ScalarData, TensorData, is_sequence, read_formula
+from cpmkit.scene.equations import EigenFamily, Equation, NotNegative, Terms
+from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.scene.pointwise import AfterStep, Reaction
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,8 @@ class Coupled(Equation):
 
     coupling: Callable[..., Any]
     f: Data = 0.0
-    diffusivity: Data = 1.0
-    c: Data = 0.0
+    diffusivity: TensorData = 1.0
+    c: ScalarData = 0.0
     lumped: bool = False
     kind: ClassVar[str] = "coupled"
     family: ClassVar[str] = "coupled"
@@ -61,19 +63,12 @@ class Coupled(Equation):
     factorise_up_to: ClassVar[float] = 4.0
 
     def __post_init__(self) -> None:
-        """Check the coupling, the diffusivity and c."""
+        """Check the coupling too."""
         super().__post_init__()
         if not callable(self.coupling):
             raise InputError(
                 f"coupling must be a function of points that returns matrices, got {shown(self.coupling)}."
             )
-        diffusivity = as_diffusivity(self.diffusivity, "diffusivity of a coupled problem")
-        object.__setattr__(self, "diffusivity", diffusivity)
-        check_factor(self.c, "c of a coupled problem")
-
-    def terms(self) -> Terms:
-        """Return the terms that all channels have, without the coupling."""
-        return Terms(self.f, self.c, self.diffusivity, lumped=self.lumped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,8 +104,8 @@ class Eigen(Equation[EigenFamily]):
 
     count: int = 6
     near: float | None = None
-    diffusivity: Data = 1.0
-    c: Data = 0.0
+    diffusivity: TensorData = 1.0
+    c: ScalarData = 0.0
     kind: ClassVar[str] = "eigen"
     family: ClassVar[str] = "eigen"
     #: About sixty solves use one factorisation (sphere, 8,000 unknowns: 10 seconds; with an iterative solver 80).
@@ -119,14 +114,11 @@ class Eigen(Equation[EigenFamily]):
     accepted: ClassVar[str] = "use Dirichlet(0), Neumann(0), Robin(alpha, beta, 0) or Steklov()"
 
     def __post_init__(self) -> None:
-        """Check the number of eigenvalues, ``near``, the diffusivity and c."""
+        """Check the number of eigenvalues and ``near`` too."""
         super().__post_init__()
-        whole(self.count, "count of an eigenvalue problem", 1)
+        whole(self.count, "count of eigen", 1)
         if self.near is not None:
-            number(self.near, "near of an eigenvalue problem")
-        diffusivity = as_diffusivity(self.diffusivity, "diffusivity of an eigenvalue problem")
-        object.__setattr__(self, "diffusivity", diffusivity)
-        check_factor(self.c, "c of an eigenvalue problem")
+            number(self.near, "near of eigen")
 
     def factors_up_to(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.
@@ -135,10 +127,6 @@ class Eigen(Equation[EigenFamily]):
         cycles.
         """
         return 60.0 if multigrid and self.near is not None else super().factors_up_to(multigrid)
-
-    def terms(self) -> Terms:
-        """Return the terms of the operator -div(a grad u) + c u, with f = 0."""
-        return Terms(0.0, self.c, self.diffusivity)
 
     def __str__(self) -> str:
         return str(self.terms()).removesuffix("f") + "lambda u"
@@ -188,7 +176,7 @@ class Biharmonic(Equation):
     """
 
     f: Data
-    c: float = 1.0
+    c: NotNegative = 1.0
     kind: ClassVar[str] = "biharmonic"
     family: ClassVar[str] = "biharmonic"
     #: Its system is complex, and takes four times as long to factorise; iterations are as for a screened problem.
@@ -197,14 +185,132 @@ class Biharmonic(Equation):
         "a biharmonic problem takes SimplySupported, Dirichlet (with Lap u = 0) and Neumann, and no clamped edge"
     )
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if number(self.c, "c of a biharmonic problem") != 0:
-            positive(self.c, "c of a biharmonic problem, where it is not zero,")
-
-    def terms(self) -> Terms:
-        """Return the terms c u = f, without Lap^2 u."""
-        return Terms(self.f, float(self.c))
-
     def __str__(self) -> str:
         return f"{f'{self.c:g} u + ' if self.c else ''}Lap^2 u = f"
+
+
+@dataclass(frozen=True, eq=False)
+class ReactionDiffusion(Evolution):
+    """u_t = div(kappa grad u) + reaction(u) + f for each channel of u, with u = initial at time t0.
+
+    Diffusion is implicit, the reaction explicit: the step must be shorter than the time scale of the fastest reaction.
+
+    Parameters
+    ----------
+    initial : sequence, number, or callable
+        u at the start: one entry for each channel, or a callable of points (n, d) that returns (n, channels).
+    reaction : callable, or text
+        Formulas, one for each channel, such as ``["u1*u2 - u1", "-u1*u2"]``; or a function of u (p, channels), of
+        points (p, d) if it has a second parameter, and of the time if it has a parameter ``t`` without a default, that
+        returns rates (p, channels). Its u are values at points of the manifold, not coefficients.
+    kappa : number, callable, or a sequence of one for each channel
+        Diffusivities, above zero: numbers, or functions of points (n, d) that return (n,).
+    until : float
+        End time.
+    step : float
+        Time step; the last step before a frame and before the end is shortened.
+    scheme : str
+        ``sbdf2``, of second order: BDF2 with the reaction extrapolated from two steps (Ascher, Ruuth and Wetton 1995);
+        ``euler``, of first order.
+    f : number, sequence, or callable
+        Source, as of :class:`~cpmkit.Heat`.
+    frames : int or sequence of float
+        As for :class:`~cpmkit.Heat`.
+    after_step, rest, t0
+        As for :class:`~cpmkit.Heat`.
+
+    Raises
+    ------
+    InputError
+        If an argument is not accepted.
+
+    Examples
+    --------
+    On a circle the solution of u_t = Lap u + u (1 - u) tends to 1 if it is positive at the start.
+
+    >>> import cpmkit as ck
+    >>> growth = ck.ReactionDiffusion(0.1, lambda u: u * (1 - u), kappa=0.1, until=10.0, step=0.1)
+    >>> solution = ck.solve(ck.Scene(ck.source("analytic.circle"), growth), spacing=0.2)
+    >>> solution.evaluate([[1, 0]]).round(2)
+    array([1.])
+    """
+
+    initial: Data
+    reaction: Reaction
+    kappa: ChannelData
+    until: float
+    step: float
+    scheme: str = "sbdf2"
+    f: Data = 0.0
+    frames: int | Sequence[float] = 0
+    after_step: AfterStep | None = None
+    rest: float | None = None
+    t0: float = 0.0
+    kind: ClassVar[str] = "reaction-diffusion"
+    schemes: ClassVar[tuple[str, ...]] = ("sbdf2", "euler")
+
+    def __post_init__(self) -> None:
+        """Replace the formulas of the reaction by a function, convert kappa to a tuple, and check both."""
+        super().__post_init__()
+        texts: Any = self.reaction
+        if isinstance(texts, str) or is_sequence(texts):
+            texts = (texts,) if isinstance(texts, str) else tuple(texts)
+            object.__setattr__(self, "reaction", read_formula(ReactionExpression, texts, f"reaction of {self.kind}"))
+        if not callable(self.reaction):
+            raise InputError(f"reaction of {self.kind} must be a function of u (p, channels), got {shown(texts)}.")
+        kappa: Any = self.kappa
+        each = tuple(kappa) if not callable(kappa) and np.ndim(np.asarray(kappa, dtype=object)) else (kappa,)
+        if not each:
+            raise InputError(f"kappa of {self.kind} must be one number or function a channel, got none.")
+        for value in each:
+            if not callable(value):
+                positive(value, f"kappa of {self.kind}")
+        object.__setattr__(self, "kappa", each)
+
+    def terms(self) -> Terms:
+        """Return the terms of the spatial part of the first channel."""
+        return Terms(self.f, diffusivity=self.kappa[0])
+
+    def terms_of_channels(self, channels: int) -> list[tuple[tuple[int, ...], Terms]]:
+        """Return the terms of the spatial part for each different kappa, after the numbers of the channels with it."""
+        each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
+        different: list[Any] = []
+        for kappa in each:
+            if not any(_equal(kappa, other) for other in different):
+                different.append(kappa)
+        return [
+            (tuple(k for k, other in enumerate(each) if _equal(other, kappa)), Terms(self.f, diffusivity=kappa))
+            for kappa in different
+        ]
+
+    def data(self) -> list[tuple[str, Data]]:
+        """Return the right-hand side, initial data, kappa and the reaction, each after its name in error messages."""
+        data = [*super().data(), (f"kappa of {self.kind}", list(self.kappa))]
+        channels = getattr(self.reaction, "channels", None)  # of formulas
+        return [*data, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else data
+
+    def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
+        """Raise if a condition is not accepted, or couples sides while kappa differs between channels.
+
+        Raises
+        ------
+        SceneError
+            For the first condition that is not accepted.
+        """
+        super().check_conditions(conditions)
+        alike = len(self.terms_of_channels(len(self.kappa))) == 1
+        for label, condition in conditions:
+            if condition.couples and not alike:
+                raise SceneError(
+                    f"{label}: {condition.kind!r} takes one kappa for all channels, got {len(self.kappa)} that differ; "
+                    "give one number or function, or conditions on each side."
+                )
+
+    def __str__(self) -> str:
+        each = ", ".join("a function" if callable(value) else f"{value:g}" for value in self.kappa)
+        return f"u_t - div(kappa grad u) = reaction(u) + f, kappa = {each}"
+
+
+def _equal(first: Any, second: Any) -> bool:
+    """Return True if two diffusivities are the same function or equal numbers."""
+    return first is second or (not callable(first) and not callable(second) and float(first) == float(second))

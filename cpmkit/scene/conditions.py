@@ -7,7 +7,6 @@ Data are a number, one number for each channel, or a function of position.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -137,13 +136,6 @@ def as_condition(value: Any) -> Any:
     return Dirichlet(value) if is_data or callable(value) or hasattr(value, "to_numpy") else value
 
 
-def as_conditions(values: Any) -> Any:
-    """Return data as Dirichlet conditions: a single value, or each value of a mapping by side or by loop."""
-    if isinstance(values, Mapping):
-        return {key: as_condition(value) for key, value in values.items()}
-    return as_condition(values)
-
-
 @dataclass(frozen=True, eq=False)
 class Neumann(Condition):
     """du/db = flux, with b out of the side on which the condition is given.
@@ -246,20 +238,16 @@ def sides_differ(left: Condition, right: Condition) -> bool:
 
 
 def _equal(first: Any, second: Any) -> bool:
-    """Return True if two parameters of conditions are equal; functions as by :func:`_same_function`."""
+    """Return True if two parameters of conditions are equal; functions if they compare equal.
+
+    Formulas of equal text do so, and bound methods of one object.
+    """
     if first is second:
         return True
-    if callable(first) or callable(second):
-        return callable(first) and callable(second) and _same_function(first, second)
     if is_sequence(first) and is_sequence(second):
         return len(first) == len(second) and all(map(_equal, first, second))
-    if first is None or second is None:
-        return False
-    return np.array_equal(np.asarray(first), np.asarray(second))
-
-
-def _same_function(first: Any, second: Any) -> bool:
-    """Return True if two callables compare equal, as formulas of equal text and bound methods of one object do."""
+    if not callable(first) and not callable(second):
+        return np.array_equal(first, second)
     try:
         return bool(first == second)
     except ValueError:  # a class that compares arrays entry by entry

@@ -12,12 +12,12 @@ import numpy as np
 
 from cpmkit.errors import CpmkitError, InputError, SceneError, shown
 from cpmkit.formulas.expressions import Expression
-from cpmkit.runtime.arrays import number
+from cpmkit.runtime.arrays import number, positive
 from cpmkit.types import Floats
 
 
 class Functional:
-    """A right-hand side known only by its integrals with test functions; see :mod:`cpmkit.scene.functionals`."""
+    """A right-hand side known only by its integrals with test functions; see :mod:`cpmkit.scene.special_data`."""
 
     @property
     def channels(self) -> int:
@@ -28,6 +28,10 @@ class Functional:
 #: A number; one entry for each channel; a callable of points (n, d) and, if it has a parameter ``t`` without a default,
 #: of the time; a formula as text; or, as a right-hand side, a functional.
 Data = float | str | list[Any] | tuple[Any, ...] | Floats | Callable[..., Any] | Functional
+#: Data with one value for all channels; such data, or a tensor; and one of them for each channel, stored as a tuple.
+ScalarData = Data
+TensorData = Data
+ChannelData = Any
 #: Largest absolute value of data, in any unit: sums of their squares do not overflow.
 LARGEST_DATUM = 1e100
 
@@ -152,6 +156,11 @@ def as_number(data: Any, label: str) -> float:
             f"{label} must be a finite number, one entry a channel, or a function of points such as "
             f"ck.VertexData(surface, values), got {shown(data)}."
         ) from error
+
+
+def not_negative(x: Any, label: str) -> float:
+    """Return ``x`` as a float if it is zero or a finite number above zero; ``label`` is its name in the message."""
+    return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0
 
 
 #: Names of the declared types of dataclass fields that contain data, and vector fields.

@@ -6,7 +6,6 @@ returns (n, d, d). Only its restriction to the tangent space of the manifold is 
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
@@ -16,12 +15,11 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.pointwise import DIFFERENCE_SHARE, call_pointwise, central_difference, difference_step
 from cpmkit.types import Floats
 
 #: Shapes of tensors in the plane and in space.
 TENSOR_SHAPES = ((2, 2), (3, 3))
-#: Largest accepted asymmetry of a tensor, as a share of its largest entry: rounding of entries computed separately.
-UNSYMMETRIC_SHARE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -129,18 +127,12 @@ def _symmetric(tensors: Floats, label: str) -> Floats:
         raise InputError(f"{label} must be finite, got NaN or infinity.")
     transposed = np.swapaxes(tensors, -1, -2)
     off, size = np.abs(tensors - transposed).max(initial=0.0), np.abs(tensors).max(initial=0.0)
-    if off > UNSYMMETRIC_SHARE * size:
+    if off > 1e-9 * size:  # more than the rounding of entries that are computed separately
         raise InputError(
             f"{label} must be a symmetric tensor, got entries across the diagonal that differ by {off:.3g}; of an "
             "unsymmetric one give the symmetric part, and what the rest carries as a velocity."
         )
     return np.asarray(0.5 * (tensors + transposed))
-
-
-#: Step of finite differences, as a share of the varied quantity: above the square root of the rounding error.
-DIFFERENCE_SHARE = 1e-6
-#: Least derivative of a s by s, as a share of a: where a s decreases with s, the derivative itself is not positive.
-MIN_TANGENT_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,29 +167,26 @@ class StateDiffusivity:
     @property
     def depends_on_value(self) -> bool:
         """Whether a may depend on u."""
-        return self.by_value is not _zero
+        return self.by_value is not zero_derivative
 
     def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
-        return _state_function_values(self.function, u, np.linalg.norm(slopes, axis=1), points, "the diffusivity")
+        return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
 
     def tangent(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return the derivative (k, d, d) of a grad u with respect to grad u, a I + s da/ds e e' with e along grad u.
 
-        Its eigenvalue along e is at least a small positive share of a. Arguments as for :meth:`at`.
+        Its eigenvalue along e is at least a small positive share of a: where a s decreases with s, the derivative
+        itself is not positive. Arguments as for :meth:`at`.
         """
-        a, s = self.at(u, slopes, points), np.linalg.norm(slopes, axis=1)
+        s = np.linalg.norm(slopes, axis=1)
+        a = self._values(self.function, u, s, points)
         if self.by_slope is not None:
-            slope = _state_function_values(
-                self.by_slope, u, s, points, "the derivative of the diffusivity by the slope"
-            )
+            slope = self._values(self.by_slope, u, s, points, " by the slope")
         else:
             step = DIFFERENCE_SHARE * (s + DIFFERENCE_SHARE * (s.max(initial=0.0) or 1.0))
-            ahead, behind = (
-                _state_function_values(self.function, u, s + sign * step, points, "the diffusivity") for sign in (1, -1)
-            )
-            slope = (ahead - behind) / (2 * step)
-        along = np.maximum(s * slope, (MIN_TANGENT_SHARE - 1) * a)
+            slope = central_difference(lambda varied: self._values(self.function, u, varied, points), s, step)
+        along = np.maximum(s * slope, (1e-3 - 1) * a)
         e = slopes / np.maximum(s, np.finfo(float).tiny)[:, None]
         squares = e[:, :, None] * e[:, None, :]
         return np.asarray(a[:, None, None] * np.eye(slopes.shape[1]) + along[:, None, None] * squares)
@@ -206,50 +195,20 @@ class StateDiffusivity:
         """Return the derivative (k, d) of a grad u with respect to u, da/du grad u; arguments as for :meth:`at`."""
         s = np.linalg.norm(slopes, axis=1)
         if self.by_value is not None:
-            rate = _state_function_values(self.by_value, u, s, points, "the derivative of the diffusivity by u")
+            rate = self._values(self.by_value, u, s, points, " by u")
         else:
-            step = DIFFERENCE_SHARE * np.maximum(np.abs(u), np.abs(u).max(initial=0.0) or 1.0)
-            ahead, behind = (
-                _state_function_values(self.function, u + sign * step, s, points, "the diffusivity") for sign in (1, -1)
+            rate = central_difference(
+                lambda varied: self._values(self.function, varied, s, points), u, difference_step(u)
             )
-            rate = (ahead - behind) / (2 * step)
         return np.asarray(rate[:, None] * slopes)
 
-
-def slope_diffusivity(function: Callable[[Floats], Floats], derivative: Callable[[Floats], Floats]) -> StateDiffusivity:
-    """Return the diffusivity a(s) of the slope s = norm(grad u) alone, given a and da/ds as functions of s (k,)."""
-    return StateDiffusivity(_FunctionOfSlope(function), _zero, _FunctionOfSlope(derivative))
-
-
-@dataclass(frozen=True, eq=False)
-class _FunctionOfSlope:
-    """A function of s (k,) alone, in the form that is called with u (k,) and s (k,)."""
-
-    function: Callable[[Floats], Floats]
-
-    def __call__(self, u: Floats, s: Floats) -> Floats:
-        return self.function(s) + 0 * u
+    @staticmethod
+    def _values(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, derivative: str = "") -> Floats:
+        """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d)."""
+        label = f"the derivative of the diffusivity{derivative}" if derivative else "the diffusivity"
+        return call_pointwise(function, (u, s, points), u.shape, label)
 
 
-def _zero(u: Floats) -> Floats:
+def zero_derivative(u: Floats) -> Floats:
+    """Return zero for each value u (k,): the derivative by u of a diffusivity that does not depend on u."""
     return np.zeros_like(u)
-
-
-def _state_function_values(function: Callable[..., Any], u: Floats, s: Floats, points: Floats, label: str) -> Floats:
-    """Return the values (k,) of a function of u (k,), of u and s (k,), or of u, s and ``points`` (k, d).
-
-    Raises
-    ------
-    InputError
-        If the values are not (k,) finite numbers; ``label`` is the name of the function in the message.
-    """
-    parameters = inspect.signature(function).parameters.values()
-    count = sum(each.default is each.empty and each.kind is not each.VAR_KEYWORD for each in parameters)
-    values = np.asarray(function(*(u, s, points)[: min(max(count, 1), 3)]), dtype=np.float64)
-    values = np.broadcast_to(values, u.shape) if values.ndim == 0 else values
-    if values.shape != u.shape or not np.isfinite(values).all():
-        raise InputError(
-            f"{label} must return {len(u)} finite numbers for as many values of u, got shape {values.shape}"
-            f"{'' if np.isfinite(values).all() else ' with NaN or infinity'}."
-        )
-    return values

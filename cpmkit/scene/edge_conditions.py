@@ -56,23 +56,6 @@ class ByPosition:
             number[rest[np.broadcast_to(holds, len(rest))]] = k
         return number
 
-    def along(self, points: Floats) -> list[tuple[Condition, Ints]]:
-        """Return each condition with the rows (m,) of ``points`` (n, d), in the scene's coordinates, where it holds.
-
-        Raises
-        ------
-        SceneError
-            If a point is in no part.
-        """
-        number = self.number_at(points)
-        uncovered = np.flatnonzero(number < 0)
-        if len(uncovered):
-            raise SceneError(
-                f"no part of `edge` holds at {len(uncovered)} of {len(points)} points of the edge, such as "
-                f"{place(points[uncovered[0]])}; add a last condition without `where`, which holds on the rest."
-            )
-        return [(part.condition, np.flatnonzero(number == k)) for k, part in enumerate(self.parts)]
-
 
 def is_by_position(value: Any) -> bool:
     """Return True for a list with a condition, a part or a pair (condition, where); False for data of channels."""
@@ -83,51 +66,37 @@ def _is_pair(entry: Any) -> bool:
     return isinstance(entry, tuple) and len(entry) == 2
 
 
-def as_parts(entries: Any) -> ByPosition:
-    """Return the conditions by position given as a list of conditions, pairs (condition, where) or parts.
+def _as_part(entry: Any, number: int, is_last: bool) -> Part:
+    """Return the part ``number`` of the edge given as a condition, as a pair (condition, where) or as a part.
 
     Raises
     ------
     SceneError
-        If an entry has no condition, if an entry before the last one holds everywhere, or if ``where`` is neither a
-        formula nor a function, or depends on t.
-    """
-    parts = []
-    for number, entry in enumerate(entries):
-        part = entry
-        if not isinstance(entry, Part):
-            condition, where = entry if _is_pair(entry) else (entry, None)
-            part = Part(as_condition(condition), _as_where(where, number))
-        if not isinstance(part.condition, Condition):
-            raise SceneError(
-                f"`edge` by position must be a list of pairs (condition, where), the last one "
-                f"a condition alone, which holds on the rest, got {shown(part.condition)} as part {number}."
-            )
-        if part.where is None and number < len(entries) - 1:
-            raise SceneError(
-                f"part {number} of `edge`, {part.condition.kind}, has no `where` and holds on the rest, so that the "
-                "parts after it hold nowhere; give it one, or put it last."
-            )
-        parts.append(part)
-    return ByPosition(tuple(parts))
-
-
-def _as_where(value: Any, number: int) -> Callable[[Floats], Any] | None:
-    """Return the ``where`` of part ``number`` as a function of points (n, d); None stays None.
-
-    Raises
-    ------
-    SceneError
-        If the value is neither a formula nor a function, or depends on t.
+        If it has no condition, if it holds everywhere and is not the last one, or if ``where`` is neither a formula nor
+        a function, or depends on t.
     """
     label = f"`where` of part {number} of the edge"
-    function: Any = read_formula(Expression, value, label) if isinstance(value, str) else value
-    if function is not None and not callable(function):
-        raise SceneError(f"{label} must be a formula such as 'x < 0', or a function of points, got {shown(value)}.")
-    if function is not None and takes_time(function):
+    condition, where = entry if _is_pair(entry) else (entry, None)
+    if isinstance(entry, Part):
+        condition, where = entry.condition, entry.where
+    condition = as_condition(condition)
+    if isinstance(where, str):
+        where = read_formula(Expression, where, label)
+    if not isinstance(condition, Condition):
+        raise SceneError(
+            "`edge` by position must be a list of pairs (condition, where), the last one a condition alone, which "
+            f"holds on the rest, got {shown(condition)} as part {number}."
+        )
+    if where is None and not is_last:
+        raise SceneError(
+            f"part {number} of `edge`, {condition.kind}, has no `where` and holds on the rest, so that the parts after "
+            "it hold nowhere; give it one, or put it last."
+        )
+    if where is not None and not callable(where):
+        raise SceneError(f"{label} must be a formula such as 'x < 0', or a function of points, got {shown(where)}.")
+    if takes_time(where):
         raise SceneError(f"{label} depends on t, and parts of the edge stay where they are; leave t out.")
-    checked: Callable[[Floats], Any] | None = function
-    return checked
+    return Part(condition, where)
 
 
 #: Conditions of the edge or of one edge loop: a single condition, or several by position.
@@ -144,14 +113,30 @@ def as_edge(value: Any) -> Any:
     Raises
     ------
     SceneError
-        If a list of parts is not accepted by :func:`as_parts`.
+        If a list of parts is not accepted by :func:`_as_part`.
     """
-    match value:
-        case Mapping():
-            return {loop: as_edge(entry) for loop, entry in value.items()}
-        case ByPosition():
-            return value
-    return as_parts(value) if is_by_position(value) else as_condition(value)
+    if isinstance(value, Mapping):
+        return {loop: as_edge(entry) for loop, entry in value.items()}
+    if is_by_position(value):
+        return ByPosition(tuple(_as_part(entry, k, k == len(value) - 1) for k, entry in enumerate(value)))
+    return value if isinstance(value, ByPosition) else as_condition(value)
+
+
+def loops_of_edge(edge: EdgeConditions) -> dict[int | None, ByPosition]:
+    """Return the conditions of each edge loop by its number, or under None those that hold on every loop.
+
+    The condition of a whole loop is one part with ``where`` None.
+    """
+    loops: dict[Any, LoopConditions] = {**edge} if isinstance(edge, Mapping) else {None: edge}
+    return {
+        loop: conditions if isinstance(conditions, ByPosition) else ByPosition((Part(conditions),))
+        for loop, conditions in loops.items()
+    }
+
+
+def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition]]:
+    """Return all parts of an edge, each with the :class:`ByPosition` that contains it."""
+    return [(part, loop) for loop in loops_of_edge(edge).values() for part in loop.parts]
 
 
 def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
@@ -159,50 +144,23 @@ def conditions_of_edge(edge: EdgeConditions) -> list[Condition]:
     return [part.condition for part, _ in parts_of_edge(edge)]
 
 
-def parts_of_edge(edge: EdgeConditions) -> list[tuple[Part, ByPosition | None]]:
-    """Return all parts of an edge, each with the :class:`ByPosition` that contains it.
-
-    A condition of a whole loop, or of the whole edge, is a part with ``where`` None, and comes with None.
-    """
-    parts: list[tuple[Part, ByPosition | None]] = []
-    for conditions in _conditions_of_loops(edge):
-        match conditions:
-            case ByPosition():
-                parts += [(part, conditions) for part in conditions.parts]
-            case _:
-                parts.append((Part(conditions), None))
-    return parts
-
-
-def _conditions_of_loops(edge: EdgeConditions) -> list[LoopConditions]:
-    """Return the conditions of each loop for which they are given, or those of the whole edge as the only entry."""
-    return [*edge.values()] if isinstance(edge, Mapping) else [edge]
-
-
 def edge_structure(edge: EdgeConditions) -> Any:
-    """Return the loop numbers and the ``where`` of each part: the structure of an edge, which data do not change."""
-    match edge:
-        case Mapping():
-            return {loop: edge_structure(conditions) for loop, conditions in edge.items()}
-        case ByPosition():
-            return tuple(part.where for part in edge.parts)
-    return None
+    """Return the ``where`` of the parts of each loop: the structure of an edge, which data do not change."""
+    return {loop: [part.where for part in conditions.parts] for loop, conditions in loops_of_edge(edge).items()}
 
 
 def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any:
     """Return the conditions of an edge, each replaced by ``function(condition)``."""
-    match edge:
-        case Mapping():
-            return {loop: map_conditions(conditions, function) for loop, conditions in edge.items()}
-        case ByPosition():
-            parts = tuple(replace(part, condition=function(part.condition)) for part in edge.parts)
-            return replace(edge, parts=parts)
+    if isinstance(edge, Mapping):
+        return {loop: map_conditions(conditions, function) for loop, conditions in edge.items()}
+    if isinstance(edge, ByPosition):
+        return ByPosition(tuple(replace(part, condition=function(part.condition)) for part in edge.parts))
     return function(edge)
 
 
-def conditions_by_position(edge: EdgeConditions) -> list[ByPosition]:
-    """Return the :class:`ByPosition` of each loop that has conditions by position."""
-    return [conditions for conditions in _conditions_of_loops(edge) if isinstance(conditions, ByPosition)]
+def has_parts(edge: EdgeConditions) -> bool:
+    """Return whether an edge has conditions by position."""
+    return any(part.where is not None for part, _ in parts_of_edge(edge))
 
 
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
@@ -225,11 +183,15 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
     pairs: list[tuple[Condition, Ints]] = []
     for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
-        conditions: Any = edge if loop is None else _conditions_of_loop(edge, loop)
-        if isinstance(conditions, ByPosition):
-            pairs += [(condition, rows[part]) for condition, part in conditions.along(points[rows])]
-        else:
-            pairs.append((conditions, rows))
+        conditions = _conditions_of_loop(edge, loop)
+        number = conditions.number_at(points[rows])
+        uncovered = points[rows[number < 0]]
+        if len(uncovered):
+            raise SceneError(
+                f"no part of `edge` holds at {len(uncovered)} of {len(rows)} points of the edge, such as "
+                f"{place(uncovered[0])}; add a last condition without `where`, which holds on the rest."
+            )
+        pairs += [(part.condition, rows[number == k]) for k, part in enumerate(conditions.parts)]
     return [(condition, rows) for condition, rows in pairs if len(rows)]
 
 
@@ -242,11 +204,11 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
         For the first such part.
     """
     ids = {id(condition) for condition in used}
-    for number, part in ((k, part) for parts in conditions_by_position(edge) for k, part in enumerate(parts.parts)):
-        if id(part.condition) not in ids:
+    for part, loop in parts_of_edge(edge):
+        if len(loop.parts) > 1 and id(part.condition) not in ids:
             raise SceneError(
-                f"part {number} of `edge`, {part.summary}, holds at no point of the edge that this spacing sees; "
-                "correct `where`, use a smaller spacing, or leave the part out."
+                f"part {loop.parts.index(part)} of `edge`, {part.summary}, holds at no point of the edge that this "
+                "spacing sees; correct `where`, use a smaller spacing, or leave the part out."
             )
 
 
@@ -258,13 +220,13 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
     SceneError
         If the loop has no condition, or several by position, for which there is :func:`conditions_along`.
     """
-    condition = _conditions_of_loop(edge, loop)
-    if isinstance(condition, ByPosition):
+    part = _conditions_of_loop(edge, loop).parts[0]
+    if part.where is not None:
         raise SceneError("`edge` gives conditions by position, where one for a whole loop is needed.")
-    return condition
+    return part.condition
 
 
-def _conditions_of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
+def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
     """Return the conditions of edge ``loop``; conditions that are not given loop by loop hold on every loop.
 
     Raises
@@ -272,30 +234,22 @@ def _conditions_of_loop(edge: EdgeConditions, loop: int) -> LoopConditions:
     SceneError
         If the loop has none.
     """
-    if not isinstance(edge, Mapping):
-        return edge
-    if loop not in edge:
-        raise SceneError(
-            f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {sorted(edge)}."
-        )
-    return edge[loop]
+    loops = loops_of_edge(edge)
+    if None not in loops and loop not in loops:
+        raise SceneError(f"the surface has an edge loop {loop} for which `edge` gives no condition; it has {[*loops]}.")
+    return loops[loop if loop in loops else None]
 
 
-def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition | None) -> Floats:
+def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition) -> Floats:
     """Return a point (1, d) of the edge of ``source`` at which the data of its ``part`` can be evaluated.
 
     The point is in ``part``, one of ``parts``, if the closest points of a few points around the bounds include one
     that is, since data may be undefined elsewhere.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
-    centre, reach = bounds.mean(axis=0), np.ptp(bounds, axis=0)
-    lattices = [bounds.T]
-    if parts is not None:  # seven points on each axis, beyond both ends of the bounds
-        lattices.append((bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * reach).T)
-    queries = np.array([*(point for lattice in lattices for point in product(*lattice)), centre])
+    axes = bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * np.ptp(bounds, axis=0)  # beyond both ends of the bounds
+    queries = np.array([*product(*bounds.T), *product(*axes.T), bounds.mean(axis=0)])
     feet = LocalSource(source, np.zeros(source.dim)).closest_point(queries)
     on = np.flatnonzero(feet.edge >= 0)
-    if parts is not None and len(on):
-        inside = on[parts.number_at(feet.points[on]) == parts.parts.index(part)]
-        on = inside if len(inside) else on
-    return feet.points[[on[0] if len(on) else 0]]
+    inside = on[parts.number_at(feet.points[on]) == parts.parts.index(part)]
+    return feet.points[[*inside, *on, 0][:1]]

@@ -7,9 +7,8 @@ All are written with -Lap, so that diffusion is a positive operator: ``laplace``
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 import numpy as np
@@ -17,7 +16,7 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, read_formulas
+from cpmkit.scene.data import Data, ScalarData, TensorData, not_negative, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
 
 
@@ -87,40 +86,38 @@ class Terms:
         return callable(self.c) or self.c != 0
 
 
-def check_conservative(conservative: Any, velocity: VectorField | None, label: str) -> None:
-    """Raise if ``conservative`` is not a bool, or is True without a velocity.
+def _check_scalar(value: ScalarData, label: str) -> ScalarData:
+    """Return data that are a finite number or a function of points.
 
     Raises
     ------
     InputError
-        In these cases; ``label`` is the name of the equation in the message.
+        If they are neither; ``label`` is their name in the message.
     """
-    if not isinstance(conservative, bool):
-        raise InputError(f"conservative of {label} must be True or False, got {shown(conservative)}.")
-    if conservative and velocity is None:
-        raise InputError(f"conservative of {label} is about a velocity, and there is none; give one, or leave it out.")
+    try:
+        return value if callable(value) else number(value, label)
+    except InputError as error:
+        raise InputError(
+            f"{label} must be a finite number or a function of points such as ck.VertexData(surface, values), got "
+            f"{shown(value)}."
+        ) from error
 
 
-def check_factor(c: Data, label: str) -> None:
-    """Raise if a factor of u is neither a finite number nor a function of points.
-
-    Raises
-    ------
-    InputError
-        In this case; ``label`` is the name of the factor in the message.
-    """
-    if not callable(c):
-        try:
-            number(c, label)
-        except InputError as error:
-            raise InputError(
-                f"{label} must be a finite number or a function of points such as ck.VertexData(surface, values), got "
-                f"{shown(c)}."
-            ) from error
+#: A number above zero, and a number above or equal to it.
+Positive = float
+NotNegative = float
+#: Functions that check and convert the fields of equations, by the declared type of the field: they take the value and
+#: its name in messages, and return the value to store.
+CHECKS: dict[str, Callable[[Any, str], Any]] = {
+    "ScalarData": _check_scalar,
+    "TensorData": as_diffusivity,
+    "Positive": positive,
+    "NotNegative": not_negative,
+}
 
 
 @dataclass(frozen=True, eq=False)
-class Equation(ABC, Generic[Family]):
+class Equation(Generic[Family]):
     """Base class of equations."""
 
     kind: ClassVar[str]
@@ -134,11 +131,33 @@ class Equation(ABC, Generic[Family]):
     accepted: ClassVar[str] = "use Dirichlet, Neumann or Robin"
 
     def __post_init__(self) -> None:
-        read_formulas(self, self.kind)
+        """Replace formulas by functions, and check the fields by their declared types.
 
-    @abstractmethod
+        Raises
+        ------
+        InputError
+            If a field is not accepted, or the equation is conservative without a velocity.
+        """
+        read_formulas(self, self.kind)
+        for member in fields(self):
+            if str(member.type) in CHECKS:
+                value = CHECKS[str(member.type)](getattr(self, member.name), f"{member.name} of {self.kind}")
+                object.__setattr__(self, member.name, value)
+        conservative = getattr(self, "conservative", False)
+        if not isinstance(conservative, bool):
+            raise InputError(f"conservative of {self.kind} must be True or False, got {shown(conservative)}.")
+        if conservative and getattr(self, "velocity", None) is None:
+            raise InputError(
+                f"conservative of {self.kind} is about a velocity, and there is none; give one, or leave it out."
+            )
+
     def terms(self) -> Terms:
-        """Return the terms of the equation, or of its spatial part if it has a time derivative."""
+        """Return the terms of the equation, or of its spatial part if it has a time derivative.
+
+        The fields with the names of terms are these; ``kappa`` is the diffusivity.
+        """
+        own = {"diffusivity" if name == "kappa" else name: value for name, value in vars(self).items()}
+        return Terms(**{member.name: own[member.name] for member in fields(Terms) if member.name in own})
 
     @property
     def start_time(self) -> float | None:
@@ -171,7 +190,9 @@ class Equation(ABC, Generic[Family]):
 
     def data(self) -> list[tuple[str, Data]]:
         """Return the data with one value for each channel, each after its name in error messages."""
-        return [("the right-hand side f", self.terms().f)]
+        initial = {"initial": "the initial data", "initial_rate": "the initial rate"}
+        own = [(label, getattr(self, name)) for name, label in initial.items() if hasattr(self, name)]
+        return [("the right-hand side f", self.terms().f), *own]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,10 +209,6 @@ class Poisson(Equation):
     f: Data
     kind: ClassVar[str] = "poisson"
 
-    def terms(self) -> Terms:
-        """Return the terms of the equation."""
-        return Terms(self.f)
-
 
 @dataclass(frozen=True, eq=False)
 class Laplace(Equation):
@@ -199,10 +216,6 @@ class Laplace(Equation):
 
     # King et al. (2024), eq. 20.
     kind: ClassVar[str] = "laplace"
-
-    def terms(self) -> Terms:
-        """Return the terms of the equation."""
-        return Terms()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,18 +239,10 @@ class ScreenedPoisson(Equation):
     """
 
     f: Data
-    c: float = 1.0
+    c: Positive = 1.0
     lumped: bool = False
     # King et al. (2024), eq. 19; with c = 1 / t, eq. 23.
     kind: ClassVar[str] = "screened"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self.c, "c of a screened Poisson problem")
-
-    def terms(self) -> Terms:
-        """Return the terms of the equation."""
-        return Terms(self.f, float(self.c), lumped=self.lumped)
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,21 +282,11 @@ class Elliptic(Equation):
     """
 
     f: Data = 0.0
-    diffusivity: Data = 1.0
+    diffusivity: TensorData = 1.0
     velocity: VectorField | None = None
-    c: Data = 0.0
+    c: ScalarData = 0.0
     conservative: bool = False
     kind: ClassVar[str] = "elliptic"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        object.__setattr__(self, "diffusivity", as_diffusivity(self.diffusivity, "diffusivity of an elliptic problem"))
-        check_factor(self.c, "c of an elliptic problem")
-        check_conservative(self.conservative, self.velocity, "an elliptic problem")
-
-    def terms(self) -> Terms:
-        """Return the terms of the equation."""
-        return Terms(self.f, self.c, self.diffusivity, self.velocity, self.conservative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,15 +309,11 @@ class Helmholtz(Equation):
     """
 
     f: Data
-    wavenumber: float
+    wavenumber: Positive
     kind: ClassVar[str] = "helmholtz"
     factorise_up_to: ClassVar[float] = 10.0
     factorise_beside_multigrid: ClassVar[float | None] = 1.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self.wavenumber, "wavenumber of a Helmholtz problem")
-
     def terms(self) -> Terms:
         """Return the terms of the equation."""
-        return Terms(self.f, -(float(self.wavenumber) * float(self.wavenumber)))
+        return Terms(self.f, -self.wavenumber * self.wavenumber)

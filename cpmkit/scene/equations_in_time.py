@@ -15,10 +15,9 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.data import Data, takes_time
-from cpmkit.scene.diffusivities import as_diffusivity
-from cpmkit.scene.equations import Equation, Terms, TimeFamily, VectorField, check_conservative, check_factor
-from cpmkit.scene.pointwise import AfterStep, check_after_step
+from cpmkit.scene.data import Data, ScalarData, TensorData, takes_time
+from cpmkit.scene.equations import Equation, Positive, Terms, TimeFamily, VectorField
+from cpmkit.scene.pointwise import AfterStep
 
 #: Time stepping schemes of first order.
 FIRST_ORDER_SCHEMES = ("backward-euler", "euler")
@@ -50,6 +49,7 @@ class Evolution(Equation[TimeFamily]):
     until: float
     step: float
     scheme: str
+    schemes: ClassVar[tuple[str, ...]]
     frames: int | Sequence[float]
     after_step: AfterStep | None = None
     rest: float | None = None
@@ -81,14 +81,15 @@ class Evolution(Equation[TimeFamily]):
             return tuple(np.linspace(self.t0, self.until, self.frames + 1).tolist()) if self.frames else ()
         return tuple(sorted({float(time) for time in self.frames}))
 
-    def _check(self, schemes: Sequence[str], coefficients: dict[str, object]) -> None:
+    def __post_init__(self) -> None:
         """Convert times to floats, and check the times, the scheme, the coefficients, the frames and ``after_step``.
 
         Raises
         ------
         InputError
-            If an argument is not accepted, or one of ``coefficients``, by their names, depends on t.
+            If an argument is not accepted, or kappa, c or the velocity depends on t.
         """
+        super().__post_init__()
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):
             object.__setattr__(self, name, accept(getattr(self, name), f"{name} of {self.kind}"))
         if self.until <= self.t0:
@@ -98,16 +99,22 @@ class Evolution(Equation[TimeFamily]):
                 f"until={self.until:g} with step={self.step:g} of {self.kind} makes {self.duration / self.step:.3g} "
                 f"steps; at most {MAX_TIME_STEPS} are accepted, use a longer step."
             )
-        if self.scheme not in schemes:
-            raise InputError(f"scheme of {self.kind} must be {' or '.join(schemes)}, got {shown(self.scheme)}.")
-        for name, coefficient in coefficients.items():
-            if callable(coefficient) and takes_time(coefficient):
+        if self.scheme not in self.schemes:
+            raise InputError(f"scheme of {self.kind} must be {' or '.join(self.schemes)}, got {shown(self.scheme)}.")
+        for name in ("kappa", "c", "velocity"):
+            if takes_time(getattr(self, name, None)):
                 raise InputError(
                     f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
                     "the data of conditions may."
                 )
         _check_frames(self.frames, self.t0, self.until, self.kind)
-        check_after_step(self.after_step, self.rest, self.kind)
+        if self.after_step is not None and not callable(self.after_step):
+            raise InputError(
+                f"after_step of {self.kind} must be a function of points (p, d) and values (p, channels), got "
+                f"{shown(self.after_step)}."
+            )
+        if self.rest is not None:
+            positive(self.rest, f"rest of {self.kind}")
 
 
 def _check_frames(frames: int | Sequence[float], start: float, until: float, kind: str) -> None:
@@ -194,9 +201,9 @@ class Heat(Evolution):
     until: float
     step: float
     f: Data = 0.0
-    kappa: Data = 1.0
+    kappa: TensorData = 1.0
     velocity: VectorField | None = None
-    c: Data = 0.0
+    c: ScalarData = 0.0
     scheme: str = "bdf2"
     start: str = "smooth"
     frames: int | Sequence[float] = 0
@@ -206,26 +213,12 @@ class Heat(Evolution):
     t0: float = 0.0
     # King et al. (2024), eq. 18.
     kind: ClassVar[str] = "heat"
+    schemes: ClassVar[tuple[str, ...]] = ("bdf2", "backward-euler", "crank-nicolson")
 
     def __post_init__(self) -> None:
-        """Check the arguments, and convert kappa to a diffusivity."""
         super().__post_init__()
-        self._check(
-            ("bdf2", "backward-euler", "crank-nicolson"), {"kappa": self.kappa, "velocity": self.velocity, "c": self.c}
-        )
-        object.__setattr__(self, "kappa", as_diffusivity(self.kappa, "kappa of heat"))
-        check_factor(self.c, "c of heat")
-        check_conservative(self.conservative, self.velocity, "heat")
         if self.start not in ("smooth", "plain"):
             raise InputError(f"start of heat must be smooth or plain, got {shown(self.start)}.")
-
-    def terms(self) -> Terms:
-        """Return the terms of the spatial part."""
-        return Terms(self.f, self.c, self.kappa, self.velocity, self.conservative)
-
-    def data(self) -> list[tuple[str, Data]]:
-        """Return the right-hand side and the initial data, each after its name in error messages."""
-        return [("the right-hand side f", self.f), ("the initial data", self.initial)]
 
     def __str__(self) -> str:
         return f"u_t - {str(self.terms())[1:]}"
@@ -280,17 +273,13 @@ class Wave(Evolution):
     until: float
     step: float
     initial_rate: Data = 0.0
-    speed: float = 1.0
+    speed: Positive = 1.0
     f: Data = 0.0
     scheme: str = "auto"
     frames: int | Sequence[float] = 0
     t0: float = 0.0
     kind: ClassVar[str] = "wave"
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        self._check(("auto", "newmark", "implicit", "leapfrog"), {})
-        object.__setattr__(self, "speed", positive(self.speed, "speed of wave"))
+    schemes: ClassVar[tuple[str, ...]] = ("auto", "newmark", "implicit", "leapfrog")
 
     def with_scheme(self, explicit_steps: bool) -> Wave:
         """Return the equation with ``scheme="auto"`` replaced: leapfrog if ``explicit_steps`` is True, else Newmark."""
@@ -300,14 +289,6 @@ class Wave(Evolution):
     def terms(self) -> Terms:
         """Return the terms of the spatial part."""
         return Terms(self.f, diffusivity=self.speed * self.speed)
-
-    def data(self) -> list[tuple[str, Data]]:
-        """Return the right-hand side, the initial data and the initial rate, each after its name in error messages."""
-        return [
-            ("the right-hand side f", self.f),
-            ("the initial data", self.initial),
-            ("the initial rate", self.initial_rate),
-        ]
 
     def __str__(self) -> str:
         return f"u_tt - {str(self.terms())[1:]}"

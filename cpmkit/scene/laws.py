@@ -6,19 +6,15 @@ that side; terms that depend on the solution (lambda u, a nonlinear flux) are no
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError
 from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.pointwise import call_pointwise, central_difference, difference_step
 from cpmkit.types import Bools, Floats
-
-#: Step of the finite differences that replace a derivative, as a share of the value.
-SLOPE_DIFFERENCE_SHARE = 1e-6
 
 
 class _Law:
@@ -189,31 +185,17 @@ class Nonlinear(_Law):
         return (object(),)
 
     def flux_at(self, values: Floats, points: Floats) -> Floats:
-        """Return the flux (n,) for ``values`` (n,) of u at ``points`` (n, d).
-
-        Raises
-        ------
-        InputError
-            If the function does not return (n,) finite numbers.
-        """
-        return _flux_values(self.flux, values, points)
+        """Return the flux (n,) for ``values`` (n,) of u at ``points`` (n, d)."""
+        return call_pointwise(self.flux, (values, points), values.shape, "a nonlinear flux")
 
     def slope_at(self, values: Floats, points: Floats) -> Floats:
         """Return the derivative (n,) of the flux with respect to u for ``values`` (n,) of u at ``points`` (n, d).
 
         It is computed by finite differences if no ``slope`` is given.
-
-        Raises
-        ------
-        InputError
-            If a function does not return (n,) finite numbers.
         """
         if self.slope is not None:
-            return _flux_values(self.slope, values, points)
-        size = np.abs(values)
-        step = SLOPE_DIFFERENCE_SHARE * np.maximum(size, size.max(initial=0.0) or 1.0)
-        ahead, behind = (_flux_values(self.flux, values + sign * step, points) for sign in (1, -1))
-        return np.asarray((ahead - behind) / (2 * step))
+            return call_pointwise(self.slope, (values, points), values.shape, "the slope of a nonlinear flux")
+        return central_difference(lambda varied: self.flux_at(varied, points), values, difference_step(values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,21 +235,6 @@ OneSided = Value | Flux | Mixed | Spectral | Nonlinear
 Law = OneSided | Interface
 
 
-def data_of(law: Law) -> list[tuple[str, Data]]:
-    """Return the names and values of the data of a law; empty for a law without data."""
-    return law.data
-
-
-def law_of_laplacian(law: Law) -> Law:
-    """Return the law of Lap u in a biharmonic problem in which u has ``law``: a value, or zero flux."""
-    return law.of_laplacian
-
-
-def is_zero_neumann(law: Law) -> bool:
-    """Return True if the law prescribes zero flux."""
-    return law.is_zero_flux
-
-
 def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
     """Return beta (n,) of a law at ``points`` (n, d) of a boundary, in the scene's coordinates.
 
@@ -281,28 +248,3 @@ def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
     if isinstance(law, (Interface, Nonlinear)):
         return np.full(len(points), isinstance(law, Nonlinear))
     return np.asarray(beta_at(law, points, label) != 0)
-
-
-def is_dissipative(law: Law) -> bool:
-    """Return True if the law is known to be dissipative, so that it makes no eigenvalue of the operator negative."""
-    return law.is_dissipative
-
-
-def _flux_values(function: Callable[..., object], values: Floats, points: Floats) -> Floats:
-    """Return the values (n,) of a flux or of its derivative, a function of ``values`` (n,) or of values and ``points``.
-
-    Raises
-    ------
-    InputError
-        If the function does not return (n,) finite numbers.
-    """
-    parameters = inspect.signature(function).parameters.values()
-    several = sum(parameter.default is parameter.empty for parameter in parameters) > 1
-    fluxes = np.asarray(function(values, points) if several else function(values), dtype=np.float64)
-    fluxes = np.broadcast_to(fluxes, values.shape) if fluxes.ndim == 0 else fluxes
-    if fluxes.shape != values.shape or not np.isfinite(fluxes).all():
-        raise InputError(
-            f"a nonlinear flux must return {len(values)} finite numbers for as many values, got shape {fluxes.shape}"
-            f"{'' if np.isfinite(fluxes).all() else ' with NaN or infinity'}."
-        )
-    return fluxes

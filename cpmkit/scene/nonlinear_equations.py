@@ -9,12 +9,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.errors import InputError, shown
 from cpmkit.formulas.expressions import StateExpression
-from cpmkit.runtime.arrays import number, positive
-from cpmkit.scene.data import Data, evaluate_data, read_formula
-from cpmkit.scene.diffusivities import StateDiffusivity, slope_diffusivity
-from cpmkit.scene.equations import Equation, Terms, check_factor
+from cpmkit.runtime.arrays import number
+from cpmkit.scene.data import Data, ScalarData, evaluate_data, read_formula
+from cpmkit.scene.diffusivities import StateDiffusivity, zero_derivative
+from cpmkit.scene.equations import Equation, Positive, Terms
 from cpmkit.types import Floats
 
 #: Methods of solution: Newton's method, or linear steps with the diffusivity of the previous iterate.
@@ -28,8 +28,9 @@ class QuasilinearEquation(Equation):
     #: "newton" or "lagged".
     method: str = field(default="newton", kw_only=True)
 
-    def _check_method(self) -> None:
-        """Raise InputError if ``method`` is not one of ``METHODS``."""
+    def __post_init__(self) -> None:
+        """Check the method too."""
+        super().__post_init__()
         if self.method not in METHODS:
             raise InputError(f"method of {self.kind} must be {' or '.join(METHODS)}, got {shown(self.method)}.")
 
@@ -60,6 +61,10 @@ class QuasilinearEquation(Equation):
         """
         del slopes
         return None
+
+
+#: A function of u (n,), of u and s (n,), or of u, s and points (n, d), that returns (n,), or a formula in u and s.
+StateFunction = Callable[..., Any] | str
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,11 +103,11 @@ class NonlinearDiffusion(QuasilinearEquation):
     array([0.5811])
     """
 
-    diffusivity: Callable[..., Any] | str
+    diffusivity: StateFunction
     f: Data = 0.0
-    c: Data = 0.0
-    by_value: Callable[..., Any] | str | None = None
-    by_slope: Callable[..., Any] | str | None = None
+    c: ScalarData = 0.0
+    by_value: StateFunction | None = None
+    by_slope: StateFunction | None = None
     kind: ClassVar[str] = "nonlinear-diffusion"
 
     def __post_init__(self) -> None:
@@ -117,8 +122,6 @@ class NonlinearDiffusion(QuasilinearEquation):
                 f"the diffusivity of nonlinear diffusion must be a function of u, got {shown(self.diffusivity)}; use "
                 "Elliptic for one that does not depend on u."
             )
-        check_factor(self.c, "c of nonlinear diffusion")
-        self._check_method()
 
     def terms(self) -> Terms:
         """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
@@ -157,18 +160,14 @@ class PLaplacian(QuasilinearEquation):
 
     p: float
     f: Data = 0.0
-    c: Data = 0.0
-    regularization: float = field(kw_only=True)
+    c: ScalarData = 0.0
+    regularization: Positive = field(kw_only=True)
     kind: ClassVar[str] = "p-laplacian"
 
     def __post_init__(self) -> None:
-        """Check p, the regularization, c and the method."""
         super().__post_init__()
-        if number(self.p, "p of a p-Laplacian") < 1:
-            raise InputError(f"p of a p-Laplacian must be at least 1, got {self.p:g}.")
-        positive(self.regularization, "regularization of a p-Laplacian")
-        check_factor(self.c, "c of a p-Laplacian")
-        self._check_method()
+        if number(self.p, "p of p-laplacian") < 1:
+            raise InputError(f"p of p-laplacian must be at least 1, got {self.p:g}.")
 
     def terms(self) -> Terms:
         """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
@@ -177,7 +176,7 @@ class PLaplacian(QuasilinearEquation):
     @cached_property
     def _law(self) -> StateDiffusivity:
         """The diffusivity (s^2 + r^2)^((p - 2) / 2) with its derivative."""
-        return power_of_slope(self.p, self.regularization)
+        return _power_of_slope(self.p, self.regularization)
 
     @property
     def continuation(self) -> tuple[PLaplacian, ...]:
@@ -218,26 +217,20 @@ class TotalVariation(QuasilinearEquation):
     """
 
     f: Data
-    c: float
-    regularization: float
+    c: Positive
+    regularization: Positive
     method: str = field(default="lagged", kw_only=True)
     kind: ClassVar[str] = "total-variation"
     uniform_penalty: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        positive(self.c, "c of total variation")
-        positive(self.regularization, "regularization of total variation")
-        self._check_method()
-
     def terms(self) -> Terms:
         """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
-        return Terms(_Scaled(self.f, self.c), float(self.c), self._law)
+        return Terms(_Scaled(self.f, self.c), self.c, self._law)
 
     @cached_property
     def _law(self) -> StateDiffusivity:
         """The diffusivity (s^2 + r^2)^(-1/2) with its derivative."""
-        return power_of_slope(1.0, self.regularization)
+        return _power_of_slope(1.0, self.regularization)
 
     @property
     def initial_guess(self) -> Data:
@@ -264,28 +257,17 @@ class _Scaled:
         return self.factor * evaluate_data(self.data, points, None, "the right-hand side f")
 
 
-def power_of_slope(p: float, r: float) -> StateDiffusivity:
-    """Return the diffusivity ``(s^2 + r^2)^((p - 2) / 2)`` as a function of the slope s, with its derivative."""
-    return slope_diffusivity(partial(_power, p, r), partial(_slope_of_power, p, r))
+def _power_of_slope(p: float, r: float) -> StateDiffusivity:
+    """Return the diffusivity ``(s^2 + r^2)^((p - 2) / 2)`` as a function of the slope s, with its derivatives."""
+    return StateDiffusivity(partial(_power, p, r), zero_derivative, partial(_derivative_of_power, p, r))
 
 
-def _power(p: float, r: float, s: Floats) -> Floats:
-    """Return ``(s^2 + r^2)^(p / 2 - 1)`` (k,) for s (k,)."""
+def _power(p: float, r: float, u: Floats, s: Floats) -> Floats:
+    """Return ``(s^2 + r^2)^(p / 2 - 1)`` (k,) for s (k,); it does not depend on u."""
+    del u
     return np.asarray((s**2 + r**2) ** (p / 2 - 1))
 
 
-def _slope_of_power(p: float, r: float, s: Floats) -> Floats:
+def _derivative_of_power(p: float, r: float, u: Floats, s: Floats) -> Floats:
     """Return the derivative (k,) of :func:`_power` with respect to s (k,)."""
-    return np.asarray((p - 2) * s * (s**2 + r**2) ** (p / 2 - 2))
-
-
-def check_one_channel(channels: int) -> None:
-    """Raise if the scene of a quasilinear equation has several ``channels``.
-
-    Raises
-    ------
-    SceneError
-        In this case.
-    """
-    if channels > 1:
-        raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {channels}.")
+    return (p - 2) * s * _power(p - 2, r, u, s)

@@ -1,4 +1,4 @@
-"""Boundaries as geometry: their positions in the manifold and their sides, without a lattice."""
+"""Boundaries as geometry: their positions in the manifold and their left sides, without a lattice."""
 
 from __future__ import annotations
 
@@ -7,12 +7,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.errors import SceneError, shown
+from cpmkit.manifold.abilities import members_of
 from cpmkit.manifold.local_source import LocalSource, localize
+from cpmkit.manifold.orientation import AS_GIVEN, Orientation
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
-from cpmkit.manifold.tangent_space import axis_and_left, outward_conormals
+from cpmkit.manifold.tangent_space import (
+    left_conormals,
+    outward_conormals,
+    unit_normals,
+    unit_tangents,
+)
+from cpmkit.manifold.vector_algebra import dots, unit
 from cpmkit.scene.boundary import BoundarySet
 from cpmkit.scene.conditions import same_condition, sides_differ
-from cpmkit.scene.left import Left, find_left, samplings
+from cpmkit.scene.left import MIN_CHORD_COSINE, Left, SampledBoundary, samplings
 from cpmkit.types import Bools, Floats, Ints
 
 
@@ -54,20 +62,37 @@ class OrientedBoundary:
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
         """Return the boundary relative to another ``origin`` (d,), to which ``source`` and ``surface`` already are."""
-        return replace(self, source=source, surface=surface, left=self.left.relative_to(origin))
+        signs = self.left.signs.translate(self.left.origin - origin)
+        return replace(self, source=source, surface=surface, left=replace(self.left, signs=signs, origin=origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
         """Return the closest points of ``points`` (n, d) on the boundary, and these projected to the manifold."""
         feet = self.source.closest_point(points)
         return feet, self.surface.closest_point(feet.points)
 
-    def axis_and_left(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> tuple[Floats, Floats]:
-        """Return the unit normals n (n, d) of the manifold and the unit conormals v (n, d) to the left.
+    def leftward(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Floats:
+        """Return the unit conormals v (n, d) to the left.
 
         ``feet`` and ``on_surface`` are returned by :meth:`feet`. Directions that the sources do not provide are
-        computed by differences with ``step``. Where n is not needed, v is returned in its place.
+        computed by differences with ``step``.
         """
-        return axis_and_left(self.source, self.surface, self.left.signs, on_surface, feet, step)
+        return left_conormals(self.source, self.surface, self.left.signs, on_surface, feet, step)
+
+    def tangents(self, feet: ClosestPoints, on_surface: ClosestPoints, left: Floats, step: float) -> Floats:
+        """Return the unit tangents (n, d) of a curve in its direction of travel; ``left`` is :meth:`leftward` there.
+
+        A curve without tangents travels with ``left`` on its left as seen from the tip of the manifold's normals, which
+        without signs of their own point away from its centre.
+        """
+        if self.source.knows_directions(1):
+            return unit_tangents(self.source, feet, step)
+        if self.surface.dim == 2:
+            return np.stack([left[:, 1], -left[:, 0]], axis=1)
+        normals = unit_normals(self.surface, on_surface, step)
+        if not self.surface.knows_directions(2):
+            away = on_surface.points - self.surface.bounds.mean(axis=0)
+            normals = np.where(dots(normals, away)[:, None] < 0, -normals, normals)
+        return np.cross(left, normals)
 
     def open_ends(self, feet: ClosestPoints, on_surface: ClosestPoints, step: float) -> Bools:
         """Return whether each closest point (n,) is an open end, around which the solution is continuous.
@@ -90,7 +115,7 @@ class OrientedBoundary:
         if not self.has_left:
             return np.full(len(points), np.nan)
         feet, on = self.feet(points)
-        signed = np.sum((points - on.points) * self.axis_and_left(feet, on, step)[1], axis=1)
+        signed = np.sum((points - on.points) * self.leftward(feet, on, step), axis=1)
         return np.where(self.open_ends(feet, on, step), np.nan, signed)
 
     @property
@@ -131,8 +156,11 @@ def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBounda
         samples, _ = next(samplings(source, manifold))
         dimensions = manifold.dimensions_at(manifold.closest_point(samples.points))
     dimension = dimension_along(boundary.name, source, manifold, dimensions)
-    left = find_left(boundary, source, manifold, dimension, origin)
-    oriented = OrientedBoundary(boundary, source, manifold, dimension, left)
+    oriented = OrientedBoundary(boundary, source, manifold, dimension, Left(AS_GIVEN, "nothing", origin))
+    if oriented.has_sides:
+        left = _find_left(oriented, origin)
+        queries = manifold.queries["points"], source.queries["points"]
+        oriented = replace(oriented, left=replace(left, queries=queries))
     _check_sides(oriented)
     return oriented
 
@@ -163,6 +191,44 @@ def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimens
     return int(different[0])
 
 
+def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
+    """Return the left side of a boundary that has sides, without ``queries``; sources are relative to ``origin`` (d,).
+
+    Nothing is computed where the sources provide all directions. Otherwise the boundary is sampled more and more
+    densely until the conormals of neighbours agree; signs are propagated from sample to sample, and the sign of each
+    connected piece that remains free is chosen by ``left_of`` or by a rule.
+    """
+    boundary, source, manifold = oriented.boundary, oriented.source, oriented.surface
+    if source.has_left or not oriented.missing_directions:
+        left_of = boundary.left_of
+        against = left_of is not None and _is_on_right(oriented, left_of - origin)
+        return Left(AS_GIVEN, "source", origin, contradicts_left_of=against)
+    parts, side_points = [], None
+    named: set[str] = set()
+    for member, original in zip(source.members, members_of(boundary.source), strict=True):
+        if member.has_left:
+            continue
+        part = SampledBoundary.of(member, manifold, oriented.dimension)
+        left_of = getattr(original, "left_of", None) if boundary.left_of is None else boundary.left_of
+        part, by = part.with_left_chosen(None if left_of is None else np.asarray(left_of, dtype=np.float64) - origin)
+        if "rule" in by and side_points is None:
+            side_points = part.side_points() + origin
+        named |= by
+        parts.append(part)
+    signs = Orientation.join([part.signs for part in parts])
+    if not all(part.consistent for part in parts):
+        return Left(signs, "nothing", origin)
+    return Left(signs, "rule" if "rule" in named else "left_of" if named else "source", origin, side_points)
+
+
+def _is_on_right(oriented: OrientedBoundary, left_of: Floats) -> bool:
+    """Return True if the point ``left_of`` (d,) is on the right by the directions that the sources provide."""
+    on_surface = oriented.surface.closest_point(left_of[None])
+    feet, at_boundary = oriented.feet(on_surface.points)
+    left = oriented.leftward(feet, at_boundary, 1.0)  # no differences with this step are needed
+    return bool(dots(unit(on_surface.points - at_boundary.points), left)[0] < -MIN_CHORD_COSINE)
+
+
 def _check_sides(oriented: OrientedBoundary) -> None:
     """Raise if a boundary has different conditions on its sides and has no left side, or only a rule determines it.
 
@@ -182,9 +248,8 @@ def _check_sides(oriented: OrientedBoundary) -> None:
         return
     if not oriented.left.known and (on_left.couples or not same_condition(on_left, on_right)):
         raise SceneError(
-            f"boundary {boundary.name!r} has no left side: the "
-            f"{'boundary' if not oriented.left.has_direction else 'manifold'}'s own direction comes back reversed "
-            "along it; give one condition for both sides."
+            f"boundary {boundary.name!r} has no left side: the direction to it comes back reversed along the boundary; "
+            "give one condition for both sides."
         )
     if not sides_differ(on_left, on_right):
         return
@@ -200,14 +265,10 @@ def _check_sides(oriented: OrientedBoundary) -> None:
             else f"left_of={shown(boundary.left_of)} is on neither side of some piece of it"
         )
         apart = float(np.linalg.norm(np.subtract(*oriented.left.side_points)))
-        first, second = (_shown_point(point, 0.01 * apart) for point in oriented.left.side_points)
+        digits = max(0, 3 - int(np.floor(np.log10(apart))))
+        first, second = (np.round(point, digits).tolist() for point in oriented.left.side_points)
         raise SceneError(
             f"boundary {boundary.name!r} has unlike conditions on its sides, and {reason}: "
             f"{oriented.missing_directions}; give left_of, a point on the left, here {first} for one side or {second} "
             "for the other."
         )
-
-
-def _shown_point(point: Floats, accuracy: float) -> str:
-    """Return the text of a point (d,), rounded to two digits more than ``accuracy`` requires at most."""
-    return str(np.round(point, max(0, 1 - int(np.floor(np.log10(accuracy))))).tolist())

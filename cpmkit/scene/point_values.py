@@ -11,49 +11,32 @@ from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats
 
-#: Largest integral of a source with mean zero, as a share of the integral of its absolute value.
-ZERO_MEAN_SHARE = 0.01
 
-
-def has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Floats] | None = None) -> bool:
+def _has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Floats] | None) -> bool:
     """Return True if the solution with values prescribed at points has a limit as the spacing tends to zero.
 
     In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
     distance to it. A single value is well posed where it fixes a free constant and the total source is zero.
     Equations of fourth order, and the p-Laplacian for p > 2, have limits.
 
-    Parameters
-    ----------
-    scene : Scene
-    points : int
-        Number of points with a prescribed value.
-    others : bool
-        Whether another boundary has a prescribed value.
-    samples : (n, d) and (n,) float64, optional
-        Quadrature points of the manifold and their weights, for the integral of a source.
+    ``points`` is the number of points with a prescribed value, ``others`` whether another boundary has one, and
+    ``samples`` as for :func:`point_value_warnings`.
     """
-    problem = scene.problem
+    problem, terms = scene.problem, scene.problem.terms()
     if problem.family == "biharmonic" or (isinstance(problem, PLaplacian) and problem.p > 2):
         return True
-    if points > 1 or others or problem.family in ("time", "eigen"):
-        return False
-    terms = problem.terms()
-    if terms.fixes_constant:
+    if points > 1 or others or problem.family in ("time", "eigen") or terms.fixes_constant:
         return False
     if samples is None:  # the mean of a function is not known
         return callable(terms.f) or not np.any(np.asarray(terms.f))
     f = evaluate_data(terms.f, samples[0], scene.channels, "f")
     total, size = samples[1] @ f, samples[1] @ np.abs(f)
-    return bool((np.abs(total) <= ZERO_MEAN_SHARE * size).all())
+    return bool((np.abs(total) <= 0.01 * size).all())
 
 
-def valued_boundaries(scene: Scene) -> list[str]:
+def _valued_boundaries(scene: Scene) -> list[str]:
     """Return the names of the boundaries with a condition on u, such as Dirichlet or Robin, on a side."""
-    return [
-        boundary.name
-        for boundary in scene.boundaries
-        if any(boundary.condition(side).law.involves_value for side in SIDES)
-    ]
+    return [each.name for each in scene.boundaries if any(each.condition(side).law.involves_value for side in SIDES)]
 
 
 def point_value_warnings(
@@ -61,14 +44,14 @@ def point_value_warnings(
 ) -> tuple[str, ...]:
     """Return a warning if values are prescribed at points and the solution has no limit for small spacings; else ().
 
-    ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` is
-    as for :func:`has_limit`.
+    ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` are
+    quadrature points (n, d) of the manifold and their weights (n,), for the integral of a source.
     """
-    valued = valued_boundaries(scene)
+    valued = _valued_boundaries(scene)
     pins = [name for name in valued if name in points]
     on_rim = any(condition.law.involves_value for condition in scene.edge_conditions)
     count = sum(points[name] for name in pins)
-    if not pins or has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
+    if not pins or _has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
         return ()
     return (
         f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
@@ -85,7 +68,7 @@ def short_curve_warnings(scene: Scene, sizes: Mapping[str, float], spacing: floa
     """
     if scene.surface.manifold_dim != 2:
         return ()
-    short = {name: sizes[name] for name in valued_boundaries(scene) if sizes.get(name, least) < least}
+    short = {name: sizes[name] for name in _valued_boundaries(scene) if sizes.get(name, least) < least}
     if not short or scene.problem.family == "biharmonic":  # equations of fourth order: values at points have an effect
         return ()
     return (

@@ -3,60 +3,86 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, shown
-from cpmkit.runtime.arrays import positive
 from cpmkit.scene.data import LARGEST_DATUM, takes_time
 from cpmkit.types import Floats
 
 
 def call_pointwise(
-    function: Callable[..., Any], arrays: tuple[Floats, ...], time: float, channels: int, label: str
+    function: Callable[..., Any],
+    arrays: tuple[Floats, ...],
+    shape: tuple[int, ...],
+    label: str,
+    time: float | None = None,
+    least: int = 1,
+    finite: bool = True,
 ) -> Floats:
-    """Return the values of a function of ``arrays`` (p, ...) and, if it has a parameter ``t``, of ``time``.
+    """Return the values of a function at points, of this ``shape``: (p,) or (p, channels).
 
-    With one channel, values (p,) are returned as (p, 1). The caller checks the shape.
+    The function may return one number for all points, and (p,) where (p, 1) is needed.
+
+    Parameters
+    ----------
+    function : callable
+        A function of the first of ``arrays``, as many as it has parameters without defaults.
+    arrays : tuple of (p, ...) float64
+    shape : tuple of int
+    label : str
+        Name of the function in messages.
+    time : float, optional
+        Argument of a parameter ``t`` without a default.
+    least : int
+        Number of arrays that the function receives at least.
+    finite : bool
+        Whether values that are not finite are refused.
 
     Raises
     ------
     InputError
-        If the function fails, or does not return numbers; ``label`` is its name in the message.
+        If the function fails, or does not return numbers of this shape.
     """
-    timed = {"t": time} if takes_time(function) else {}
+    timed = {"t": time} if time is not None and takes_time(function) else {}
     try:
-        values = np.asarray(function(*arrays, **timed), dtype=np.float64)
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # some built-in functions have no signature
+        parameters = {}.values()
+    needed = [each for each in parameters if each.default is each.empty and each.kind is not each.VAR_KEYWORD]
+    count = max(sum(each.name not in timed for each in needed), least)
+    try:
+        values = np.asarray(function(*arrays[:count], **timed), dtype=np.float64)
     except (TypeError, ValueError) as error:
-        shape = (len(arrays[0]), channels)
-        raise InputError(
-            f"{label} must return numbers of shape {shape} for values of that shape: {shown(str(error))}."
-        ) from error
-    return values[:, None] if values.ndim == 1 and channels == 1 else values
+        raise InputError(f"{label} must return numbers of shape {shape}: {shown(str(error))}.") from error
+    if values.ndim == 0 or (values.shape == shape[:1] and shape[1:] == (1,)):
+        values = np.broadcast_to(values.reshape(-1, *shape[1:]), shape)
+    if values.shape != shape or (finite and not np.isfinite(values).all()):
+        bad = "" if np.isfinite(values).all() else " with NaN or infinity"
+        at = "" if time is None else f" at time {time:.4g}"
+        raise InputError(f"{label} must return finite numbers of shape {shape}, got shape {values.shape}{bad}{at}.")
+    return values
+
+
+#: Step of differences, as a share of the varied quantity: above the square root of the rounding error.
+DIFFERENCE_SHARE = 1e-6
+
+
+def difference_step(x: Floats) -> Floats:
+    """Return the steps (k,) of differences of functions of x (k,), which may be zero."""
+    return DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
+
+
+def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats) -> Floats:
+    """Return the derivative (k,) of a function of x (k,) by differences with a ``step`` (k,)."""
+    return np.asarray((function(x + step) - function(x - step)) / (2 * step))
 
 
 #: A function of points (p, d), values (p, channels) and, if it has a parameter ``t`` without a default, the time, that
 #: returns values (p, channels).
 AfterStep = Callable[..., Any]
-
-
-def check_after_step(after_step: Any, rest: Any, kind: str) -> None:
-    """Raise if ``after_step`` is neither a function nor None, or ``rest`` neither a number above zero nor None.
-
-    Raises
-    ------
-    InputError
-        In these cases; ``kind`` is the name of the equation in the message.
-    """
-    if after_step is not None and not callable(after_step):
-        raise InputError(
-            f"after_step of {kind} must be a function of points (p, d) and values (p, channels), got "
-            f"{shown(after_step)}."
-        )
-    if rest is not None:
-        positive(rest, f"rest of {kind}")
 
 
 def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
@@ -67,31 +93,15 @@ def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time
     InputError
         If the result has another shape, or is not finite.
     """
-    changed = call_pointwise(after_step, (points, values.copy()), time, values.shape[1], "after_step")
-    if changed.shape != values.shape or not np.isfinite(changed).all():
-        raise InputError(
-            f"after_step must return finite values of shape {values.shape}, got shape {changed.shape}"
-            f"{'' if np.isfinite(changed).all() else ' with NaN or infinity'} at time {time:.4g}."
-        )
-    return changed
+    return call_pointwise(after_step, (points, values.copy()), values.shape, "after_step", time, least=2)
 
 
 #: A function of u (p, channels), of points (p, d) if it has a second parameter, and of the time if it has a parameter
-#: ``t`` without a default, that returns rates (p, channels).
-Reaction = Callable[..., Any]
+#: ``t`` without a default, that returns rates (p, channels); or the formulas of the channels.
+Reaction = Callable[..., Any] | str | Sequence[str]
 
 
-def takes_points(reaction: Reaction) -> bool:
-    """Return True if a reaction has a second parameter, which is for points."""
-    try:
-        parameters = inspect.signature(reaction).parameters.values()
-    except (TypeError, ValueError):  # some built-in functions have no signature
-        return False
-    needed = [each for each in parameters if each.default is each.empty and each.kind is not each.VAR_KEYWORD]
-    return sum(each.name != "t" for each in needed) > 1
-
-
-def reaction_rates(reaction: Reaction, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
+def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
 
     Raises
@@ -101,11 +111,8 @@ def reaction_rates(reaction: Reaction, u: Floats, points: Floats, time: float, s
     ResolutionError
         If the rates are not finite at a later time.
     """
-    arrays = (u.copy(), points) if takes_points(reaction) else (u.copy(),)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        values = call_pointwise(reaction, arrays, time, u.shape[1], "the reaction")
-    if values.shape != u.shape:
-        raise InputError(f"the reaction must return shape {u.shape} for values of u of that shape, got {values.shape}.")
+        values = call_pointwise(reaction, (u.copy(), points), u.shape, "the reaction", time, finite=False)
     if not np.abs(values).max(initial=0.0) <= LARGEST_DATUM:
         if time == start:
             raise InputError("the reaction must be finite for the initial data, got NaN, infinity or more than 1e100.")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Any, Generic
 
 import numpy as np
@@ -14,8 +14,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet
-from cpmkit.scene.conditions import Condition, Neumann, as_conditions, same_condition
-from cpmkit.scene.data import Data, Functional, evaluate_data
+from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence
 from cpmkit.scene.diffusivities import is_tensor
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
@@ -23,19 +23,15 @@ from cpmkit.scene.edge_conditions import (
     as_edge,
     conditions_of_edge,
     edge_structure,
+    map_conditions,
     parts_of_edge,
     sample_edge_point,
 )
 from cpmkit.scene.equations import Equation, Family
-from cpmkit.scene.laws import Law
 from cpmkit.scene.oriented import OrientedBoundary, orient
+from cpmkit.scene.special_data import VertexArrays
 from cpmkit.scene.surface_input import Surface, as_source
-from cpmkit.scene.vertex_data import VertexArrays
 from cpmkit.types import SIDES, Floats
-
-#: Numbers of the places where data are evaluated to count their channels: that of the equation, and that of the first
-#: part of the edge, whose further parts have lower numbers; boundaries have numbers from 0.
-SURFACE_DATA, EDGE_DATA = -1, -2
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,7 +105,7 @@ class Scene(Generic[Family]):
                 )
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
-        object.__setattr__(self, "edge", arrays.in_edge(self.edge))
+        object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.in_fields(one, "the edge")))
         placed = (each.on(self.surface) if isinstance(each, Boundary) else each for each in self.boundaries)
         object.__setattr__(self, "boundaries", tuple(map(arrays.in_boundary, placed)))
         names = [boundary.name for boundary in self.boundaries]
@@ -140,18 +136,19 @@ class Scene(Generic[Family]):
                 raise SceneError(f"{label} has {count} channels where others have {most}; give one value, or {most}.")
         return most
 
-    def _channels_of(self, label: str, data: Data, place: int) -> int:
-        """Return the number of channels of ``data``, if need be by evaluating them at the place number ``place``."""
+    def _channels_of(self, label: str, data: Data, place: Callable[[], Floats]) -> int:
+        """Return the number of channels of ``data``, if need be by evaluating them at the point ``place()``."""
         channels = getattr(data, "channels", None)
         if isinstance(channels, int) and (isinstance(data, Functional) or callable(data)):
             return channels  # evaluating a field at other points than its own takes a linear solve
-        return int(evaluate_data(data, self._place(place), None, label, self.problem.start_time).shape[1])
+        point = place() if callable(data) or is_sequence(data) else np.zeros((1, self.surface.dim))
+        return int(evaluate_data(data, point, None, label, self.problem.start_time).shape[1])
 
     @cached_property
     def has_tensor(self) -> bool:
         """True if the diffusivity of the equation is a tensor; a function is evaluated at one point to find out."""
         diffusivity = self.problem.terms().diffusivity
-        return is_tensor(diffusivity, self._place(SURFACE_DATA)) if callable(diffusivity) else np.ndim(diffusivity) > 0
+        return is_tensor(diffusivity, _point_of(self.surface)) if callable(diffusivity) else np.ndim(diffusivity) > 0
 
     @property
     def edge_conditions(self) -> list[Condition]:
@@ -201,35 +198,27 @@ class Scene(Generic[Family]):
         """All conditions, of both sides of each boundary and of the edge."""
         return [condition for _, condition in self._conditions()]
 
-    def _data(self) -> list[tuple[str, Data, int]]:
-        """Return for all data of the scene the name, the data, and the number of the place where they are evaluated."""
-        places = [number for number, _ in enumerate(self.boundaries) for _ in SIDES]
-        places += [EDGE_DATA - number for number, _ in enumerate(self.edge_conditions)]
-        triples: list[tuple[str, Data, int]] = []
-        for (label, condition), place in zip(self._conditions(), places, strict=True):
-            data = condition.data()
-            triples += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
-        return triples + [(label, data, SURFACE_DATA) for label, data in self.problem.data()]
+    def _data(self) -> list[tuple[str, Data, Callable[[], Floats]]]:
+        """Return for all data of the scene the name, the data, and the function of a point (1, d) for their evaluation.
 
-    def _place(self, number: int) -> Floats:
-        """Return the point (1, d) at which data of the place ``number`` are evaluated to count their channels.
-
-        It lies on the boundary or the part of the edge, or on the manifold: data may be undefined elsewhere.
+        The point lies on the boundary or the part of the edge, or on the manifold: data may be undefined elsewhere.
         """
-        if number not in self._places:
-            source = self.boundaries[number].source if number >= 0 else self.surface
-            if number <= EDGE_DATA:
-                point = sample_edge_point(source, *parts_of_edge(self.edge)[EDGE_DATA - number])
-            else:
-                centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
-                point = LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
-            self._places[number] = point
-        return self._places[number]
+        places: list[Callable[[], Floats]] = []
+        for boundary in self.boundaries:
+            places += [cache(partial(_point_of, boundary.source))] * len(SIDES)
+        places += [partial(sample_edge_point, self.surface, *part) for part in parts_of_edge(self.edge)]
+        triples: list[tuple[str, Data, Callable[[], Floats]]] = []
+        for (label, condition), place in zip(self._conditions(), places, strict=True):
+            data = condition.law.data
+            triples += [(label if len(data) == 1 else f"the {name} of {label}", datum, place) for name, datum in data]
+        on_surface = cache(partial(_point_of, self.surface))
+        return triples + [(label, data, on_surface) for label, data in self.problem.data()]
 
-    @cached_property
-    def _places(self) -> dict[int, Floats]:
-        """The points (1, d) that :meth:`_place` has computed, by the number of the place."""
-        return {}
+
+def _point_of(source: ClosestPointSource) -> Floats:
+    """Return a point (1, d) of ``source``."""
+    centre = np.asarray(source.bounds, dtype=np.float64).mean(axis=0)[None]
+    return LocalSource(source, np.zeros(source.dim)).closest_point(centre).points
 
 
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
@@ -267,7 +256,8 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
             f"boundary {boundary.name!r} is no cpmkit.Boundary, and takes no other data; use cpmkit.solve."
         )
     old = boundary.given_conditions
-    new = as_conditions(data if isinstance(data, Mapping) else dict.fromkeys([*old][:1], data))
+    values = data if isinstance(data, Mapping) else dict.fromkeys([*old][:1], data)
+    new = {side: as_condition(value) for side, value in values.items()}
     if set(new) != set(old):
         raise SceneError(
             f"boundary {boundary.name!r} holds conditions on {' and '.join(old)}, got {' and '.join(new)}; give data "
@@ -310,13 +300,9 @@ def _check_same(old: Condition, new: Any, label: str) -> None:
     SceneError
         If the kind, a factor or the order differs; ``label`` is the name of the place.
     """
-    if not isinstance(new, Condition) or old.order != new.order or not _differ_in_data_only(old.law, new.law):
+    same = isinstance(new, Condition) and old.order == new.order and type(old.law) is type(new.law)
+    if not same or old.law.factors != new.law.factors:
         raise SceneError(
             f"{label} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
             "the kind, its factors or its order; use cpmkit.solve."
         )
-
-
-def _differ_in_data_only(old: Law, new: Law) -> bool:
-    """Return True if two laws differ at most in their data."""
-    return type(old) is type(new) and old.factors == new.factors

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, takes_time
+from cpmkit.scene.data import Data, not_negative, takes_time
 from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 
 
@@ -57,8 +57,7 @@ class Transmission(Condition):
             conductivity = getattr(self, side)
             if conductivity is not None and (not callable(conductivity) or takes_time(conductivity)):
                 positive(conductivity, f"{side}, a conductivity of Transmission,")
-        if number(self.resistance, "resistance of Transmission") != 0:
-            positive(self.resistance, "resistance of Transmission, where it is not zero,")
+        not_negative(self.resistance, "resistance of Transmission")
 
     @property
     def law(self) -> Interface:

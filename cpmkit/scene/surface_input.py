@@ -7,10 +7,9 @@ from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.errors import SceneError
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import source
-from cpmkit.types import Ints
 
 
 @runtime_checkable
@@ -26,17 +25,6 @@ class HasFaces(Protocol):
         """Numbers (m, 3) of the vertices of each face."""
 
 
-#: Names of the attributes for vertices (n, 3) and faces (m, 3) in trimesh, open3d, LaPy, psbody, code for libigl,
-#: nilearn and SciPy's Delaunay.
-NAMES_OF_ARRAYS = (
-    ("vertices", "faces"),
-    ("vertices", "triangles"),
-    ("v", "t"),
-    ("v", "f"),
-    ("V", "F"),
-    ("coordinates", "faces"),
-    ("points", "simplices"),
-)
 #: Values that a scene accepts as its surface.
 Surface = ClosestPointSource | HasFaces | tuple[Any, Any]
 
@@ -44,8 +32,9 @@ Surface = ClosestPointSource | HasFaces | tuple[Any, Any]
 def as_source(mesh: Any) -> Any:
     """Return the closest-point source of a mesh or point cloud of another library, or of a pair (vertices, faces).
 
-    Accepted are meshes of trimesh, pyvista, open3d, meshio and scikit-fem, and objects with a pair of attributes in
-    ``NAMES_OF_ARRAYS``. Any other value is returned unchanged.
+    Accepted are meshes of trimesh, pyvista, open3d, meshio and scikit-fem, and objects with a pair of attributes for
+    vertices (n, 3) and faces (m, 3), as in LaPy, psbody, code for libigl, nilearn and SciPy's Delaunay. Any other value
+    is returned unchanged.
 
     Raises
     ------
@@ -66,7 +55,8 @@ def as_source(mesh: Any) -> Any:
         return _mesh(mesh.points, faces_of_cells([(block.type, block.data) for block in mesh.cells]))
     if hasattr(mesh, "p") and hasattr(mesh, "t"):  # scikit-fem
         return _mesh(np.transpose(mesh.p), _triangles_of(mesh, np.transpose(mesh.t)))
-    for vertices, faces in NAMES_OF_ARRAYS:
+    pairs = ("vertices faces", "vertices triangles", "v t", "v f", "V F", "coordinates faces", "points simplices")
+    for vertices, faces in map(str.split, pairs):
         if hasattr(mesh, vertices) and hasattr(mesh, faces):
             cells = np.asarray(getattr(mesh, faces))
             return _mesh(getattr(mesh, vertices), cells if vertices == "vertices" else _triangles_of(mesh, cells))
@@ -122,25 +112,19 @@ def _cloud(points: Any, normals: Any) -> ClosestPointSource:
     return source("pointcloud.points", points=np.asarray(points, dtype=np.float64), **keywords)
 
 
-#: Kinds of meshio's cells that are faces, and kinds of lower dimension, which mark parts of meshes and are ignored.
-FACE_KINDS, IGNORED_KINDS = {"triangle", "quad", "polygon"}, {"vertex", "line", "line3", "polyline"}
-#: Numbers of these kinds in VTK: triangle, polygon, quad; vertices and lines.
-FACE_NUMBERS, IGNORED_NUMBERS = (5, 7, 9), (1, 2, 3, 4)
-#: Number in VTK of a pixel, a quad with its last two corners exchanged.
-PIXEL_NUMBER = 8
-
-
 def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
     """Return the faces in blocks (kind, cells) of meshio: an array (m, k) if all have k corners, else a list of lists.
+
+    Kinds of lower dimension, which mark parts of meshes, are ignored.
 
     Raises
     ------
     SceneError
         If a block contains solids or curved cells, or no block contains faces.
     """
-    others = sorted({kind for kind, _ in blocks} - FACE_KINDS - IGNORED_KINDS)
-    _check_faces(others, any(kind in FACE_KINDS and len(cells) for kind, cells in blocks))
-    faces = [np.asarray(cells) for kind, cells in blocks if kind in FACE_KINDS and len(cells)]
+    faces = [np.asarray(cells) for kind, cells in blocks if kind in ("triangle", "quad", "polygon") and len(cells)]
+    accepted = {"triangle", "quad", "polygon", "vertex", "line", "line3", "polyline"}
+    _check_faces(sorted({kind for kind, _ in blocks} - accepted), bool(faces))
     if len({cells.shape[1:] for cells in faces}) == 1:
         return np.concatenate(faces)
     return [face for cells in faces for face in cells.tolist()]
@@ -156,40 +140,22 @@ def faces_of_grid(grid: Any) -> Any:
     SceneError
         If the grid has solids or curved cells, or no faces.
     """
-    if not hasattr(grid, "celltypes"):
-        return _structured_faces(grid)
+    if not hasattr(grid, "celltypes"):  # a structured grid
+        grid = grid.cast_to_unstructured_grid()
     kinds = np.asarray(grid.celltypes)
     start = np.asarray(grid.cell_offsets if hasattr(grid, "cell_offsets") else grid.offset)  # in older versions
     corners = np.array(grid.cell_connectivity)
-    rows = np.flatnonzero(np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER)))
-    others = np.unique(kinds[~np.isin(kinds, (*FACE_NUMBERS, PIXEL_NUMBER, *IGNORED_NUMBERS))])
+    pixel = 8  # of VTK: a quad with its last two corners exchanged
+    rows = np.flatnonzero(np.isin(kinds, (5, 7, 9, pixel)))  # triangles, polygons, quads
+    others = np.unique(kinds[~np.isin(kinds, (5, 7, 9, pixel, 1, 2, 3, 4))])  # vertices and lines are ignored
     _check_faces([f"number {kind} of VTK" for kind in others], len(rows) > 0)
-    third = start[:-1][kinds == PIXEL_NUMBER] + 2
+    third = start[:-1][kinds == pixel] + 2
     corners[third], corners[third + 1] = corners[third + 1], corners[third]
     counts = np.diff(start)[rows]
     if (counts == counts[0]).all():
         return corners[start[rows, None] + np.arange(counts[0])]
     cells = np.split(corners, start[1:-1])
     return [cells[row].tolist() for row in rows]
-
-
-def _structured_faces(grid: Any) -> Ints:
-    """Return the quads (m, 4) of a structured grid, whose points are numbered along the first dimension first.
-
-    Raises
-    ------
-    SceneError
-        If the grid has more or fewer than two dimensions.
-    """
-    sizes = [int(size) for size in grid.dimensions if size > 1]
-    if len(sizes) != 2:
-        raise SceneError(
-            f"the surface is a {type(grid).__name__} of {shown(tuple(grid.dimensions))} points, and one with two "
-            "dimensions is accepted; give its surface, vertices and faces."
-        )
-    first = np.arange(sizes[0] - 1) + sizes[0] * np.arange(sizes[1] - 1)[:, None]
-    corner = first.ravel()
-    return np.stack([corner, corner + 1, corner + 1 + sizes[0], corner + sizes[0]], axis=1)
 
 
 def _check_faces(others: Sequence[str], any_faces: bool) -> None:

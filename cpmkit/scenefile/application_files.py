@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -18,8 +18,8 @@ from cpmkit.runtime.options import declared_options
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table, list_of_tables, read_data, with_vertex_data
+from cpmkit.scenefile.documented_keys import APPLICATIONS
 from cpmkit.scenefile.scene_files import (
-    APPLICATION_TABLES,
     SCENE_TABLES,
     SceneFile,
     read_options,
@@ -28,13 +28,6 @@ from cpmkit.scenefile.scene_files import (
     read_source,
 )
 from cpmkit.types import Floats
-
-#: Keys of the tables [vectors] and [map] that are options of the application.
-VECTORS_KEYS = ("transport",)
-MAP_KEYS = ("initial", "method", "step", "most_steps", "rest", "texture")
-#: Keys of a curve's table for the values on its sides: colours, and directions.
-COLOUR_KEYS = ("both", "left", "right")
-ALONG_KEYS = ("along", "left", "right")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,12 +50,18 @@ def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> di
     SceneError
         If there is no direction, or a key or value is not accepted.
     """
-    options = as_table(tables.get("vectors", {}), "[vectors]")
-    check_accepted("[vectors]", options, VECTORS_KEYS)
+    options = _options(tables, "vectors")
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
     if not pairs:
         raise SceneError("a scene of vectors needs directions; write one [[direction]] at least.")
     return {**options, "directions": pairs}
+
+
+def _options(tables: Mapping[str, Any], command: str) -> dict[str, Any]:
+    """Return the table of options of an application; raise SceneError if it has an unknown key."""
+    options = as_table(tables.get(command, {}), f"[{command}]")
+    check_accepted(f"[{command}]", options, tuple(APPLICATIONS[command].options))
+    return options
 
 
 def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
@@ -84,7 +83,8 @@ def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -
                 f"{where} has {len(at)} points and {len(vector)} vectors; give one vector, or one for each."
             )
         return at, vector
-    directions = {key: _read_direction(table.pop(key), dim, f"{key} of {where}") for key in ALONG_KEYS if key in table}
+    keys = [key for key in APPLICATIONS["vectors"].on_curve if key in table]
+    directions = {key: _read_direction(table.pop(key), dim, f"{key} of {where}") for key in keys}
     if set(directions) not in ({"along"}, {"left", "right"}):
         raise SceneError(
             f"{where} needs at and vector, or a curve's kind with along, or with left and right, got "
@@ -113,8 +113,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
-    options = as_table(tables.get("map", {}), "[map]")
-    check_accepted("[map]", options, MAP_KEYS)
+    options = _options(tables, "map")
     options = {**options, **with_vertex_data(_only(options, "initial"), folder, [("surface", scene.surface)], "[map]")}
     options = {**options, **with_vertex_data(_only(options, "texture"), folder, [("target", target)], "[map]")}
     if isinstance(options.get("initial"), list):
@@ -154,7 +153,7 @@ def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[
         where = f"[[curve]] {name!r}"
         sides = {
             key: _colours(table.pop(key), scene.surface.dim, folder, f"{key} of {where}")
-            for key in COLOUR_KEYS
+            for key in ("both", "left", "right")
             if key in table
         }
         if set(sides) not in ({"both"}, {"left", "right"}):
@@ -206,14 +205,6 @@ def _only(table: Mapping[str, Any], key: str) -> dict[str, Any]:
     return {key: table[key]} if key in table else {}
 
 
-#: Functions that read the tables of an application's scene file, called with the tables, the scene and the folder.
-READERS: dict[str, Callable[[Mapping[str, Any], Scene, Path], dict[str, Any]]] = {
-    "vectors": read_directions,
-    "map": read_map,
-    "paint": read_colours,
-}
-
-
 @dataclass(frozen=True, eq=False)
 class ApplicationFile(SceneFile):
     """The scene of an application's file, with the arguments of the application, its options and its output.
@@ -252,7 +243,7 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")
     shared = (name for name in SCENE_TABLES if name != "problem")
-    check_accepted("the scene", tables, (*shared, *APPLICATION_TABLES[command]))
+    check_accepted("the scene", tables, (*shared, *APPLICATIONS[command].tables))
     if "surface" not in tables:
         raise SceneError("a scene needs the table [surface].")
     scene = read_scene({**tables, "problem": {"kind": "laplace"}}, path.parent)
@@ -272,7 +263,8 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
     if output.picture is not None and output.picture.vectors:
         raise SceneError(f"`cpmkit {command}` draws in its own way; leave out vectors of the picture.")
     try:
-        arguments = READERS[command](tables, scene, path.parent)
+        read = {"vectors": read_directions, "map": read_map, "paint": read_colours}[command]
+        arguments = read(tables, scene, path.parent)
     except InputError as error:
         raise error if isinstance(error, SceneError) else SceneError(str(error)) from error
     return ApplicationFile(scene, spacing, options, output, arguments)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -21,11 +22,9 @@ from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data, read_formula
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
-from cpmkit.scene.vertex_data import VertexData
+from cpmkit.scene.special_data import VertexData
 
 CONDITIONS: dict[str, Any] = {kind.kind: kind for kind in (Dirichlet, Neumann, Robin, Steklov, SimplySupported)}
-#: Names of the list entries of conditions that are written as a list of values.
-LIST_ENTRIES = {"robin": ("alpha", "beta", "gamma"), "simply_supported": ("u", "Lap u")}
 
 
 def read_side(key: str, value: Any, dim: int, where: str) -> Any:
@@ -91,17 +90,19 @@ def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[An
     SceneError
         If the value is not of the form that the kind needs.
     """
-    if kind == "steklov":
+    parameters = [member for member in fields(CONDITIONS[kind]) if member.name != "order"]
+    if not parameters:
         if value is not True:
-            raise SceneError(f"steklov of {where} must be true, got {shown(value)}; it has no data.")
+            raise SceneError(f"{kind} of {where} must be true, got {shown(value)}; it has no data.")
         return []
-    if kind not in LIST_ENTRIES:
+    if len(parameters) == 1:
         return [read_data(value, dim, where)]
-    if not isinstance(value, list) or len(value) != len(LIST_ENTRIES[kind]):
-        raise SceneError(f"{kind} of {where} must be [{', '.join(LIST_ENTRIES[kind])}], got {shown(value)}.")
+    if not isinstance(value, list) or len(value) != len(parameters):
+        names = ", ".join(member.name for member in parameters)
+        raise SceneError(f"{kind} of {where} must be [{names}], got {shown(value)}.")
     return [
-        number(entry, f"alpha of {where}") if name == "alpha" else read_data(entry, dim, where)
-        for name, entry in zip(LIST_ENTRIES[kind], value, strict=True)
+        number(entry, f"{member.name} of {where}") if member.type == "float" else read_data(entry, dim, where)
+        for member, entry in zip(parameters, value, strict=True)
     ]
 
 
@@ -110,28 +111,21 @@ def _is_datum(value: Any) -> bool:
     return isinstance(value, (int, float, str, list, VertexData)) and not isinstance(value, bool)
 
 
-def read_edge(table: Any, where: str) -> Any:
-    """Return a function of the dimension d that returns the conditions of the edge described by ``table``."""
-    if _is_datum(table) and not is_by_position(table):
-        return lambda dim: read_condition(table, dim, where)
-    if is_by_position(table):
-        return lambda dim: _conditions_on_loop(table, dim, where)
-    table = as_table(table, where)
-    if table and all(re.fullmatch(r"[0-9]{1,6}", key) for key in table):
-        return lambda dim: {int(key): _conditions_on_loop(value, dim, f"edge {key}") for key, value in table.items()}
-    return lambda dim: read_condition(table, dim, "edge")
+def read_edge(table: Any, dim: int, where: str) -> Any:
+    """Return the conditions of the edge described by ``table``, of a manifold in ``dim`` dimensions."""
+    if not _is_datum(table):
+        table = as_table(table, where)
+        if table and all(re.fullmatch(r"[0-9]{1,6}", key) for key in table):
+            return {int(key): _conditions_on_loop(value, dim, f"edge {key}") for key, value in table.items()}
+        where = "edge"
+    return _conditions_on_loop(table, dim, where)
 
 
 def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     """Return the condition of an edge loop, or the list of its conditions by position."""
-    if is_by_position(table):
+    if isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table):  # not data of several channels
         return [_condition_of_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
     return read_condition(table, dim, where)
-
-
-def is_by_position(table: Any) -> bool:
-    """Return True for a list with tables, conditions by position; False for data of several channels."""
-    return isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table)
 
 
 def _condition_of_part(table: Any, dim: int, where: str) -> Any:

@@ -1,11 +1,11 @@
-"""Parameters of a factory, read from its signature and docstring: names, types, defaults and one-sentence summaries."""
+"""Keys of scene files: those of factories, read from signatures and docstrings, and those of applications."""
 
 from __future__ import annotations
 
 import inspect
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from cpmkit.runtime.deprecation import DeprecatedMember
@@ -92,3 +92,86 @@ def _documented_parameters(make: Callable[..., Any], section: str) -> dict[str, 
         for name in names.split(","):
             parameters[name.strip()] = (types.strip(), first_sentence(words))
     return parameters
+
+
+#: JSON schemas of values.
+_PLACE = {"description": "A point, or a list of points.", "type": "array"}
+_IMAGE = {"description": "A point of the target, or of a curve one formula a coordinate.", "type": "array"}
+_DIRECTION = {
+    "description": "tangent, backwards, left or right; a vector; or one formula a coordinate.",
+    "type": ["string", "array"],
+}
+_COLOURS = {
+    "description": "A colour; colours along the curve; { formula = [...] }; { neumann = 0 } where nothing passes.",
+    "type": ["string", "array", "object"],
+}
+
+
+@dataclass(frozen=True)
+class ApplicationKeys:
+    """The tables and keys of an application in scene files, with the JSON schema of each key's value.
+
+    Attributes
+    ----------
+    entry : str
+        Name of the tables in a list, each of a curve, with the keys of its kind, or of points.
+    on_curve, at_points : dict
+        Further keys of such a table of a curve, and all keys of such a table of points.
+    table : str
+        Name of the table of the application's options.
+    options : dict
+        The keys of that table.
+    has_target : bool
+        Whether the table [target] is needed.
+    """
+
+    entry: str
+    on_curve: dict[str, Any]
+    at_points: dict[str, Any] = field(default_factory=dict)
+    table: str = ""
+    options: dict[str, Any] = field(default_factory=dict)
+    has_target: bool = False
+
+    @property
+    def tables(self) -> tuple[str, ...]:
+        """The names of the tables of the application."""
+        return (self.entry, *([self.table] if self.table else []), *(["target"] if self.has_target else []))
+
+
+#: The keys of each application, by its command.
+APPLICATIONS = {
+    "vectors": ApplicationKeys(
+        "direction",
+        dict.fromkeys(("along", "left", "right"), _DIRECTION),
+        {"at": _PLACE, "vector": {"description": "At all of these points, or one for each.", "type": "array"}},
+        "vectors",
+        {"transport": {"description": "How vectors go on.", "enum": ["parallel", "paper"]}},
+    ),
+    "map": ApplicationKeys(
+        "landmark",
+        {"to": _IMAGE},
+        {"at": _PLACE, "to": _IMAGE},
+        "map",
+        {
+            "initial": {"description": "nearest; one formula a coordinate; or { values = FILE }, a row a vertex."},
+            "method": {"enum": ["implicit", "explicit"]},
+            "step": {"description": "Of time.", "type": "number"},
+            "most_steps": {"description": "After which the run ends.", "type": "integer"},
+            "rest": {
+                "description": "It ends where a step lowers the energy by less than this share of it.",
+                "type": "number",
+            },
+            "texture": {
+                "description": "Of the target: one formula a channel, three for a colour, or { values = FILE }."
+            },
+        },
+        has_target=True,
+    ),
+    "paint": ApplicationKeys(
+        "curve",
+        {
+            "name": {"description": "For reports.", "type": "string"},
+            **dict.fromkeys(("both", "left", "right"), _COLOURS),
+        },
+    ),
+}

@@ -1,18 +1,24 @@
-"""The kinds that a scene file can name, with their keys: sources, conditions, equations, solvers and back ends."""
+"""The kinds that a scene file can name, with their keys, and the JSON schemas of scene files that follow from them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, fields
 from typing import Any
 
 from cpmkit.errors import PluginError, shown
+from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.choice import FORMS
+from cpmkit.forms.options import Options
+from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import FACTORY_HOOKS, any_factory, installed_kinds
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import did_you_mean
+from cpmkit.runtime.options import DeclaredOptions, declared_options
 from cpmkit.scenefile.condition_tables import CONDITIONS
-from cpmkit.scenefile.documented_keys import Key, first_sentence, keys_of
-from cpmkit.scenefile.scene_files import PROBLEMS
+from cpmkit.scenefile.documented_keys import APPLICATIONS, Key, first_sentence, keys_of
+from cpmkit.scenefile.look import PictureRequest
+from cpmkit.scenefile.scene_files import PROBLEMS, SIDE_KEYS, SOLVER_KEYS
 
 #: The sort of the kinds that each hook of plugins provides.
 SORTS = dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))
@@ -100,3 +106,162 @@ def _matches(kind: str, name: str | None) -> bool:
 def _kind(name: str, sort: str, distribution: str, make: Callable[..., Any]) -> Kind:
     """Return the record of the kind that ``make`` constructs, with the summary and keys of its docstring."""
     return Kind(name, sort, distribution, first_sentence(make.__doc__), keys_of(make))
+
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+#: Names of Python's plain types in JSON schemas.
+JSON_TYPES = {"float": "number", "int": "integer", "str": "string", "bool": "boolean", "None": "null"}
+DATUM = {"$ref": "#/definitions/datum"}
+
+Schema = dict[str, Any]
+
+
+def scene_schema() -> Schema:
+    """Return the JSON schema of scene files, including the kinds that installed plugins add."""
+    return _document("A scene of cpmkit", scene_tables(), ["problem", "surface"])
+
+
+def _document(title: str, tables: Schema, needed: list[str]) -> Schema:
+    """Return the JSON schema of a file with these ``tables``, of which those ``needed`` are required."""
+    return {"$schema": DRAFT, "title": title, **_table(tables, needed), "definitions": definitions()}
+
+
+def definitions() -> Schema:
+    """Return the definitions to which the schemas of tables refer: datum, condition and source."""
+    sources = [kind for kind in kinds() if kind.sort == "source"]
+    return {
+        "datum": {
+            "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
+            "type": ["number", "string", "array", "object"],
+        },
+        "condition": _condition(),
+        "source": one_of_kinds(sources),
+    }
+
+
+def scene_tables(problem_needs: bool = True) -> Schema:
+    """Return the JSON schema of each table of a scene, by its name.
+
+    ``problem_needs`` is False if [problem] may lack required keys, which a study sets.
+    """
+    every = kinds()
+    sources = [kind for kind in every if kind.sort == "source"]
+    edge = {
+        "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
+    }
+    condition = {"$ref": "#/definitions/condition"}
+    sides: Schema = dict.fromkeys(SIDE_KEYS, condition) | {
+        "left_of": {"description": "A point on the left.", "type": "array"},
+        "across": {"description": "A transmission, or another condition that couples both sides.", "type": "object"},
+        "name": {"description": "For reports, and to ask for a side.", "type": "string"},
+    }
+    equations = [kind for kind in every if kind.sort == "equation"]
+    return {
+        "surface": one_of_kinds(sources, {"edge": edge}),
+        "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
+        "problem": one_of_kinds(equations, needs=problem_needs, of_data=True),
+        "discretization": _options([Options, AccuracyTarget, *FORMS.values()]),
+        "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
+        "output": _table(
+            {
+                "folder": {"description": "Where results go, inside the working directory.", "type": "string"},
+                "files": {"description": "Names of files in it.", "type": "array", "items": {"type": "string"}},
+                "picture": {"anyOf": [{"type": "string"}, table_of(keys_of(PictureRequest))]},
+            }
+        ),
+    }
+
+
+def table_of(keys: Iterable[Key]) -> Schema:
+    """Return the JSON schema of a table with these ``keys``, none of them required."""
+    return _table({key.name: _key_schema(key) for key in keys})
+
+
+def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False) -> Schema:
+    """Return the JSON schema of a table with these ``properties``.
+
+    ``needed`` are the required keys; ``further`` is True if other keys are allowed.
+    """
+    required = sorted(needed)
+    schema = {"type": "object", "properties": properties, "additionalProperties": further}
+    return {**schema, "required": required} if required else schema
+
+
+def one_of_kinds(
+    choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
+) -> Schema:
+    """Return the JSON schema of a table whose ``kind``, one of ``choices``, determines its other keys.
+
+    All kinds have the properties ``more`` too. ``needs`` is False if no key is required; with ``of_data`` all keys
+    are data. A key ``surface`` is never required: a boundary receives the surface of its scene.
+    """
+    variants = []
+    for choice in choices:
+        own = {key.name: {**DATUM, "description": key.summary} if of_data else _key_schema(key) for key in choice.keys}
+        needed = [key.name for key in choice.keys if key.needed and needs and key.name != "surface"]
+        kind = {"const": choice.name, "description": choice.summary}
+        variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
+    return {"oneOf": variants}
+
+
+def _condition() -> Schema:
+    """Return the JSON schema of a condition: a table with its kind as key, a plugin's ``kind = NAME``, or a datum."""
+    order = {"type": "integer", "minimum": 1, "maximum": 4}
+    values = dict.fromkeys(CONDITIONS, DATUM) | {"steklov": {"const": True}}
+    variants = [_table({kind: value, "order": order}, [kind]) for kind, value in values.items()]
+    of_plugin = {"kind": {"type": "string"}, "order": order}
+    datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
+    return {"anyOf": [*variants, _table(of_plugin, ["kind"], further=True), datum]}
+
+
+def _options(
+    declaring: Iterable[type[DeclaredOptions]], renamed: Mapping[str, str] = {}, further: bool = False
+) -> Schema:
+    """Return the JSON schema of a table with the options that the classes ``declaring`` declare.
+
+    An option of several classes has all their descriptions. ``renamed`` maps options to keys; ``further`` is True
+    if other keys are allowed.
+    """
+    properties: Schema = {}
+    for kind in declaring:
+        types = {member.name: str(member.type) for member in fields(kind)}
+        for name, option in declared_options(kind).items():
+            earlier = properties.get(renamed.get(name, name), {}).get("description", "")
+            summary = f"{earlier} {option.summary}".strip()
+            properties[renamed.get(name, name)] = {**_json_type(types[name]), "description": summary}
+    properties |= {"memory": {**properties["memory"], "type": ["number", "string"]}} if "memory" in properties else {}
+    return _table(properties, further=further)
+
+
+def _key_schema(key: Key) -> Schema:
+    """Return the JSON schema of the value of a key."""
+    if key.name == "of":
+        return {"$ref": "#/definitions/source"}
+    if key.name == "members":
+        return {"type": "array", "items": {"$ref": "#/definitions/source"}}
+    summary = {"description": key.summary} if key.summary else {}
+    default = {"default": key.default} if isinstance(key.default, (bool, int, float, str)) else {}
+    return {**_json_type(key.declared), **summary, **default}
+
+
+def _json_type(declared_type: str) -> Schema:
+    """Return the JSON schema of a declared Python type; empty if the type is not a union of plain types."""
+    names = [JSON_TYPES.get(name.strip(), "") for name in declared_type.split("|")]
+    if not all(names):
+        return {}
+    plain = [name for name in names if name != "null"]
+    return {"type": plain[0] if len(plain) == 1 else plain}
+
+
+def application_schema(command: str) -> Schema:
+    """Return the JSON schema of the scene files for the application of ``cpmkit COMMAND``."""
+    keys = APPLICATIONS[command]
+    entries: list[Schema] = one_of_kinds([kind for kind in kinds() if kind.sort == "source"], keys.on_curve)["oneOf"]
+    if keys.at_points:
+        entries.append(_table(keys.at_points, keys.at_points))
+    own: Schema = {keys.entry: {"type": "array", "items": {"oneOf": entries}}}
+    own |= {keys.table: _table(keys.options)} if keys.options else {}
+    own |= {"target": {"$ref": "#/definitions/source"}} if keys.has_target else {}
+    tables = {name: table for name, table in scene_tables().items() if name != "problem"}
+    needed = "target" if keys.has_target else keys.entry
+    return _document(f"A scene of `cpmkit {command}`", {**tables, **own}, ["surface", needed])

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,11 @@ from cpmkit.runtime.deprecation import current_keywords
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary
-from cpmkit.scene.compound_equations import Biharmonic, Eigen
+from cpmkit.scene.compound_equations import Biharmonic, Eigen, ReactionDiffusion
 from cpmkit.scene.data import as_vector_field, read_formula
 from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
-from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import (
     as_table,
@@ -37,14 +36,13 @@ from cpmkit.scenefile.condition_tables import (
     read_side,
     with_vertex_data,
 )
-from cpmkit.scenefile.output_request import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
+from cpmkit.scenefile.documented_keys import APPLICATIONS
+from cpmkit.scenefile.look import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
 
 #: Keys in the table [solver] for solver options, by the name of the option.
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
 #: Tables of a scene file.
 SCENE_TABLES = ("surface", "boundary", "problem", "discretization", "solver", "output")
-#: Tables of the scene files of applications instead of [problem], by the command of the application.
-APPLICATION_TABLES = {"vectors": ("direction", "vectors"), "map": ("target", "landmark", "map"), "paint": ("curve",)}
 #: The equations that [problem] can name.
 EQUATIONS = (
     *(Laplace, Poisson, ScreenedPoisson, Elliptic, Helmholtz, NonlinearDiffusion, PLaplacian, TotalVariation),
@@ -53,11 +51,6 @@ EQUATIONS = (
 PROBLEMS: dict[str, type[Equation]] = {equation.kind: equation for equation in EQUATIONS}
 #: Keys of a boundary in addition to those of its kind.
 SIDE_KEYS = ("both", "left", "right", "left_of", "across")
-#: Keys of [problem] whose values are numbers or formulas; those of them with one value for all channels; and those of
-#: these whose value may be a tensor, as a list of rows.
-FORMULA_KEYS = ("f", "c", "diffusivity", "kappa", "initial", "initial_rate")
-COEFFICIENT_KEYS = ("c", "diffusivity", "kappa")
-TENSOR_KEYS = ("diffusivity", "kappa")
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,8 +108,8 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
 
 def _check_is_no_application(tables: Mapping[str, Any]) -> None:
     """Raise SceneError for the scene file of an application, which another command reads."""
-    for command, own in APPLICATION_TABLES.items():
-        name = next((name for name in own if name in tables), None)
+    for command, own in APPLICATIONS.items():
+        name = next((name for name in own.tables if name in tables), None)
         if name is not None and "problem" not in tables:
             raise SceneError(f"{name!r} is a table of the application that `cpmkit {command}` makes; use that command.")
 
@@ -145,10 +138,10 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     edge_of = f"edge of {surface_table.get('kind', '[surface]')}"
     surface = read_source(surface_table, folder, "[surface]")
     carriers = [("surface", surface)]
-    edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), edge_of)
+    edge = read_edge(with_vertex_data(edge_table, folder, carriers, edge_of), surface.dim, edge_of)
     problem = with_vertex_data(as_table(tables["problem"], "[problem]"), folder, carriers, "[problem]")
     boundaries = [_boundary(table, number, folder, surface) for number, table in list_of_tables(tables, "boundary")]
-    return Scene(surface, _problem(problem, surface.dim), boundaries, edge(surface.dim))
+    return Scene(surface, _problem(problem, surface.dim), boundaries, edge)
 
 
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
@@ -287,63 +280,61 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{hint}.")
     check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_key_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
-    if PROBLEMS[kind] is NonlinearDiffusion:
-        for key in ("diffusivity", "by_value", "by_slope"):
-            if key in table:
-                table[key] = read_formula(StateExpression, table[key], f"{key} of [problem]", dim)
-    reacts = PROBLEMS[kind] is ReactionDiffusion
-    if reacts and "reaction" in table:
-        reaction = table["reaction"]
-        texts = tuple(reaction) if isinstance(reaction, list) else (reaction,)
-        table["reaction"] = read_formula(ReactionExpression, texts, "reaction of [problem]", dim)
-    for key in FORMULA_KEYS:
-        if callable(table.get(key)):
-            continue
-        if reacts and key == "kappa" and isinstance(table.get(key), list):
-            table[key] = [
-                _single(value, dim, f"entry {n} of kappa of [problem]") for n, value in enumerate(table[key], 1)
-            ]
-            continue
-        tensor = key in TENSOR_KEYS and _is_square(table.get(key), dim)
-        if key in COEFFICIENT_KEYS and isinstance(table.get(key), list) and not tensor:
-            if key in TENSOR_KEYS:
-                raise SceneError(
-                    f"{key} of [problem] must be one number or formula, or a tensor, a list of {dim} lists of {dim} "
-                    f"numbers or formulas, got {shown(table[key])}."
-                )
-            raise SceneError(f"{key} of [problem] must be one number or formula, got {shown(table[key])}.")
-        if key in table:
-            table[key] = read_data(table[key], dim, f"{key} of [problem]")
-    if "velocity" in table:
-        table["velocity"] = _velocity(table["velocity"], dim)
+    for member in fields(PROBLEMS[kind]):
+        reader = PROBLEM_READERS.get(str(member.type).removesuffix(" | None"))
+        if reader is not None and member.name in table:
+            table[member.name] = reader(table[member.name], dim, f"{member.name} of [problem]")
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
 
 
-def _single(value: Any, dim: int, where: str) -> Any:
+def _read_scalar(value: Any, dim: int, where: str) -> Any:
     """Return a number unchanged and a formula as a function; raise SceneError for a list."""
     if isinstance(value, list):
         raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
     return read_data(value, dim, where)
 
 
-def _is_square(value: Any, dim: int) -> bool:
-    """Return True for a list of ``dim`` lists of ``dim`` entries."""
-    rows = isinstance(value, list) and len(value) == dim
-    return rows and all(isinstance(row, list) and len(row) == dim for row in value)
+def _read_channels(value: Any, dim: int, where: str) -> Any:
+    """Return a number or formula, or a list of one for each channel."""
+    if not isinstance(value, list):
+        return read_data(value, dim, where)
+    return [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
 
 
-def _velocity(value: Any, dim: int) -> VectorField:
-    """Return the vector field ``velocity`` of [problem] from a list with a number or formula for each coordinate.
+def _read_tensor(value: Any, dim: int, where: str) -> Any:
+    """Return a number, a formula or a tensor; raise SceneError for a list that is not ``dim`` lists of ``dim``."""
+    rows = value if isinstance(value, list) else [[None] * dim] * dim
+    if len(rows) != dim or not all(isinstance(row, list) and len(row) == dim for row in rows):
+        raise SceneError(
+            f"{where} must be one number or formula, or a tensor, a list of {dim} lists of {dim} numbers or formulas, "
+            f"got {shown(value)}."
+        )
+    return read_data(value, dim, where)
 
-    Raises
-    ------
-    SceneError
-        If the list does not have ``dim`` entries, or an entry is not accepted.
-    """
+
+def _read_vector(value: Any, dim: int, where: str) -> VectorField:
+    """Return a vector field from a list with a number or formula for each of ``dim`` coordinates; else SceneError."""
     if not isinstance(value, list) or len(value) != dim:
-        raise SceneError(f"velocity of [problem] must be a list of {dim} numbers or formulas, got {shown(value)}.")
-    entries = read_data(value, dim, "velocity of [problem]")
-    return as_vector_field(entries, "velocity of [problem]")
+        raise SceneError(f"{where} must be a list of {dim} numbers or formulas, got {shown(value)}.")
+    return as_vector_field(read_data(value, dim, where), where)
+
+
+def _read_reaction(value: Any, dim: int, where: str) -> Any:
+    """Return the function of a reaction given as a formula, or as a list of one for each channel."""
+    return read_formula(ReactionExpression, tuple(value) if isinstance(value, list) else (value,), where, dim)
+
+
+#: Functions that read the keys of [problem], by the type of the field of the equation: they take the value, the
+#: dimension of the space, and the name of the key in messages.
+PROBLEM_READERS: dict[str, Callable[[Any, int, str], Any]] = {
+    "Data": read_data,
+    "ChannelData": _read_channels,
+    "ScalarData": _read_scalar,
+    "TensorData": _read_tensor,
+    "VectorField": _read_vector,
+    "StateFunction": lambda value, dim, where: read_formula(StateExpression, value, where, dim),
+    "Reaction": _read_reaction,
+}
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError
-from cpmkit.manifold.chains import link_chains
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.orientation import link_chains
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.tangent_space import unit_normals
 from cpmkit.manifold.vector_algebra import norms
@@ -244,12 +244,8 @@ def _directions(oriented: OrientedBoundary, points: Floats, step: float) -> tupl
     if not oriented.has_sides:
         return np.zeros_like(points), np.zeros_like(points)
     feet, on = oriented.feet(points - oriented.left.origin)
-    axis, left = oriented.axis_and_left(feet, on, step)
-    if oriented.dimension == 1:
-        return np.zeros_like(points), left
-    if points.shape[1] == 2:
-        return np.stack([left[:, 1], -left[:, 0]], axis=1), left
-    return np.cross(left, axis), left
+    left = oriented.leftward(feet, on, step)
+    return np.zeros_like(points) if oriented.dimension == 1 else oriented.tangents(feet, on, left, step), left
 
 
 def _in_direction(points: Floats, tangents: Floats, order: Ints) -> Ints:

@@ -20,8 +20,8 @@ from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.documented_keys import Key, keys_of
+from cpmkit.scenefile.kinds import DRAFT, definitions, scene_tables, table_of
 from cpmkit.scenefile.scene_files import read_options, read_scene
-from cpmkit.scenefile.scene_schema import DRAFT, definitions, scene_tables, table_of
 from cpmkit.studies.named_formulas import expand, expand_all, expand_names
 from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 

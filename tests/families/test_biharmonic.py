@@ -226,7 +226,7 @@ def test_no_other_equation_takes_a_support():
 
 
 def test_c_must_not_be_below_zero():
-    with pytest.raises(ck.InputError, match="c of a biharmonic problem"):
+    with pytest.raises(ck.InputError, match="c of biharmonic"):
         ck.Biharmonic(1.0, c=-1.0)
 
 

@@ -209,7 +209,7 @@ def test_coefficients_that_are_none_are_refused(keys, words):
 
 
 def test_a_constant_diffusivity_must_be_above_zero():
-    with pytest.raises(ck.InputError, match="diffusivity of an elliptic problem"):
+    with pytest.raises(ck.InputError, match="diffusivity of elliptic"):
         ck.Elliptic(diffusivity=0.0)
 
 

@@ -96,7 +96,7 @@ def test_several_channels_are_refused():
 def test_a_flux_of_the_wrong_shape_is_refused():
     arc = ck.source("analytic.arc", start=0.0, end=2.0)
     edge = {0: ck.Dirichlet(0.0), 1: ck.NonlinearFlux(lambda u: np.zeros((len(u), 2)))}
-    with pytest.raises(ck.InputError, match=r"must return .* finite numbers for as many values, got shape"):
+    with pytest.raises(ck.InputError, match=r"must return finite numbers of shape .*, got shape"):
         ck.solve(ck.Scene(arc, ck.Laplace(), edge=edge), 0.1)
     with pytest.raises(ck.InputError, match="flux of NonlinearFlux must be a function"):
         ck.NonlinearFlux(2.0)

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 import cpmkit
 from cpmkit import cli
 from cpmkit.errors import SceneError
-from cpmkit.scenefile.output_request import OutputRequest
+from cpmkit.scenefile.look import OutputRequest
 
 SCENE = '[surface]\nkind = "analytic.circle"\n[problem]\nkind = "screened"\nf = 1.0\n[discretization]\nspacing = 0.2\n'
 

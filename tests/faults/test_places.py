@@ -10,7 +10,7 @@ import pytest
 from cpmkit.errors import InputError
 from cpmkit.files.whole_files import check_place, written_whole
 from cpmkit.saving.results import check_request
-from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
+from cpmkit.scenefile.look import OutputRequest, PictureRequest
 
 CIRCLE = """
 [surface]

@@ -24,7 +24,7 @@ from cpmkit.plugin import no_progress
 from cpmkit.runtime.progress import ProgressLine
 from cpmkit.saving import results
 from cpmkit.saving.export import save
-from cpmkit.scenefile.output_request import OutputRequest
+from cpmkit.scenefile.look import OutputRequest
 from cpmkit.studies.records import append_record, drop_unfinished_line
 
 #: Writes a letter 60,000 times into a file, in three pieces, again and again.

@@ -15,7 +15,7 @@ import cpmkit
 from cpmkit import cli
 from cpmkit.errors import SceneError
 from cpmkit.runtime.progress import ProgressLine
-from cpmkit.scenefile.output_request import OutputRequest, PictureRequest
+from cpmkit.scenefile.look import OutputRequest, PictureRequest
 
 
 @pytest.fixture

@@ -18,7 +18,7 @@ from cpmkit import hookspecs, load_scene, plugins
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
 from cpmkit.plugin import COORDINATES, FUNCTIONS
-from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.scenefile.look import PictureRequest
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

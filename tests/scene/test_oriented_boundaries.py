@@ -50,7 +50,7 @@ def test_signs_are_found_once_whatever_the_spacings_and_lattices():
     found = queries(kept, lambda scene: scene.oriented(scene.boundaries[0]))
     left = kept.oriented(kept.boundaries[0]).left
     assert found.tolist() == list(left.queries)
-    assert 0 < found.sum() < 60 * len(left.across.points)
+    assert 0 < found.sum() < 60 * len(left.signs.points)
     for spacing, origin in ((0.25, None), (0.2, [0.01, 0.0, 0.02]), (0.16, None), (0.25, None)):
         first, again = (queries(scene, lay_out, spacing=spacing, origin=origin) for scene in (bare_scene(), kept))
         assert (first - again).tolist() == found.tolist()
@@ -86,9 +86,9 @@ def test_an_oriented_boundary_tells_feet_left_and_tips_without_a_lattice():
     beside = np.array([[1.0, 1.0, 0.2], [1.0, 1.0, -0.2], [1.0, -0.5, 0.1]])
     points = beside / np.linalg.norm(beside, axis=1, keepdims=True) - found.left.origin
     feet, on = found.feet(points)
-    axis, left = found.axis_and_left(feet, on, 0.01)
+    left = found.leftward(feet, on, 0.01)
     assert on.points[0] + found.left.origin == pytest.approx(np.array([1.0, 1.0, 0.0]) / np.sqrt(2))
-    assert axis[0] == pytest.approx(np.array([1.0, 1.0, 0.0]) / np.sqrt(2))
+    assert found.tangents(feet, on, left, 0.01)[0] == pytest.approx(np.array([-1.0, 1.0, 0.0]) / np.sqrt(2))
     assert left[:2] == pytest.approx(np.array([TOP, TOP]))
     signed = found.signed_distance(points, 0.01)
     assert signed[:2] == pytest.approx(points[:2, 2], rel=1e-12)

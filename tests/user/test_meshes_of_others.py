@@ -134,7 +134,7 @@ def test_what_is_no_surface_is_refused():
         (meshio.Mesh(VERTICES, [("triangle6", [range(6)])]), "cells of the kinds triangle6; accepted are triangles"),
         (meshio.Mesh(VERTICES, [("line", [[0, 1]])]), "a mesh with no faces; accepted are triangles"),
         (pyvista.ImageData(dimensions=(3, 3, 3)).cast_to_unstructured_grid(), "of the kinds number 11 of VTK"),
-        (pyvista.ImageData(dimensions=(3, 3, 3)), r"ImageData of \(3, 3, 3\) points, and one with two dimensions"),
+        (pyvista.ImageData(dimensions=(3, 3, 3)), "of the kinds number 11 of VTK"),
         (SimpleNamespace(p=VERTICES.T, t=tetrahedron.T), r"with cells of shape \(1, 4\), and triangles"),
         (SimpleNamespace(v=VERTICES, t=tetrahedron), r"with cells of shape \(1, 4\), and triangles"),
     ):

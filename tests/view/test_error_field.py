@@ -7,7 +7,7 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
-from cpmkit.scenefile.output_request import PictureRequest
+from cpmkit.scenefile.look import PictureRequest
 
 SCENE = """
 [surface]

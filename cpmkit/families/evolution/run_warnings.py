@@ -10,10 +10,10 @@ from cpmkit.errors import ResolutionError
 from cpmkit.families.evolution.schedule import History, Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
-from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 

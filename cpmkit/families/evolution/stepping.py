@@ -33,8 +33,8 @@ from cpmkit.families.evolution.schemes import (
 )
 from cpmkit.families.evolution.semidiscrete import ChannelGroup, SemiDiscrete, ShiftedSolver, SolveTally
 from cpmkit.forms.contract import Discretized, require
+from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
-from cpmkit.scene.reaction_diffusion import ReactionDiffusion
 from cpmkit.solution.frames import EvolvedRecord, check_frames_fit
 
 SCHEMES: dict[str, Scheme] = {

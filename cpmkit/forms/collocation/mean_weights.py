@@ -19,7 +19,6 @@ from cpmkit.forms.free_constants import EXPLAINED_DEFECT_FACTOR, GROSS_DEFECT_SH
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.laws import is_zero_neumann
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
@@ -226,7 +225,7 @@ def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, 
     closed = np.ones(count, dtype=bool)
     edge = tables.layout.band.feet.edge[: tables.layout.band.inner]
     for loop in np.unique(edge[edge >= 0]):
-        if not is_zero_neumann(edge_condition(scene.edge, int(loop)).law):
+        if not edge_condition(scene.edge, int(loop)).law.is_zero_flux:
             closed[label[edge == loop]] = False
     return int(closed.sum()), np.where(closed, np.cumsum(closed) - 1, -1)[label]
 

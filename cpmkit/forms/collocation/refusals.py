@@ -19,7 +19,7 @@ from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations_in_time import Wave
-from cpmkit.scene.laws import Interface, Mixed, Nonlinear, Value, beta_at, data_of, is_zero_neumann
+from cpmkit.scene.laws import Interface, Mixed, Nonlinear, Value, beta_at
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints
 
@@ -139,7 +139,7 @@ def _equivalent(condition: Condition, other: Condition, points: Floats, channels
         return False
     if first.alpha != second.alpha:
         return False
-    data = [[law.beta, *(datum for _, datum in data_of(law))] for law in (first, second)]
+    data = [[law.beta, *(datum for _, datum in law.data)] for law in (first, second)]
     for a, b in zip(*data, strict=True):
         if a is b:
             continue
@@ -225,7 +225,7 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
         missing = sorted(loops - set(resolved))
         given = f"`edge` gives a condition for loop {missing[0]}" if missing else ""
     else:
-        no_flux = all(is_zero_neumann(condition.law) for condition in scene.edge_conditions)
+        no_flux = all(condition.law.is_zero_flux for condition in scene.edge_conditions)
         missing, given = ([] if resolved or no_flux else [0]), "`edge` gives a condition"
     if not missing:
         return

@@ -4,8 +4,7 @@ For a surface point z and a boundary C: y = cp_S(cp_C(z)), snapped to the surfac
 travel of C at y, v = n x t, which points to the left; in an area of the plane n is the third axis, and in a
 solid in space v is the normal of the surface C. Here alone the side of a point is decided, as the
 director D: two points are on opposite sides where D_i . D_j < 0. D is (z - y) . v
-times one fixed vector, or times n (a local choice that does not depend on the sign of n) where the surface is not
-orientable along C.
+times one fixed vector, or times v (which does not depend on the sign of v) where the surface is not orientable along C.
 King et al. (2024): z - y is eq. 10 (there y is cp_C(x)), (z - y) . v is eq. 11, ((z - y) . v) v is eq. 17.
 In its section 4, C is a part of S; here C may be off S by its ``gap``, and is snapped.
 """
@@ -153,13 +152,13 @@ class BoundaryOnLattice:
             director = self._from_point(on, offset, spacing)
             unsigned = np.full(len(rows), np.nan)
             return SideView(rows, on.points, np.zeros(len(rows), dtype=bool), distance, unsigned, 0 * offset, director)
-        axis, left = self.oriented.axis_and_left(feet, on, 0.5 * spacing)
+        left = self.oriented.leftward(feet, on, 0.5 * spacing)
         signed = np.sum(offset * left, axis=1)
         if walked is not None:
             unclear = np.abs(signed) < UNCLEAR_SIDE_COSINE * distance
             signed = np.where(unclear, np.sum(walked * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY_SPACINGS * spacing, ON_BOUNDARY_SPACINGS * spacing, signed)
-        director = signed[:, None] * self._director_axis(axis, left)
+        director = signed[:, None] * self._director_axis(left)
         end = self.oriented.open_ends(feet, on, 0.5 * spacing)
         view = SideView(rows, on.points, end, distance, signed, left, director)
         if walked is None:
@@ -185,19 +184,17 @@ class BoundaryOnLattice:
             director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY_SPACINGS * spacing * tangent[longer]
         return director
 
-    def _director_axis(self, axis: Floats, left: Floats) -> Floats:
+    def _director_axis(self, left: Floats) -> Floats:
         """Return the vectors, (d,) or (n, d), that (z - y) . v is multiplied by to give the directors.
 
         Where left is known by sign all along the boundary, this is one vector for all points, so that only the sign of
         (z - y) . v counts. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare
         vectors at two points: where the normals there differ by more than a right angle (a tube two spacings thick, a
         steep ridge under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side would count
-        as on opposite sides, and values leak across the curve. Where the normal changes sign along the curve, it is n;
-        where the direction of travel does, it is v: D = ((z - y) . v) v does not depend on either sign.
+        as on opposite sides, and values leak across the curve. Where v changes sign along the curve, it is v:
+        D = ((z - y) . v) v does not depend on that sign.
         """
-        if self.oriented.left.known:
-            return np.asarray(np.eye(self.surface.dim)[0], dtype=np.float64)
-        return axis if self.oriented.left.has_direction else left
+        return np.asarray(np.eye(self.surface.dim)[0], dtype=np.float64) if self.oriented.left.known else left
 
 
 @dataclass(frozen=True, eq=False)

@@ -241,7 +241,7 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
         origin = oriented.left.origin
         x = sampled.lattice.to_scene(sampled.samples.points_at(near)) - origin
         feet, on_boundary = oriented.feet(x)
-        leftward = oriented.axis_and_left(feet, on_boundary, DIFFERENCE_SPACINGS * sampled.lattice.spacing)[1]
+        leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * sampled.lattice.spacing)
         inside = side * dots(x - on_boundary.points, leftward)
         doubt = GAPS * norms(on_boundary.points - feet.points)
         past = (inside < doubt) & (feet.edge < 0)

@@ -48,9 +48,8 @@ from cpmkit.runtime.caches import state_without_cached
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.functionals import TestedRightSide
-from cpmkit.scene.laws import data_of
 from cpmkit.scene.scene import Scene
+from cpmkit.scene.special_data import TestedRightSide
 from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
@@ -339,7 +338,7 @@ class Galerkin(Discretized):
                 f"the {name} of {condition.label}", data, lattice.to_scene(self.sampled.boundary.points[condition.rows])
             )
             for condition in self.conditions
-            for name, data in data_of(condition.law)
+            for name, data in condition.law.data
         ]
         layers = () if self.assembly.advection is None else outflow_layer_warnings(self.assembly.terms_of_scene)
         return (

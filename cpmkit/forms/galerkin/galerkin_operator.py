@@ -14,7 +14,7 @@ from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.linear.protocols import Operator
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.laws import Interface, Spectral, is_dissipative
+from cpmkit.scene.laws import Interface, Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
 
@@ -123,7 +123,7 @@ def is_surely_definite(scene: Scene) -> bool:
         c = problem.terms().c
         return callable(c) or bool(np.all(np.asarray(c) >= 0))
     laws = [condition.law for condition in scene.conditions]
-    takes_energy = not all(is_dissipative(law) or isinstance(law, (Interface, Spectral)) for law in laws)
+    takes_energy = not all(law.is_dissipative or isinstance(law, (Interface, Spectral)) for law in laws)
     if takes_energy or problem.near is not None:
         return False
     steklov = any(isinstance(law, Spectral) for law in laws)
@@ -140,4 +140,4 @@ def multigrid_applies(scene: Scene) -> bool:
     if not isinstance(problem, Eigen) or is_surely_definite(scene):
         return True
     laws = [condition.law for condition in scene.conditions]
-    return problem.near is not None and all(is_dissipative(law) or isinstance(law, Interface) for law in laws)
+    return problem.near is not None and all(law.is_dissipative or isinstance(law, Interface) for law in laws)

@@ -210,7 +210,7 @@ class PointReader:
         oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
         at = as_points(points, lattice.dim) - oriented.left.origin
         feet, on_boundary = oriented.feet(at)
-        leftward = oriented.axis_and_left(feet, on_boundary, DIFFERENCE_SPACINGS * lattice.spacing)[1]
+        leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * lattice.spacing)
         return on_boundary.points + oriented.left.origin, -leftward if side == "left" else leftward
 
     def rim_conormals(self, points: Any) -> tuple[Floats, Floats]:

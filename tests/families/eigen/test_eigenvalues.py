@@ -237,7 +237,7 @@ def test_data_that_are_not_zero_are_refused(condition):
 
 @pytest.mark.parametrize("keys", [{"count": 0}, {"count": 2.0}, {"count": True}, {"near": np.nan}, {"diffusivity": -1}])
 def test_wrong_arguments_are_refused(keys):
-    with pytest.raises(ck.InputError, match=f"^{next(iter(keys))} of an eigenvalue problem"):
+    with pytest.raises(ck.InputError, match=f"^{next(iter(keys))} of eigen"):
         ck.Eigen(**keys)
 
 

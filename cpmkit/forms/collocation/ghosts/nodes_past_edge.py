@@ -38,7 +38,7 @@ from cpmkit.manifold.tangent_space import outward_conormals, unit_normals
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
-from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at, is_zero_neumann
+from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at
 from cpmkit.types import Bools, Floats, Ints
 
 #: Points on the sides of a corner are found from points this many spacings from it, in either direction along the rim.
@@ -208,8 +208,8 @@ def _mirror(
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
     feet, start = band.feet.take(rows), None if band.sheets is None else band.feet.take(rows)
     laws = [condition.one_sided for condition in conditions_of_edge(edge)]
-    has_flux = any(isinstance(other, Flux | Mixed) and not is_zero_neumann(other) for other in laws)
-    if is_zero_neumann(law) and not has_flux:
+    has_flux = any(isinstance(other, Flux | Mixed) and not other.is_zero_flux for other in laws)
+    if law.is_zero_flux and not has_flux:
         on = feet if order == 1 else nearest_on_sheet(surface, start, foot - beyond, band.spacing)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     conormals = outward_conormals(surface, feet, 0.5 * band.spacing)

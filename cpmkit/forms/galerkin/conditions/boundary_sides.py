@@ -99,7 +99,7 @@ def _votes(samples: BoundarySamples, boundaries: Sequence[OrientedBoundary], lat
         target, place = np.unique(samples.facet[rows], return_inverse=True)
         middles = np.stack([np.bincount(place, x) for x in samples.points[rows].T], axis=1) / count[target, None]
         feet, on = oriented.feet(lattice.to_scene(middles) - oriented.left.origin)
-        leftward = oriented.axis_and_left(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)[1]
+        leftward = oriented.leftward(feet, on, DIFFERENCE_SPACINGS * lattice.spacing)
         votes[rows] = -samples.weights[rows] * np.sum(samples.conormals[rows] * leftward[place], axis=1)
     return votes
 

@@ -37,7 +37,7 @@ from cpmkit.forms.galerkin.conditions.nitsche import (
 from cpmkit.forms.galerkin.conditions.sample_products import LoadRows, SampleRows, sample_rows, symmetric_sum
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at, law_of_laplacian
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
 from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ class ConditionTerms:
     @property
     def for_laplacian(self) -> ConditionTerms:
         """The conditions on Lap u: of the same kinds, with the data of supports for Lap u, and zero data elsewhere."""
-        laws = [replace(condition, law=law_of_laplacian(condition.law)) for condition in self.conditions]
+        laws = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
         return replace(self, conditions=tuple(laws))
 
     @property

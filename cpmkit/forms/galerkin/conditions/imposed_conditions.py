@@ -16,7 +16,7 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.edge_conditions import LoopConditions, check_parts_used, conditions_along
-from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at, is_zero_neumann
+from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Bools, Floats, Ints
@@ -79,7 +79,7 @@ def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) ->
 def needs_rims(scene: Scene) -> bool:
     """Return whether the scene gives the edge of the manifold conditions other than zero flux, or loop by loop."""
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
-        is_zero_neumann(one.law) for one in scene.edge_conditions
+        one.law.is_zero_flux for one in scene.edge_conditions
     )
 
 
