@@ -24,13 +24,13 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.explaining import explain as explain
     from cpmkit.facade import EigenSolution as EigenSolution
     from cpmkit.facade import Solution as Solution
+    from cpmkit.facade import pick_line as pick_line
     from cpmkit.families.steady import assemble as assemble
     from cpmkit.forms.field import Field as Field
     from cpmkit.grid.band import build_band as build_band
     from cpmkit.loading import load as load
     from cpmkit.manifold.source import ClosestPoints as ClosestPoints
     from cpmkit.manifold.source import ClosestPointSource as ClosestPointSource
-    from cpmkit.plugins import pick_line as pick_line
     from cpmkit.plugins import read_mesh as read_mesh
     from cpmkit.plugins import read_texture_coordinates as read_texture_coordinates
     from cpmkit.plugins import source as source
@@ -126,7 +126,7 @@ _PUBLIC = {
     "load": "loading",
     "load_scene": "scenefile.scene_files",
     "normals_at": "solution.boundary_points",
-    "pick_line": "plugins",
+    "pick_line": "facade",
     "prepare": "preparing",
     "read_mesh": "plugins",
     "read_texture_coordinates": "plugins",

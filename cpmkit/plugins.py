@@ -19,9 +19,7 @@ from cpmkit.runtime.messages import COMBINATIONS, PLUGIN_FAMILIES, did_you_mean,
 from cpmkit.runtime.options import check_key_types
 
 if TYPE_CHECKING:
-    from cpmkit.facade import Solution
     from cpmkit.manifold.source import ClosestPointSource
-    from cpmkit.scene.surface_input import Surface
     from cpmkit.types import Floats, Ints
 
 Product = TypeVar("Product")
@@ -300,38 +298,3 @@ def read_texture_coordinates(file: str | Path) -> tuple[Floats, Ints]:
     """
     coordinates: tuple[Any, Any] = load("mesh.triangles").read_texture_coordinates(find_file(file))
     return coordinates
-
-
-def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, closed: bool = False) -> Floats:
-    """Show a surface or a solution in a window, in which clicks draw a line, and return the line.
-
-    The right button adds a point under the mouse, the key BackSpace removes the last one, q or closing the window ends
-    the line; the left button and the wheel turn and zoom. Between the points the line follows the surface. Its left is
-    at the left hand of a walker in the order of the clicks on the outside of the surface.
-
-    Parameters
-    ----------
-    shown : ClosestPointSource or Solution
-        The surface to draw on; also a mesh of another library, as for :class:`cpmkit.Scene`.
-    path : path, optional
-        A ``.csv``, ``.obj`` or ``.npy`` file, which the kind ``mesh.polyline`` reads; an existing file is replaced.
-    closed : bool
-        Whether the last point is connected to the first.
-
-    Returns
-    -------
-    (n, d) float64
-        Points of the line on the surface, in the scene's coordinates; a closed line ends with its first point.
-
-    Raises
-    ------
-    InputError
-        If ``shown`` is no surface or has no mesh, the file has another suffix, or fewer than two points were picked
-        (three for a closed line).
-    MissingDependencyError
-        If pyvista, which shows the window, is not installed.
-    PluginError
-        If the mesh plugin is not installed.
-    """
-    line: Floats = load("mesh.triangles").pick_line(shown, path, closed=closed)
-    return line
