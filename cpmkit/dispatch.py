@@ -12,8 +12,7 @@ from cpmkit.families.nonlinear import solve_nonlinear
 from cpmkit.families.quasilinear import solve_quasilinear
 from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.backend import Backend
-from cpmkit.forms.choice import every_option, explain_memory_error, module_of, options_of
+from cpmkit.forms.choice import Backend, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.options import Options, solver_of
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, make_step_solver

@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from cpmkit.files.data_files import existing_file as existing_file
     from cpmkit.files.whole_files import write_png as write_png
     from cpmkit.files.whole_files import written_whole as written_whole
-    from cpmkit.forms.backend import Backend as Backend
+    from cpmkit.forms.choice import Backend as Backend
     from cpmkit.forms.contract import Discretized as Discretized
-    from cpmkit.forms.contract import conditions_depend_on_time as conditions_depend_on_time
-    from cpmkit.forms.contract import named_sides as named_sides
     from cpmkit.forms.form_records import FormTraits as FormTraits
     from cpmkit.forms.form_records import StateFlux as StateFlux
     from cpmkit.forms.galerkin.cut_mesh import CutMesh as CutMesh
@@ -111,6 +109,7 @@ if TYPE_CHECKING:
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
     from cpmkit.scene.boundary import BoundarySet as BoundarySet
+    from cpmkit.scene.boundary import named_sides as named_sides
     from cpmkit.scene.conditions import Condition as Condition
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
     from cpmkit.scene.conditions import Neumann as Neumann
@@ -132,6 +131,7 @@ if TYPE_CHECKING:
     from cpmkit.scene.laws import Value as Value
     from cpmkit.scene.point_values import small_boundary_warnings as small_boundary_warnings
     from cpmkit.scene.scene import Scene as Scene
+    from cpmkit.scene.scene import conditions_depend_on_time as conditions_depend_on_time
     from cpmkit.scene.special_data import VertexData as VertexData
     from cpmkit.scene.surface_input import Surface as Surface
     from cpmkit.scene.surface_input import as_source as as_source
@@ -289,7 +289,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "judge": "linear.residuals",
     },
     "Forms and back ends": {
-        "Backend": "forms.backend",
+        "Backend": "forms.choice",
         "Stiffness": "linear.protocols",
         "no_progress": "types",
         "Border": "linear.operators",
@@ -303,8 +303,8 @@ GROUPS: dict[str, dict[str, str]] = {
         "vertex_normals": "mesh.normals_of_mesh",
         "needed_spacing": "grid.spacings",
         "warnings_of": "manifold.abilities",
-        "conditions_depend_on_time": "forms.contract",
-        "named_sides": "forms.contract",
+        "conditions_depend_on_time": "scene.scene",
+        "named_sides": "scene.boundary",
         "FormTraits": "forms.form_records",
     },
     "Hooks": {

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.families.solve_options import Checkpointing
-from cpmkit.forms.contract import Discretized
+from cpmkit.forms.contract import Discretized, FormValues
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
 from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
@@ -150,3 +150,14 @@ class SolveContext:
         ``products`` counts operator applications, ``residual`` is relative, ``reason`` says why the solve ended.
         """
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)
+
+
+def surely_positive(form: FormValues) -> bool:
+    """Return whether the operator of the scene's equation surely has no eigenvalue below zero.
+
+    It has none if there is no velocity, c is nowhere negative and all conditions are dissipative.
+    """
+    terms = form.scene.problem.terms()
+    if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:
+        return False
+    return all(condition.law.is_dissipative for condition in form.scene.conditions)

@@ -17,7 +17,6 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.families.context import SolveContext
 from cpmkit.forms.contract import Discretized, require
-from cpmkit.forms.free_constants import MOSTLY
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
@@ -96,7 +95,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
     free = form.free_constants(stiffness)
     if free is None:
         return
-    for on_piece in (form.at_points(free.indicator.toarray()) > MOSTLY).T:
+    for on_piece in (form.at_points(free.indicator.toarray()) > 0.5).T:
         C = coupling[on_piece]
         squares = np.einsum("pij,pik->jk", C, C)  # v' (sum of C'C) v is the sum of |C v|^2
         sizes, combinations = np.linalg.eigh(squares)

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.families.context import SolveContext, operator_key
-from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.families.context import SolveContext, operator_key, surely_positive
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
@@ -91,19 +91,19 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
     built = time.perf_counter()
     values, report = _solve_system(context, system, b)
     work = form.work(system.operator, report)
-    result = form.remove_constants(system.operator, b, values)
-    resonant, resonance = nearest_resonance(context, system.solver, result.values)
+    u, imbalances = form.remove_constants(system.operator, b, values)
+    resonant, resonance = nearest_resonance(context, system.solver, u)
     small_c = () if isinstance(system.operator, Bordered) else system.constants.cancellation_warnings(b, values)
     seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
-    unbalanced = [text for defect in result.imbalances for text in (*defect.warnings, *defect.nothing_given)]
+    unbalanced = [text for defect in imbalances for text in (*defect.warnings, *defect.nothing_given)]
     return SolutionRecord(
         form,
-        result.values,
+        u,
         report,
         work,
         seconds,
         warnings=(*form.warnings(), *coarse_waves, *resonant, *small_c, *unbalanced),
-        imbalances=result.imbalances,
+        imbalances=imbalances,
         resonance=resonance,
     )
 

@@ -6,10 +6,11 @@ import traceback
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import import_module
-from typing import Any
+from typing import Any, Protocol
 
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.forms.collocation.options import CollocationOptions, refuse_removed
+from cpmkit.forms.contract import Discretized
 from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.galerkin.options import FAMILIES, GalerkinOptions
 from cpmkit.forms.options import AUTO, Options
@@ -22,6 +23,7 @@ from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import DeclaredOptions, Option, declared_options, either_option, split_options
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Progress
 
 #: The options of each form, by its name.
 FORMS: dict[str, type[DeclaredOptions]] = {"collocation": CollocationOptions, "galerkin": GalerkinOptions}
@@ -205,3 +207,20 @@ def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, li
         f"Memory ran out at spacing={spacing:g}: {needed}{limit}, libraries included; "
         f"try spacing={fits:g} or more{hint}."
     )
+
+
+class Backend(Protocol):
+    """A form that a plugin supplies, returned by the plugin's factory in ``cpmkit_backends``.
+
+    The families and linear solvers of the core solve its discretised scenes. ``discretize`` may have further keyword
+    arguments: options of the form, which ``solve`` accepts and passes on.
+    """
+
+    def discretize(self, scene: Scene, spacing: float | None, *, progress: Progress) -> Discretized:
+        """Return the discretised scene; ``spacing`` is None if the user gave none.
+
+        Raises
+        ------
+        CpmkitError
+            If the form cannot discretise the scene; the message names a form that can.
+        """

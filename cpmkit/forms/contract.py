@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.form_records import (
     Diagnosis,
     ExpectedError,
@@ -27,24 +27,28 @@ from cpmkit.forms.form_records import (
     PlainWork,
     StateDependentCoefficient,
     StateFlux,
-    SteadyResult,
 )
-from cpmkit.forms.free_constants import balanced_solution, free_pieces
+from cpmkit.forms.free_constants import Imbalance, balanced_solution, free_pieces
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import advice_of
+from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.deprecation import DeprecatedMember
-from cpmkit.scene.data import Data, evaluate_data, takes_time
+from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Floats, Ints, Side, Sides
+from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.linear.solve_report import SolveReport
     from cpmkit.solution.display_mesh import DisplayMesh
+
+
+#: Number of points that are evaluated at a time, which bounds the memory of their rows.
+EVALUATION_CHUNK_POINTS = 1 << 17
 
 
 class FormOperators(ABC):
@@ -240,9 +244,12 @@ class FormValues(FormOperators):
     def rows(self, points: Floats, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
 
-    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
+    def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:
         """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
-        return np.asarray(self.rows(points, side) @ u)
+        at = as_points(points, self.scene.surface.dim)
+        starts = range(0, max(len(at), 1), EVALUATION_CHUNK_POINTS)
+        parts = (at[start : start + EVALUATION_CHUNK_POINTS] for start in starts)
+        return np.concatenate([self.rows(part, side) @ u for part in parts])
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) of u at ``points`` (k, d), by default the form's own."""
@@ -262,14 +269,7 @@ class FormValues(FormOperators):
         """Return the integrals (channels,) of du/db over a side of a boundary, a loop of the edge, or ``"edge"``.
 
         None where the form offers nothing better than a quadrature of :meth:`conormal_derivative`.
-
-        Raises
-        ------
-        InputError
-            If the boundary has no sides.
         """
-        if isinstance(boundary, str) and side is not None:
-            named_sides(self.scene, {boundary: side})
         return None
 
     def signed_distance(self, name: str, points: Any) -> Floats:
@@ -281,14 +281,16 @@ class FormValues(FormOperators):
         return None
 
 
-class FormDiagnosis(FormValues):
-    """Warnings, error estimates and cost of a solution, and the description by which a saved solution is recognised."""
+class Discretized(FormValues):
+    """A scene on the unknowns of one form, prepared once for many equations and right-hand sides.
 
-    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
-        """Return the solution u of ``operator u = b`` without free constants, and the imbalances of b."""
-        if not isinstance(operator, Bordered):
-            return SteadyResult(u)
-        return SteadyResult(*balanced_solution(operator, b, u, self))
+    This part of the contract has warnings, error estimates and cost of a solution, and the description by which a saved
+    solution is recognised.
+    """
+
+    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
+        """Return the solution u of ``operator u = b`` with mean zero where a constant is free, and the imbalances."""
+        return balanced_solution(operator, b, u, self) if isinstance(operator, Bordered) else (u, ())
 
     def warnings(self) -> tuple[str, ...]:
         """Return warnings that hold for any solution."""
@@ -345,10 +347,6 @@ class FormDiagnosis(FormValues):
         return ""
 
 
-class Discretized(FormDiagnosis):
-    """A scene on the unknowns of one form, prepared once for many equations and right-hand sides."""
-
-
 def lacking(form: FormOperators, ability: str) -> SceneError:
     """Return the error for a problem that needs an ``ability`` that the form lacks."""
     return SceneError(
@@ -372,37 +370,3 @@ def integrals(form: FormValues, u: Floats) -> Floats | None:
 def spread_rows(total: int, count: int) -> Ints:
     """Return at most ``count`` of the integers from 0 to ``total`` - 1, evenly spread."""
     return np.linspace(0, total - 1, min(count, total)).astype(np.int64)
-
-
-def named_sides(scene: Scene, side: Sides) -> Mapping[str, Side]:
-    """Return the side that is read of each boundary, by the boundary's name; a single side holds for all boundaries.
-
-    Raises
-    ------
-    InputError
-        If a name is not that of a boundary, or a side is neither left nor right.
-    """
-    names = [boundary.name for boundary in scene.boundaries]
-    by_name = side if isinstance(side, Mapping) else {name: side for name in names if side is not None}
-    for name, value in by_name.items():
-        if name not in names or value not in SIDES:
-            raise InputError(
-                f"side must be 'left' or 'right' of one of the boundaries {names}, got {shown(value)} of {name!r}."
-            )
-    return by_name
-
-
-def conditions_depend_on_time(scene: Scene) -> bool:
-    """Return whether data of the scene's conditions depend on the time."""
-    return any(takes_time(data) for condition in scene.conditions for _, data in condition.data())
-
-
-def surely_positive(form: FormValues) -> bool:
-    """Return whether the operator of the scene's equation surely has no eigenvalue below zero.
-
-    It has none if there is no velocity, c is nowhere negative and all conditions are dissipative.
-    """
-    terms = form.scene.problem.terms()
-    if terms.velocity is not None or float(form.data_at_points(terms.c, "the factor c").min(initial=0.0)) < 0:
-        return False
-    return all(condition.law.is_dissipative for condition in form.scene.conditions)

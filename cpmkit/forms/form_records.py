@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Protocol
 
-from cpmkit.forms.free_constants import Imbalance
 from cpmkit.types import Floats
 
 
@@ -148,22 +147,6 @@ class FormTraits:
     work_record: type = PlainWork
     higher_degree: int | None = None
     libraries: tuple[str, ...] = ("cpmkit", "numpy", "scipy")
-
-
-@dataclass(frozen=True, eq=False)
-class SteadyResult:
-    """A steady solution without its free constants.
-
-    Attributes
-    ----------
-    values : (n, channels) float64
-        Unknowns, with mean zero on pieces of the manifold where a constant is free.
-    imbalances : tuple of Imbalance
-        The imbalance of the data on each piece of the manifold, and its correction.
-    """
-
-    values: Floats
-    imbalances: tuple[Imbalance, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -17,7 +17,10 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator
-from cpmkit.types import Floats
+from cpmkit.types import Bools, Floats
+
+if TYPE_CHECKING:
+    from cpmkit.forms.contract import Discretized
 
 #: A relative imbalance above this is reported on any lattice.
 GROSS_DEFECT_SHARE = 0.5
@@ -27,8 +30,6 @@ GROSS_DEFECT_SHARE = 0.5
 EXPLAINED_DEFECT_FACTOR = 10.0
 #: A constant is free on a piece where A times its indicator is below this share of the diagonal: rounding.
 ROUNDING = 1e-10
-#: A point is on a piece where the piece's indicator is above this.
-MOSTLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -164,64 +165,35 @@ def free_pieces(
     return Border(indicator, mean, None if mass is None else csr_array(mean.T * members))
 
 
-class DescribesPieces(Protocol):
-    """The members of a form that are needed to describe pieces of the manifold."""
-
-    @property
-    def mass(self) -> Operator | None:
-        """The mass matrix M; None where it is the identity."""
-
-    @property
-    def points(self) -> Floats:
-        """(p, d) the points at which the form evaluates functions."""
-
-    def at_points(self, u: Floats) -> Floats:
-        """Return the values (p, channels) at :attr:`points` of the function with the unknowns ``u`` (n, channels)."""
-
-
-class _Piece(NamedTuple):
-    """A piece of the manifold: the relative imbalance that the spacing explains, a point, the share of all points."""
-
-    explained: float
-    near: tuple[float, ...]
-    share: float
-
-
-#: The pieces of borders in use: finding them takes as long as a solve with known factors.
-_PIECES: WeakKeyDictionary[Border, list[_Piece]] = WeakKeyDictionary()
+#: The fields ``explained``, ``near`` and ``share`` of imbalances on the pieces of borders in use: finding them takes as
+#: long as a solve with known factors.
+_PIECES: WeakKeyDictionary[Border, list[dict[str, Any]]] = WeakKeyDictionary()
 
 
 def balanced_solution(
-    operator: Bordered, b: Floats, u: Floats, form: DescribesPieces
+    operator: Bordered, b: Floats, u: Floats, form: Discretized
 ) -> tuple[Floats, tuple[Imbalance, ...]]:
     """Return u (n, channels) with mean zero on each free piece, and the imbalance of the load ``b`` on each."""
     u, means = operator.border.remove_means(u)
     indicator, load = operator.border.indicator.toarray(), operator.border.constant_load
     measure = (indicator * (indicator if form.mass is None else form.mass.apply(indicator))).sum(axis=0)
     values = operator.shift * (means.T * ((indicator * load.toarray()).sum(axis=0) / measure)).T
+    sizes = indicator.T @ np.abs(b) / measure[:, None]
     if operator.border not in _PIECES:
-        _PIECES[operator.border] = _described_pieces(form, indicator)
-    return u, tuple(
-        Imbalance(
-            "data",
-            value=tuple(values[k].tolist()),
-            size=tuple((indicator[:, k] @ np.abs(b) / measure[k]).tolist()),
-            explained=piece.explained,
-            near=piece.near,
-            share=piece.share,
-        )
-        for k, piece in enumerate(_PIECES[operator.border])
-    )
+        _PIECES[operator.border] = [_described_piece(form, on_piece) for on_piece in form.at_points(indicator).T > 0.5]
+    pieces = zip(values.tolist(), sizes.tolist(), _PIECES[operator.border], strict=True)
+    return u, tuple(Imbalance("data", value=tuple(value), size=tuple(size), **piece) for value, size, piece in pieces)
 
 
-def _described_pieces(form: DescribesPieces, indicator: Floats) -> list[_Piece]:
-    """Return the description of each of the k pieces with the indicators ``indicator`` (n, k)."""
-    pieces, points = [], form.points
-    for on_piece in (form.at_points(indicator) > MOSTLY).T:
-        members = np.flatnonzero(on_piece)
-        extent = float(np.ptp(points[members], axis=0).max()) if len(members) else 0.0
-        steps = max(len(members) ** 0.5, 1.0) if extent else 1.0
-        explained = min(EXPLAINED_DEFECT_FACTOR / steps**2, GROSS_DEFECT_SHARE)
-        near = tuple(points[members[len(members) // 2]].tolist()) if len(members) else ()
-        pieces.append(_Piece(explained, near, len(members) / max(len(points), 1)))
-    return pieces
+def _described_piece(form: Discretized, on_piece: Bools) -> dict[str, Any]:
+    """Return the fields of an imbalance on the piece with the points ``on_piece`` (p,) of the form."""
+    points, members = form.points, np.flatnonzero(on_piece)
+    if not len(members):
+        return {"explained": GROSS_DEFECT_SHARE, "near": (), "share": 0.0}
+    extent = float(np.ptp(points[members], axis=0).max())
+    steps = len(members) ** 0.5 if extent else 1.0
+    return {
+        "explained": min(EXPLAINED_DEFECT_FACTOR / steps**2, GROSS_DEFECT_SHARE),
+        "near": tuple(points[members[len(members) // 2]].tolist()),
+        "share": len(members) / len(points),
+    }

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
-from cpmkit.errors import SceneError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.plugins import source
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.scene.conditions import Condition, as_condition, same_condition
 from cpmkit.scene.data import Data
-from cpmkit.types import Floats, Ints, Side
+from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
 
 def _vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
@@ -210,3 +210,41 @@ class BoundarySet(Protocol):
 
     def condition(self, side: Side, /) -> Condition:
         """Return the condition on ``side``."""
+
+
+def named_sides(
+    boundaries: Sequence[BoundarySet], side: Sides, has_left: Sequence[bool] | None = None
+) -> dict[str, Side]:
+    """Return the side that is read of each boundary, by name; a single side holds for all boundaries that have sides.
+
+    ``has_left`` says for each of the ``boundaries`` whether it has sides; by default all have.
+
+    Raises
+    ------
+    InputError
+        If a name is not that of a boundary, the boundary has no sides, or a side is neither left nor right.
+    """
+    names = [boundary.name for boundary in boundaries]
+    with_sides = [name for name, has in zip(names, has_left or [True] * len(names), strict=True) if has]
+    by_name = dict(side) if isinstance(side, Mapping) else {name: side for name in with_sides if side is not None}
+    for name, value in by_name.items():
+        boundary_number(boundaries, name)
+        if value not in SIDES or name not in with_sides:
+            raise InputError(
+                f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {shown(value)}."
+            )
+    return by_name
+
+
+def boundary_number(boundaries: Sequence[BoundarySet], name: str) -> int:
+    """Return the number of the boundary called ``name``.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    names = [boundary.name for boundary in boundaries]
+    if name not in names:
+        raise InputError(f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}.")
+    return names.index(name)

@@ -15,7 +15,7 @@ from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence
+from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, takes_time
 from cpmkit.scene.diffusivities import is_tensor
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
@@ -306,3 +306,8 @@ def _check_same(old: Condition, new: Any, label: str) -> None:
             f"{label} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
             "the kind, its factors or its order; use cpmkit.solve."
         )
+
+
+def conditions_depend_on_time(scene: Scene) -> bool:
+    """Return whether data of the scene's conditions depend on the time."""
+    return any(takes_time(data) for condition in scene.conditions for _, data in condition.data())

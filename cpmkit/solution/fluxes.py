@@ -16,6 +16,7 @@ from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.quadratic_cells import OUTWARD_EDGE_SHARE, QuadraticCells, edge_midpoints_on, outward_edges
+from cpmkit.scene.boundary import boundary_number
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS
 from cpmkit.types import Floats, Ints, Side
 
@@ -158,12 +159,10 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
             total = weights @ form.conormal_derivative(solution.values, feet.points)
     else:
         checked, name = _check_side(str(boundary), side), str(boundary)
-        if name not in names:
-            accepted = ", ".join(map(repr, names)) or "none"
-            raise InputError(f"no boundary has the name {name!r}; the scene has {accepted}.")
+        number = boundary_number(scene.boundaries, name)
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
-            rule = boundary_rule(scene.boundaries[names.index(name)].source, scene.surface, solution.spacing)
+            rule = boundary_rule(scene.boundaries[number].source, scene.surface, solution.spacing)
             total = rule.weights @ form.conormal_derivative(solution.values, rule.points, name, checked)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 

@@ -206,7 +206,7 @@ class SolutionRecord:
         """Return the solution (n,) or (n, channels) at points (n, d); with both sides, left first, on a second axis."""
         if isinstance(side, str) and side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
-        values = self.discretized.evaluate(self.values, points, side, self.data_time)
+        values = self.discretized.evaluate(self.values, points, side)
         return values[:, 0] if self.channels == 1 else values
 
     def _at(self, points: Any, read: Callable[[Any], Floats]) -> Any:

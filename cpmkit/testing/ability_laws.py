@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import partial
+
 import numpy as np
 
 from cpmkit.manifold.abilities import (
@@ -9,30 +12,38 @@ from cpmkit.manifold.abilities import (
     HasAdvice,
     HasCreases,
     HasLeft,
+    HasLocalMinima,
+    HasMembers,
     HasMesh,
     HasNormals,
     HasTangents,
     HasTranslation,
     HasValues,
-    edge_limit_of,
+    members_of,
 )
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import (
     ROUND_OFF_SHARE,
     Subject,
     certain,
-    for_queries,
     law,
-    query_law,
     require,
+    require_refusal,
     require_rows,
 )
 from cpmkit.types import Floats, Ints
 
 #: Step across or along the manifold by which normals and tangents are checked, relative to the size.
 DIRECTION_STEP_SHARE = 1e-5
+#: The radii of the searches, relative to the size.
+RADII_SHARES = (0.2, 0.5)
+#: Length of the step from a foot towards its query, relative to their distance.
+TOWARDS_QUERY_SHARE = 1e-3
+#: Distance from a foot of the points that are compared with it, relative to the size.
+AROUND_FOOT_SHARE = 1e-5
 
 
-@query_law("near", HasNormals)
+@law("near", HasNormals)
 def check_normals(subject: Subject, x: Floats) -> None:
     """Normals have length one and are perpendicular to the manifold, with one sign on both sides of it.
 
@@ -54,7 +65,7 @@ def check_normals(subject: Subject, x: Floats) -> None:
     _require_agreement(above, below, feet.points, "The two sides have opposite normals")
 
 
-@query_law("near", HasCreases)
+@law("near", HasCreases)
 def check_facet_normals(subject: Subject, x: Floats) -> None:
     """Normals of facets have length one, or are NaN in all coordinates."""
     feet = subject.feet(x)
@@ -63,7 +74,7 @@ def check_facet_normals(subject: Subject, x: Floats) -> None:
     _require_unit(normals[flat], feet.points[flat])
 
 
-@query_law("near", HasTangents)
+@law("near", HasTangents)
 def check_tangents(subject: Subject, x: Floats) -> None:
     """Tangents have length one, lie along the curve, and those of neighbouring feet have the same direction."""
     feet = subject.feet(x)
@@ -80,7 +91,7 @@ def check_tangents(subject: Subject, x: Floats) -> None:
     _require_agreement(subject.source.tangents(ahead), tangents, feet.points, "Neighbours have opposite tangents")
 
 
-@query_law("near", HasValues)
+@law("near", HasValues)
 def check_values(subject: Subject, x: Floats) -> None:
     """Interpolation preserves constants and the number of channels."""
     values = np.tile([3.0, -1.0], (subject.source.value_count, 1))
@@ -90,7 +101,7 @@ def check_values(subject: Subject, x: Floats) -> None:
     require_rows((np.abs(read - values[0]) <= ROUND_OFF_SHARE).all(axis=1), x, "The constants 3, -1 are read as", read)
 
 
-@law(HasMesh)
+@law(ability=HasMesh)
 def check_mesh(subject: Subject) -> None:
     """The vertices of a mesh lie on the manifold; its cells have as many distinct vertices as its dimension demands."""
     for share in (0.5, 0.05):
@@ -109,7 +120,7 @@ def check_mesh(subject: Subject) -> None:
         require_rows(off <= subject.round_off(vertices), vertices, "A vertex lies off the manifold by", off)
 
 
-@law(HasAdvice)
+@law(ability=HasAdvice)
 def check_advice(subject: Subject) -> None:
     """Each warning is one sentence, a string that ends with its only full stop; the floor is finite, not negative."""
     for share in (0.5, 0.05, 0.005):
@@ -123,7 +134,7 @@ def check_advice(subject: Subject) -> None:
             require(np.isfinite(floor) and floor >= 0, f"The floor is {floor}.")
 
 
-@query_law("near", HasAdvice)
+@law("near", HasAdvice)
 def check_finite_feet(subject: Subject, x: Floats) -> None:
     """A source whose feet are finitely many has no more of them than its advice states."""
     count = subject.source.advice(subject.size).foot_count
@@ -132,8 +143,8 @@ def check_finite_feet(subject: Subject, x: Floats) -> None:
         require(len(feet) <= count, f"There are {len(feet)} feet at least, not {count}.")
 
 
-@law(HasTranslation)
-def check_translation(subject: Subject) -> None:
+@law("near unless exact", HasTranslation, together=True)
+def check_translation(subject: Subject, x: Floats) -> None:
     """A translated source has the source's answers, moved by the offset, and the same abilities.
 
     Feet are compared by their distances from the query and the manifold: at a tie rounding may choose another.
@@ -146,60 +157,32 @@ def check_translation(subject: Subject) -> None:
     apart = np.abs(moved.bounds - (subject.source.bounds + offset)).max()
     require(apart <= subject.round_off(offset[None])[0], f"The bounds move by the offset and {apart}.")
 
-    def check(x: Floats) -> None:
-        """Compare the distances and feet of queries ``x`` (n, d) before and after the translation."""
-        original, translated = subject.feet(x), moved.closest_point(x + offset)
-        allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
-        apart = np.abs(translated.distance - original.distance)
-        require_rows(apart <= allowed, x, "distance changes in translation by", apart)
-        off = subject.source.closest_point(np.ascontiguousarray(translated.points - offset)).distance
-        require_rows(off <= allowed, x, "The translated foot lies off the translated manifold by", off)
-        apart = np.abs(
-            np.linalg.norm(x + offset - translated.points, axis=1) - np.linalg.norm(x - original.points, axis=1)
-        )
-        require_rows(
-            apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart
-        )
-
-    for_queries(subject, check, within_radius=not subject.source.exact, together=True)
+    original, translated = subject.feet(x), moved.closest_point(x + offset)
+    allowed = 2 * subject.round_off(np.abs(x) + np.abs(offset))
+    apart = np.abs(translated.distance - original.distance)
+    require_rows(apart <= allowed, x, "distance changes in translation by", apart)
+    off = subject.source.closest_point(np.ascontiguousarray(translated.points - offset)).distance
+    require_rows(off <= allowed, x, "The translated foot lies off the translated manifold by", off)
+    apart = np.abs(np.linalg.norm(x + offset - translated.points, axis=1) - np.linalg.norm(x - original.points, axis=1))
+    require_rows(apart <= allowed + subject.case.turning_angle * original.distance, x, "|x - points| changes by", apart)
 
 
-@law(HasLeft)
-def check_left(subject: Subject) -> None:
+@law("near", HasLeft)
+def check_left(subject: Subject, x: Floats) -> None:
     """Vectors to the left have length one and are perpendicular to the curve; ``left_of`` lies on the left."""
-
-    def check(x: Floats) -> None:
-        """Require that left vectors at the feet of queries ``x`` (n, d) are unit vectors perpendicular to the curve."""
-        feet = subject.source.closest_point(x)
-        feet = feet.take(certain(feet))
-        left = subject.source.leftward(feet)
-        require(left.shape == feet.points.shape, f"There are {left.shape} vectors for {feet.points.shape} feet.")
-        length = np.linalg.norm(left, axis=1)
-        require_rows(np.abs(length - 1) <= ROUND_OFF_SHARE, feet.points, "A vector to the left has the length", length)
-        if isinstance(subject.source, HasTangents):
-            along = np.abs(np.sum(left * subject.source.tangents(feet), axis=1))
-            require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
-
-    for_queries(subject, check, within_radius=True)
+    feet = subject.source.closest_point(x)
+    feet = feet.take(certain(feet))
+    left = subject.source.leftward(feet)
+    _require_unit(left, feet.points)
+    if isinstance(subject.source, HasTangents):
+        along = np.abs(np.sum(left * subject.source.tangents(feet), axis=1))
+        require_rows(along <= ROUND_OFF_SHARE, feet.points, "A vector to the left leans along the curve by", along)
     left_of = getattr(subject.source, "left_of", None)
     if left_of is not None:
         point = np.asarray(left_of, dtype=np.float64)[None]
         feet = subject.source.closest_point(point)
         on_left = bool(np.sum((point - feet.points) * subject.source.leftward(feet)) > 0)
         require(on_left, f"left_of, {point[0].tolist()}, is not on the left.")
-
-
-@law()
-def check_edge_limit(subject: Subject) -> None:
-    """Edge numbers are below 1000, or below the source's ``edge_limit``, a multiple of 1000."""
-    limit = edge_limit_of(subject.source)
-    require(limit > 0 and limit % 1000 == 0, f"The limit of the edges' numbers is {limit}, no multiple of 1000.")
-
-    def check(x: Floats) -> None:
-        largest = int(subject.feet(x).edge.max(initial=-1))
-        require(largest < limit, f"An edge has the number {largest}, the limit is {limit}.")
-
-    for_queries(subject, check, within_radius=False)
 
 
 def _require_corners(cells: Ints, manifold_dim: int | None) -> None:
@@ -234,3 +217,117 @@ def _require_agreement(first: Floats, second: Floats, points: Floats, message: s
     opposite = np.einsum("nd,nd->n", first, second) <= 0
     if len(points) and opposite.mean() > 0.5:
         require_rows(~opposite, points, message)
+
+
+# Local minima of the distance: a foot on every sheet near a query
+
+
+@law("anywhere", HasLocalMinima)
+def check_local_minima(subject: Subject, x: Floats) -> None:
+    """Feet within a radius lie on the manifold at their distance, ordered by row and distance, the closest point first.
+
+    A larger radius adds feet and removes none.
+    """
+    small, large = (share * subject.size for share in RADII_SHARES)
+
+    closest = subject.feet(x)
+    rows, feet = subject.source.local_minima(x, large)
+    _require_order(subject, x, rows, feet)
+    expected = np.flatnonzero(closest.distance <= large)
+    require(
+        np.array_equal(np.unique(rows), expected), "The queries with feet are not those whose closest point is near."
+    )
+    require((feet.distance <= large).all(), "A foot lies beyond the radius.")
+    first = np.flatnonzero(np.diff(rows, prepend=-1))
+    apart = np.abs(_foot_distances(x, rows, feet)[first] - np.linalg.norm(x - closest.points, axis=1)[rows[first]])
+    allowed = subject.round_off(x)[rows]
+    require_rows(apart <= allowed[first], x[rows[first]], "The first foot is not the closest point, by", apart)
+    off = subject.source.closest_point(np.ascontiguousarray(feet.points)).distance
+    require_rows(off <= subject.round_off(feet.points), x[rows], "A foot lies off the manifold by", off)
+    excess = feet.distance - _foot_distances(x, rows, feet)
+    require_rows(excess <= allowed, x[rows], "distance is above |x - points| by", excess)
+    if subject.source.exact:
+        require_rows(-excess <= allowed, x[rows], "distance is below |x - points| by", -excess)
+    within = subject.source.local_minima(x, small)[1]
+    same = np.array_equal(within.points, feet.points[feet.distance <= small])
+    require(same, "The feet within a small radius are not those that a large one finds there.")
+
+
+@law("near unless exact", HasLocalMinima)
+def check_sheets(subject: Subject, x: Floats) -> None:
+    """Feet of one query are distinct local minima; each is the closest point of a point a little nearer the query.
+
+    The query therefore lies along the normal, between the normals at a crease, or beyond the edge. For an exact source
+    other points around a foot are farther away. The members of a union are checked one by one: where two touch, a foot
+    on one may be no local minimum of both.
+    """
+    rows, feet = subject.source.local_minima(x, RADII_SHARES[1] * subject.size)
+    for member, chosen in _by_member(subject.source, feet):
+        _require_distinct(x, rows[chosen], feet.take(chosen), subject)
+        chosen = chosen[certain(feet.take(chosen))]
+        points, towards = feet.points[chosen], TOWARDS_QUERY_SHARE * (x[rows[chosen]] - feet.points[chosen])
+        nearest = member.closest_point(np.ascontiguousarray(points + towards)).points
+        slid = np.linalg.norm(nearest - points, axis=1)
+        allowed = subject.case.turning_angle * np.linalg.norm(towards, axis=1) + subject.round_off(points)
+        require_rows(slid <= allowed, x[rows[chosen]], "From a point nearer the query, the foot slides", slid)
+        if member.exact:
+            _require_minima(member, x[rows[chosen]], points, subject)
+
+
+@law(ability=HasLocalMinima)
+def check_bad_radius(subject: Subject) -> None:
+    """Wrong queries, and a radius not above zero, are refused with InputError."""
+    good, dim = subject.centre[None], subject.source.dim
+    rows, feet = subject.source.local_minima(np.empty((0, dim)), subject.size)
+    require(len(rows) == len(feet) == 0, "No queries have feet.")
+    for x, radius in (
+        (good * np.nan, 1.0),
+        (np.zeros((4, dim + 1)), 1.0),
+        (good, 0.0),
+        (good, -1.0),
+        (good, float("nan")),
+    ):
+        call = partial(subject.source.local_minima, x, radius)
+        require_refusal(call, f"the shape {x.shape} and a radius of {radius}")
+
+
+def _foot_distances(x: Floats, rows: Ints, feet: ClosestPoints) -> Floats:
+    """Return the distances (k,) of feet from their queries, the rows ``rows`` (k,) of ``x``."""
+    return np.asarray(np.linalg.norm(x[rows] - feet.points, axis=1))
+
+
+def _require_order(subject: Subject, x: Floats, rows: Ints, feet: ClosestPoints) -> None:
+    """Require that ``rows`` (k,) are whole numbers that ascend, and the feet of each query are ordered by distance."""
+    require(rows.dtype == np.int64 and rows.shape == (len(feet),), f"{rows.dtype} {rows.shape} rows of {len(feet)}.")
+    step = np.diff(rows)
+    require((step >= 0).all(), "The rows do not ascend.")
+    back = -np.diff(feet.distance)[step == 0]
+    require_rows(
+        back <= subject.round_off(x)[rows[1:][step == 0]], x[rows[1:]][step == 0], "Feet come nearer, by", back
+    )
+
+
+def _by_member(source: ClosestPointSource, feet: ClosestPoints) -> Iterator[tuple[ClosestPointSource, Ints]]:
+    """Yield each member of a union, or the source itself, with the indices of its feet."""
+    for number, member in enumerate(members_of(source)):
+        yield member, np.flatnonzero(feet.element == number) if isinstance(source, HasMembers) else np.arange(len(feet))
+
+
+def _require_distinct(x: Floats, rows: Ints, feet: ClosestPoints, subject: Subject) -> None:
+    """Require that no two feet of a query coincide; ``rows`` (k,) are the queries of the feet."""
+    order = np.lexsort((*feet.points.T, rows))
+    ahead = np.roll(order, -1)
+    apart = np.linalg.norm(feet.points[ahead] - feet.points[order], axis=1)
+    twice = (rows[ahead] == rows[order]) & (ahead != order) & (apart <= subject.round_off(feet.points[order]))
+    require_rows(~twice, x[rows[order]], "Two feet are apart by", apart)
+
+
+def _require_minima(source: ClosestPointSource, x: Floats, points: Floats, subject: Subject) -> None:
+    """Require that, of two opposite points beside each foot, at least one is no nearer to the query.
+
+    The other may be nearer where the foot is beside the edge of a facet.
+    """
+    step = AROUND_FOOT_SHARE * subject.size * np.random.default_rng(0).normal(size=points.shape)
+    both = [source.closest_point(np.ascontiguousarray(points + sign * step)).points for sign in (1.0, -1.0)]
+    gain = np.linalg.norm(x - points, axis=1) - np.max([np.linalg.norm(x - side, axis=1) for side in both], axis=0)
+    require_rows(gain <= subject.round_off(x), x, "There are nearer points on both sides of a foot, by", gain)

@@ -1,19 +1,17 @@
-"""The list of all laws, and two ways to check them: by a call, and as a parametrised test."""
+"""Two ways to check all laws, by a call and as a parametrised test, and the cases of installed plugins."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from cpmkit.testing import ability_laws, answer_laws, local_minima_laws
-from cpmkit.testing.cases import ConformanceCase
+from cpmkit import plugins
+from cpmkit.testing import ability_laws, answer_laws
+from cpmkit.testing.queries import ConformanceCase, Law
 
 #: Every law: a function of a case that raises AssertionError where the case breaks it.
-LAWS: tuple[Callable[[ConformanceCase], None], ...] = tuple(
-    check
-    for module in (answer_laws, ability_laws, local_minima_laws)
-    for name, check in vars(module).items()
-    if name.startswith("check_")
+LAWS: tuple[Law, ...] = tuple(
+    check for module in (answer_laws, ability_laws) for name, check in vars(module).items() if name.startswith("check_")
 )
 
 
@@ -42,3 +40,43 @@ def parametrize_with_laws(cases: Iterable[ConformanceCase]) -> Callable[[Any], A
         for law in LAWS
     ]
     return pytest.mark.parametrize(("case", "law"), pairs)
+
+
+def installed_cases() -> list[ConformanceCase]:
+    """Return the cases of every installed plugin.
+
+    Raises
+    ------
+    PluginError
+        If a plugin does not import.
+    """
+    return [
+        case
+        for plugin in _installed_plugins()
+        if hasattr(plugin, "cpmkit_conformance_cases")
+        for case in plugin.cpmkit_conformance_cases()
+    ]
+
+
+def kinds_without_case() -> list[str]:
+    """Return the installed kinds of sources for which no plugin supplies a case; solvers need none.
+
+    Raises
+    ------
+    PluginError
+        If a plugin does not import.
+    """
+    sources = {
+        kind for plugin in _installed_plugins() if hasattr(plugin, "cpmkit_sources") for kind in plugin.cpmkit_sources()
+    }
+    return sorted(sources - {case.kind for case in installed_cases()})
+
+
+def _installed_plugins() -> Iterator[Any]:
+    """Yield each installed plugin once, also if it offers several kinds."""
+    seen: set[int] = set()
+    for installed in plugins.installed_kinds():
+        plugin = plugins.load(installed.kind)
+        if id(plugin) not in seen:
+            seen.add(id(plugin))
+            yield plugin

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
-from cpmkit.errors import InputError
+from cpmkit.manifold.abilities import edge_limit_of
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.testing.queries import (
     Subject,
     certain,
-    for_queries,
     law,
-    query_law,
     require,
+    require_refusal,
     require_rows,
     symmetric_points,
 )
@@ -34,20 +35,19 @@ def check_statement(subject: Subject) -> None:
     require(np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all(), f"bounds are {bounds.tolist()}.")
 
 
-@query_law()
+@law("anywhere")
 def check_shapes(subject: Subject, x: Floats) -> None:
-    """Every array of an answer has its length, its shape and its type."""
-    _require_arrays(subject.source.closest_point(x), x)
+    """Every array of an answer has its length, its shape and its type, is finite, and empty for no queries."""
+    _require_arrays(subject.source.closest_point(x[:0]), x[:0])
+    feet = subject.source.closest_point(x)
+    _require_arrays(feet, x)
+    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
+    require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
+    if feet.local is not None:
+        require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
 
 
-@law()
-def check_empty(subject: Subject) -> None:
-    """The answer to no queries consists of empty arrays of the right shapes."""
-    x = np.empty((0, subject.source.dim))
-    _require_arrays(subject.source.closest_point(x), x)
-
-
-@query_law(together=True)
+@law("anywhere", together=True)
 def check_input_untouched(subject: Subject, x: Floats) -> None:
     """The queries are not modified."""
     queries = x.copy()
@@ -56,7 +56,7 @@ def check_input_untouched(subject: Subject, x: Floats) -> None:
     require(not np.shares_memory(feet.points, queries), "The answer shares memory with the queries.")
 
 
-@query_law()
+@law("anywhere")
 def check_batches(subject: Subject, x: Floats) -> None:
     """An answer does not depend on the other queries of its batch."""
     whole = subject.source.closest_point(x.copy())  # not in the batch of all laws: where feet tie, rounding decides
@@ -70,16 +70,6 @@ def check_batches(subject: Subject, x: Floats) -> None:
         require_rows(edge == whole.edge[: len(queries)], queries, "In a smaller batch edge becomes", edge)
 
 
-@query_law()
-def check_finite(subject: Subject, x: Floats) -> None:
-    """Finite queries get finite answers."""
-    feet = subject.feet(x)
-    require_rows(np.isfinite(feet.points).all(axis=1), x, "The foot is", feet.points)
-    require_rows(np.isfinite(feet.distance), x, "distance is", feet.distance)
-    if feet.local is not None:
-        require_rows(np.isfinite(feet.local).all(axis=1), x, "local is", feet.local)
-
-
 @law()
 def check_bad_input(subject: Subject) -> None:
     """NaN, infinity and wrong shapes are refused with InputError."""
@@ -87,22 +77,25 @@ def check_bad_input(subject: Subject) -> None:
     for value in (np.nan, np.inf, -np.inf):
         x = np.tile(subject.centre, (3, 1))
         x[1, dim - 1] = value
-        _require_refusal(subject.source, x, f"a coordinate {value}")
+        require_refusal(partial(subject.source.closest_point, x), f"a coordinate {value}")
     for shape in ((dim,), (4, dim + 1), (4, 1), (2, 2, dim)):
-        _require_refusal(subject.source, np.zeros(shape), f"the shape {shape}")
+        require_refusal(partial(subject.source.closest_point, np.zeros(shape)), f"the shape {shape}")
 
 
-@query_law()
+@law("anywhere")
 def check_edge(subject: Subject, x: Floats) -> None:
-    """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none."""
-    last = {0: -1, 1: 1}.get(subject.source.manifold_dim)
+    """``edge`` is -1 or the number of an edge: of a curve 0 or 1, of a point none, else below the source's limit.
+
+    The limit is 1000, or the source's ``edge_limit``, a multiple of 1000.
+    """
+    limit = edge_limit_of(subject.source)
+    require(limit > 0 and limit % 1000 == 0, f"The limit of the edges' numbers is {limit}, no multiple of 1000.")
+    limit = {0: 0, 1: 2}.get(subject.source.manifold_dim, limit)
     edge = subject.feet(x).edge
-    require_rows(edge >= -1, x, "edge is", edge)
-    if last is not None:
-        require_rows(edge <= last, x, "edge is", edge)
+    require_rows((edge >= -1) & (edge < limit), x, f"The limit of edge is {limit}, and it is", edge)
 
 
-@query_law("near unless exact", together=True)
+@law("near unless exact", together=True)
 def check_idempotence(subject: Subject, x: Floats) -> None:
     """The closest point of a foot is that foot, at distance zero."""
     feet = subject.feet(x)
@@ -114,7 +107,7 @@ def check_idempotence(subject: Subject, x: Floats) -> None:
     require_rows(again.distance <= round_off, feet.points, "A foot lies off the manifold by", again.distance)
 
 
-@query_law(together=True)
+@law("anywhere", together=True)
 def check_lipschitz(subject: Subject, x: Floats) -> None:
     """Distances differ by no more than the queries are apart."""
     rng = np.random.default_rng(0)
@@ -129,7 +122,7 @@ def check_lipschitz(subject: Subject, x: Floats) -> None:
     require_rows(excess <= 0, both, "distance grows faster than the query moves, by", excess)
 
 
-@query_law()
+@law("anywhere")
 def check_distance(subject: Subject, x: Floats) -> None:
     """``distance`` is not negative and never above |x - points|; of an exact source the two are equal."""
     feet = subject.feet(x)
@@ -140,39 +133,28 @@ def check_distance(subject: Subject, x: Floats) -> None:
         require_rows(-excess <= subject.round_off(x), x, "distance is below |x - points| by", -excess)
 
 
-@law()
-def check_nearest(subject: Subject) -> None:
+@law("anywhere")
+def check_nearest(subject: Subject, x: Floats) -> None:
     """No point of the manifold is nearer than ``distance``: neither a sample nor the foot of another query."""
-    known = subject.known_points()
-
-    def check(x: Floats) -> None:
-        """Require that neither a known point nor a foot is nearer to a query of ``x`` (n, d) than its distance."""
-        feet = subject.feet(x)
-        others = feet.points if known is None else np.concatenate([feet.points, known])
-        nearest = np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
-        excess = feet.distance - nearest
-        require_rows(excess <= subject.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
-
-    for_queries(subject, check)
+    feet = subject.feet(x)
+    others = np.concatenate([feet.points, subject.known_points])
+    excess = feet.distance - np.linalg.norm(x[:, None] - others, axis=2).min(axis=1)
+    require_rows(excess <= subject.round_off(x), x, "A point of the manifold is nearer than distance, by", excess)
 
 
-@law()
-def check_foot(subject: Subject) -> None:
+@law("near")
+def check_foot(subject: Subject, x: Floats) -> None:
     """A foot of a source that is not exact lies within turning angle x distance of the exact foot.
 
     The exact foot is not known, but its distance is: |x - points| is at most (1 + turning angle) x distance, which is
     checked. A foot that slides along the manifold by much less than the distance passes.
     """
-
-    def check(x: Floats) -> None:
-        """Require that the feet of queries ``x`` (n, d) are at most (1 + turning angle) times the distance away."""
-        feet = subject.feet(x)
-        allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
-        excess = np.linalg.norm(x - feet.points, axis=1) - allowed
-        require_rows((excess <= 0) | ~certain(feet), x, "|x - points| is too large by", excess)
-
-    if not subject.source.exact:
-        for_queries(subject, check, within_radius=True)
+    if subject.source.exact:
+        return
+    feet = subject.feet(x)
+    allowed = (1 + subject.case.turning_angle) * feet.distance + subject.round_off(x)
+    excess = np.linalg.norm(x - feet.points, axis=1) - allowed
+    require_rows((excess <= 0) | ~certain(feet), x, "|x - points| is too large by", excess)
 
 
 @law()
@@ -190,20 +172,13 @@ def check_degenerate(subject: Subject) -> None:
         require_rows(drop <= subject.round_off(x), x, "The foot is nearer than the manifold, by", drop)
 
 
-@law()
-def check_bounds(subject: Subject) -> None:
+@law("anywhere")
+def check_bounds(subject: Subject, x: Floats) -> None:
     """The bounds contain every foot and every sample."""
     lower, upper = subject.source.bounds
-    known = subject.known_points()
-
-    def check(x: Floats) -> None:
-        """Require that the feet of queries ``x`` (n, d) and the known points lie in the bounds."""
-        points = subject.feet(x).points
-        points = points if known is None else np.concatenate([points, known])
-        beyond = np.maximum(lower - points, points - upper).max(axis=1)
-        require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)
-
-    for_queries(subject, check)
+    points = np.concatenate([subject.feet(x).points, subject.known_points])
+    beyond = np.maximum(lower - points, points - upper).max(axis=1)
+    require_rows(beyond <= subject.round_off(points), points, "A point of the manifold is outside by", beyond)
 
 
 def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
@@ -224,14 +199,3 @@ def _require_arrays(feet: ClosestPoints, x: Floats) -> None:
         require(isinstance(array, np.ndarray), f"{name} is {type(array).__name__}, not an array.")
         fits = array.ndim == len(shape) and all(w in (None, s) for w, s in zip(shape, array.shape, strict=True))
         require(fits and array.dtype == kind, f"{name} is {array.dtype} {array.shape} for {n} queries in {dim}D.")
-
-
-def _require_refusal(source: ClosestPointSource, x: Floats, fault: str) -> None:
-    """Require that queries ``x`` with a ``fault``, in words, raise InputError."""
-    try:
-        source.closest_point(x)
-    except InputError:
-        return
-    except Exception as error:
-        raise AssertionError(f"Queries with {fault} raise {type(error).__name__}, not InputError.") from error
-    raise AssertionError(f"Queries with {fault} are accepted.")

@@ -1,10 +1,10 @@
-"""The decorators of laws, and the queries on which laws are checked, which hypothesis draws around the bounds."""
+"""Conformance cases, the decorator of laws, and the queries that hypothesis draws around the bounds of a source."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache, partial, wraps
+from functools import cached_property, lru_cache, partial, wraps
 from typing import Any, Literal
 
 import numpy as np
@@ -12,14 +12,50 @@ from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from cpmkit.manifold.source import ClosestPoints
-from cpmkit.testing.cases import ConformanceCase
+from cpmkit.errors import InputError
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.types import Bools, Floats
-
-Law = Callable[[ConformanceCase], None]
 
 #: Round-off that is allowed, relative to the largest coordinate involved.
 ROUND_OFF_SHARE = 1e-12
+
+
+@dataclass(frozen=True)
+class ConformanceCase:
+    """One example of a kind of source, on which the laws are checked.
+
+    Attributes
+    ----------
+    kind : str
+        The kind in scene files, ``family.shape``.
+    name : str
+        Name that distinguishes the cases of a kind.
+    make : callable
+        Function without arguments that returns the source.
+    samples : callable, optional
+        ``samples(rng, n)`` returns points (n, d) that lie on the manifold, found without closest points: with them the
+        laws detect every foot that is not the nearest.
+    radius : float, optional
+        For a source that is not exact: the distance from the manifold up to which feet are meant to be accurate.
+        ``None``: anywhere.
+    turning_angle : float
+        The angle in radians by which feet (of a source that is not exact) and normals (of any source) may be off:
+        ``|points - exact foot|`` <= turning angle x distance. For a mesh the largest angle between neighbouring
+        normals; for a smooth manifold 0.
+    """
+
+    kind: str
+    name: str
+    make: Callable[[], ClosestPointSource]
+    samples: Callable[[np.random.Generator, int], Floats] | None = None
+    radius: float | None = None
+    turning_angle: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.kind} ({self.name})"
+
+
+Law = Callable[[ConformanceCase], None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +105,12 @@ class Subject:
         self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
         self.answers.update({x.tobytes(): feet.take(chosen) for x, chosen in zip(batches, rows, strict=True)})
 
-    def known_points(self, count: int = 256) -> Floats | None:
-        """Return points (count, d) of the manifold from the case's ``samples``; None if it has none."""
-        return None if self.case.samples is None else self.case.samples(np.random.default_rng(0), count)
+    @cached_property
+    def known_points(self) -> Floats:
+        """(k, d) points of the manifold from the case's ``samples``; none if it has no samples."""
+        if self.case.samples is None:
+            return np.empty((0, len(self.centre)))
+        return self.case.samples(np.random.default_rng(0), 256)
 
 
 @lru_cache(maxsize=1)
@@ -84,23 +123,12 @@ def subject(case: ConformanceCase) -> Subject:
     return Subject(case, source, 0.5 * (lower + upper), size)
 
 
-def for_queries(
-    subject: Subject, check: Callable[[Floats], None], within_radius: bool = False, together: bool = False
-) -> None:
-    """Call ``check`` with batches of queries (n, d), the same in every run; a failing batch is reduced to a small one.
+def _check_queries(subject: Subject, check: Callable[[Floats], None], near: bool, together: bool) -> None:
+    """Call ``check`` with batches of queries (n, d), or with all ``together``; a failing batch is made small.
 
-    Parameters
-    ----------
-    subject : Subject
-        The source, around which the queries lie: near its bounds, far out, and on the manifold.
-    check : callable
-        Raises AssertionError if the law is broken.
-    within_radius : bool
-        Draw queries only up to the case's ``radius`` from the manifold, if it has one.
-    together : bool
-        Call ``check`` once with the queries of all batches, for a law about each row or each pair of rows.
+    Queries are the same in every run: around the bounds, far out, and on the manifold; with ``near`` they lie within
+    the case's radius.
     """
-    near = within_radius and subject.case.radius is not None
     try:
         batches = _batches(subject, near)
         for x in [np.concatenate(batches)] if together else batches:
@@ -124,7 +152,7 @@ def _generate(subject: Subject, near: bool, hold: Callable[[Floats], None]) -> N
 
     ``near`` limits them to the case's radius.
     """
-    draws = _anywhere(subject) if subject.case.radius is None or not near else _tube(subject, subject.case.radius)
+    draws = _tube(subject) if near else _anywhere(subject)
 
     @settings(
         max_examples=20,
@@ -157,7 +185,7 @@ def symmetric_points(subject: Subject) -> Floats:
 
 def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
     """Return a strategy for batches (n, d) of a few points that hypothesis chooses and random points."""
-    dim, known = subject.source.dim, subject.known_points()
+    dim, known = subject.source.dim, subject.known_points
     near = st.floats(-2.0, 2.0)
     lattice = st.integers(-4, 4).map(lambda i: 0.25 * i)
     far = st.floats(-1e6, 1e6)
@@ -168,15 +196,14 @@ def _anywhere(subject: Subject) -> st.SearchStrategy[Floats]:
         rng = np.random.default_rng(seed)
         relative = np.concatenate([np.array(points), rng.uniform(-1.5, 1.5, (count, dim))])
         x = subject.centre + subject.size * relative
-        if known is not None:
-            x = np.concatenate([x, rng.permutation(known)[: count // 2]])
-        return np.ascontiguousarray(x)
+        return np.concatenate([x, rng.permutation(known)[: count // 2]])
 
     return st.builds(batch, chosen, st.sampled_from([0, 40]), st.integers(0, 2**16))
 
 
-def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
-    """Return a strategy for batches (n, d) of points up to ``radius`` from the manifold."""
+def _tube(subject: Subject) -> st.SearchStrategy[Floats]:
+    """Return a strategy for batches (n, d) of points up to the case's radius from the manifold."""
+    radius = subject.case.radius or 0.0
 
     def batch(count: int, seed: int) -> Floats:
         """Return ``count`` points at random distances up to ``radius`` from random closest points."""
@@ -190,18 +217,36 @@ def _tube(subject: Subject, radius: float) -> st.SearchStrategy[Floats]:
     return st.builds(batch, st.integers(1, 64), st.integers(0, 2**16))
 
 
-def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
-    """Return a decorator that turns a check of a subject into a law, which sources without ``ability`` obey."""
+def law(
+    where: Literal["", "anywhere", "near", "near unless exact"] = "", ability: Any = object, together: bool = False
+) -> Callable[[Callable[..., None]], Law]:
+    """Return a decorator that makes a law of a check of a subject, or of a subject and queries (n, d).
 
-    def decorate(check: Callable[[Subject], None]) -> Law:
-        """Return the law of a check of a subject: a function of a case that names the law in errors."""
+    Parameters
+    ----------
+    where : str
+        Where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty if the
+        check takes no queries.
+    ability : type
+        Sources without it obey the law.
+    together : bool
+        Whether queries of all batches are checked at once, for a law about each row or each pair of rows.
+    """
+
+    def decorate(check: Callable[..., None]) -> Law:
+        """Return the law of a check: a function of a case that names the law in errors."""
 
         @wraps(check)
         def check_case(case: ConformanceCase) -> None:
             sentence = (check.__doc__ or "").partition("\n")[0]
             try:
                 about = subject(case)
-                if isinstance(about.source, ability):
+                near = where == "near" or (where == "near unless exact" and not about.source.exact)
+                if not isinstance(about.source, ability):
+                    return
+                if where:
+                    _check_queries(about, partial(check, about), near and case.radius is not None, together)
+                else:
                     check(about)
             except AssertionError as error:
                 raise AssertionError(f"{case} breaks the law {check.__name__} ({sentence}) {error}") from None
@@ -210,34 +255,6 @@ def law(ability: Any = object) -> Callable[[Callable[[Subject], None]], Law]:
                 raise
 
         return check_case
-
-    return decorate
-
-
-def query_law(
-    where: Literal["anywhere", "near", "near unless exact"] = "anywhere", ability: Any = object, together: bool = False
-) -> Callable[[Callable[[Subject, Floats], None]], Law]:
-    """Return a decorator that turns a check of a subject and a batch of queries (n, d) into a law.
-
-    Parameters
-    ----------
-    where : str
-        Whether queries lie anywhere, near (within the case's radius), or near unless the source is exact.
-    ability : type
-        Sources without it obey the law.
-    together : bool
-        As for :func:`for_queries`.
-    """
-
-    def decorate(check: Callable[[Subject, Floats], None]) -> Law:
-        """Return the law of a check of a subject and a batch of queries."""
-
-        @wraps(check)
-        def check_subject(about: Subject) -> None:
-            near = where == "near" or (where == "near unless exact" and not about.source.exact)
-            for_queries(about, partial(check, about), near, together)
-
-        return law(ability)(check_subject)
 
     return decorate
 
@@ -255,6 +272,17 @@ def require_rows(condition: Any, x: Floats, message: str, values: NDArray[Any] |
         first = failing[0]
         value = "" if values is None else f": {np.array2string(np.asarray(values[first]), precision=17)}"
         raise AssertionError(f"{message}{value} at the query {x[first].tolist()} ({len(failing)} of {len(x)} queries).")
+
+
+def require_refusal(call: Callable[[], object], fault: str) -> None:
+    """Require that a ``call`` with a ``fault``, in words, raises InputError."""
+    try:
+        call()
+    except InputError:
+        return
+    except Exception as error:
+        raise AssertionError(f"Queries with {fault} raise {type(error).__name__}, not InputError.") from error
+    raise AssertionError(f"Queries with {fault} are accepted.")
 
 
 def certain(feet: ClosestPoints) -> Bools:

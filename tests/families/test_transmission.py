@@ -150,5 +150,5 @@ def test_two_seams_cut_nothing_apart():
     ]
     solution = ck.solve(ck.Scene(ck.source("analytic.circle"), ck.Poisson(lambda x: x[:, 1]), seams), 0.1)
     (defect,) = solution.imbalances
-    assert defect.parts == 1
+    assert defect.share == 1.0
     assert solution.warnings == ()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import SolveContext, surely_positive
 from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
 from cpmkit.families.eigen.inverse_iteration import (
     SAME_EIGENVALUE_TOLERANCES,
@@ -20,7 +20,7 @@ from cpmkit.families.eigen.inverse_iteration import (
 )
 from cpmkit.families.eigen.selected_modes import split_multiplet_warning
 from cpmkit.families.eigen.small_problems import dense_pairs, mass_unknowns, pairs_of_small_mass
-from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.residuals import MAX_ROUNDING_SHARE, ROUNDING_FACTOR, rounding_of
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.scene.compound_equations import Eigen

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
+from cpmkit.families.context import surely_positive
 from cpmkit.families.evolution.schedule import History, Moment
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
-from cpmkit.forms.contract import Discretized, surely_positive
+from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.diffusivities import mean_diffusivity

@@ -15,13 +15,14 @@ import numpy as np
 
 from cpmkit.families.context import SolveContext, operator_key
 from cpmkit.families.evolution.schedule import Moment
-from cpmkit.forms.contract import Discretized, conditions_depend_on_time
+from cpmkit.forms.contract import Discretized
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.protocols import PreparedSolver, Stiffness
 from cpmkit.linear.solve_report import SolveReport
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.pointwise import Reaction, reaction_rates
+from cpmkit.scene.scene import conditions_depend_on_time
 from cpmkit.types import Floats
 
 

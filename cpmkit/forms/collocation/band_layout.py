@@ -12,28 +12,22 @@ from functools import cached_property
 
 import numpy as np
 
-from cpmkit.forms.collocation.ghosts.ghost_geometry import node_sources
-from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
-from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_at_feet, read_past_edge, separated_from_mirrors
-from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.collocation.row_formula import RowFormula
-from cpmkit.forms.collocation.selection import Numbering, Unknowns
-from cpmkit.forms.collocation.sheets.twins import separate_sheets
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
-from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import (
-    MixedSides,
-    SectorJump,
-    Strip,
-    find_meetings,
-    find_mixed_sides,
-)
-from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import (
-    FacingRims,
-    Junction,
-    RimStrip,
-    find_junctions,
+from cpmkit.forms.collocation.facing_rims import (
     find_narrowest_gap,
     find_rim_strips,
+)
+from cpmkit.forms.collocation.ghosts.ghost_geometry import node_sources
+from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
+from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_past_edge, separated_from_mirrors
+from cpmkit.forms.collocation.options import CollocationOptions
+from cpmkit.forms.collocation.row_formula import RowFormula
+from cpmkit.forms.collocation.selection import Unknowns
+from cpmkit.forms.collocation.sheets.twins import separate_sheets
+from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
+from cpmkit.forms.collocation.unresolved_places import (
+    UnresolvedPlace,
+    find_meetings,
+    find_mixed_sides,
 )
 from cpmkit.forms.options import Options
 from cpmkit.grid.band import Band, build_band
@@ -71,16 +65,8 @@ class Layout:
         The ghosts of each boundary.
     channels : int
         Number of right-hand sides that are solved together.
-    sector_jumps, strips : sequences of SectorJump and Strip
-        Crossings of boundaries with different data, and pairs of boundaries less than a spacing apart.
-    rim_strips : sequence of RimStrip
-        Boundaries near a rim (an open edge of the manifold) or on it.
-    facing_rims : sequence of FacingRims
-        The narrowest gap between rims.
-    mixed_sides : sequence of MixedSides
-        Places where stencils cannot separate the sides of a boundary.
-    junctions : sequence of Junction
-        Points where three curves or more meet.
+    rims, meetings : sequences of UnresolvedPlace
+        Places at rims, and places where boundaries meet each other or themselves, that the spacing does not resolve.
     """
 
     options: Options[CollocationOptions]
@@ -92,12 +78,8 @@ class Layout:
     boundaries: BoundariesOnBand
     ghosts: Sequence[Ghosts]
     channels: int
-    sector_jumps: Sequence[SectorJump] = ()
-    strips: Sequence[Strip] = ()
-    rim_strips: Sequence[RimStrip] = ()
-    facing_rims: Sequence[FacingRims] = ()
-    mixed_sides: Sequence[MixedSides] = ()
-    junctions: Sequence[Junction] = ()
+    rims: Sequence[UnresolvedPlace] = ()
+    meetings: Sequence[UnresolvedPlace] = ()
 
     @cached_property
     def unknowns(self) -> Unknowns:
@@ -108,11 +90,6 @@ class Layout:
     def order(self) -> int:
         """The order of accuracy of the conditions, 1 or 2."""
         return self.options.own.order
-
-    @property
-    def numbering(self) -> Numbering:
-        """The numbers of the rows of E and of the unknowns."""
-        return self.unknowns.numbering
 
     @property
     def queries(self) -> Counter[str]:
@@ -144,12 +121,8 @@ def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progre
         progress("boundaries", (index + 1) / len(scene.boundaries))
     sources = _sources_of_nodes(boundaries, band)
     layout = Layout(options, lattice, surface, band, formula, sources, boundaries, ghosts, scene.channels)
-    layout = replace(
-        layout,
-        rim_strips=find_rim_strips(boundaries.on_lattice, surface, band, lattice),
-        facing_rims=find_narrowest_gap(surface, band, lattice),
-        junctions=find_junctions(surface, band, lattice),
-    )
+    rims = find_rim_strips(boundaries.on_lattice, surface, band, lattice) + find_narrowest_gap(surface, band, lattice)
+    layout = replace(layout, rims=rims)
     return _with_meetings(layout, scene.problem.start_time)
 
 
@@ -162,9 +135,8 @@ def with_data_of(layout: Layout, scene: Scene) -> Layout:
 def _with_meetings(layout: Layout, time: float | None) -> Layout:
     """Return the layout with the places where boundaries meet, their data compared at ``time``."""
     boundaries, lattice, channels = layout.boundaries, layout.lattice, layout.channels
-    jumps, strips = find_meetings(boundaries, lattice, channels, time)
-    mixed = find_mixed_sides(boundaries, lattice, channels, time)
-    return replace(layout, sector_jumps=jumps, strips=strips, mixed_sides=mixed)
+    meetings = find_meetings(boundaries, lattice, channels, time)
+    return replace(layout, meetings=meetings + find_mixed_sides(boundaries, lattice, channels, time))
 
 
 def _boundaries_and_nodes(
@@ -182,7 +154,8 @@ def _boundaries_and_nodes(
     ]
     uncoupled = [boundary for boundary in on_lattice if not boundary.oriented.boundary.condition("left").couples]
     behind = separated_from_mirrors(uncoupled, band, formula, 2 * reach)
-    formula = read_at_feet(surface, band, lattice, scene.edge, formula, behind)
+    if len(behind):
+        formula = read_past_edge(surface, band, lattice, scene.edge, order, behind)
     side_views = [boundary.side_view(formula.points, 2 * reach, band.spacing) for boundary in on_lattice]
     diffusivity = scene.problem.terms().diffusivity
     return BoundariesOnBand(scene.boundaries, on_lattice, side_views, behind, diffusivity), formula

@@ -209,8 +209,8 @@ def _counts_of(layout: Layout) -> dict[str, int]:
         "inner": layout.band.inner,
         "twins": layout.band.inner - layout.band.first_twin,
         "nodes": len(layout.band.nodes),
-        "rows": layout.numbering.rows,
-        "unknowns": layout.numbering.unknowns,
+        "rows": layout.unknowns.rows,
+        "unknowns": layout.unknowns.count,
         "past edge": int(np.count_nonzero(layout.band.feet.edge >= 0)),
         "queries": sum(layout.queries.values()),
     }

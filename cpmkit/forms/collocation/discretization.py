@@ -16,7 +16,7 @@ from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula, sum_of_data
-from cpmkit.forms.collocation.selection import Centres, Numbering, Unknowns
+from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
@@ -70,11 +70,6 @@ class Discretization:
         """The unknowns: the band's inner nodes, then the ghosts of each boundary."""
         return self.layout.unknowns
 
-    @property
-    def numbering(self) -> Numbering:
-        """The numbers of the rows of E and of the unknowns."""
-        return self.layout.numbering
-
     def datum(self, time: float | None = None) -> Floats:
         """Return the sum (rows, channels) of the boundary data that are added to E u, at ``time``."""
         return sum_of_data(self.data, self.extension.shape[0], self.layout.channels, time)
@@ -83,8 +78,8 @@ class Discretization:
     def sources(self) -> RowFormula:
         """The points at which unknowns read right-hand sides and initial data, ghosts on the side they continue."""
         formulas = [self.layout.sources, *(ghosts.sources for ghosts in self.layout.ghosts)]
-        numbers = np.split(self.numbering.unknown_of_row, self.numbering.first_rows[:-1])
-        is_unknown = self.numbering.unknown_of_row >= 0
+        numbers = np.split(self.unknowns.unknown_of_row, self.unknowns.first_rows[:-1])
+        is_unknown = self.unknowns.unknown_of_row >= 0
         return RowFormula(
             np.concatenate([formula.points for formula in formulas])[is_unknown],
             np.concatenate([formula.coefficient for formula in formulas])[is_unknown],
@@ -135,7 +130,7 @@ class Discretization:
         centres = row_centres(self.layout).take(rows)
         if self.layout.band.sheets is not None:
             centres = replace(centres, feet=self.layout.surface.closest_point(points), normals=None)
-        matrix: csr_array = (scatter_matrix(rows, self.numbering.rows) @ extend(self.unknowns, points, centres)).tocsr()
+        matrix: csr_array = (scatter_matrix(rows, self.unknowns.rows) @ extend(self.unknowns, points, centres)).tocsr()
         return matrix
 
 
@@ -182,13 +177,13 @@ def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
     A neighbour on the other side of a boundary is read through its ghost. The stencil of a ghost reads the ghost of a
     neighbour that is on its own node's side, and the node itself on the side that it continues, or past an open end.
     """
-    band, numbering = unknowns.band, unknowns.numbering
+    band = unknowns.band
     nodes = np.concatenate([np.arange(band.inner), *(group.nodes[: group.unknowns] for group in unknowns.ghosts)])
     neighbour = band.find(band.nodes[nodes][:, None] + cross_offsets(band.dim))
-    seen = centres.take(numbering.row_of_unknown)
+    seen = centres.take(unknowns.row_of_unknown)
     at_nodes = replace(Centres.of_nodes(band, nodes), side_views=seen.side_views, owner=seen.owner)
     columns = unknowns.select_rows(at_nodes, neighbour)
-    return columns.astype(np.int32 if numbering.rows <= np.iinfo(np.int32).max else np.int64)
+    return columns.astype(np.int32 if unknowns.rows <= np.iinfo(np.int32).max else np.int64)
 
 
 # New data in existing tables

@@ -93,8 +93,8 @@ def extend_rows(layout: Layout, progress: Progress = no_progress) -> tuple[csr_a
 
 def _formula_of_rows(layout: Layout) -> RowFormula:
     """Return the formulas of all rows of E: of the band's nodes, then of each boundary's ghosts."""
-    parts, numbering = [layout.formula, *(group.formula for group in layout.ghosts)], layout.numbering
-    numbers = np.split(np.arange(numbering.rows), numbering.first_rows[:-1])
+    parts, unknowns = [layout.formula, *(group.formula for group in layout.ghosts)], layout.unknowns
+    numbers = np.split(np.arange(unknowns.rows), unknowns.first_rows[:-1])
     numbered = list(zip(parts, numbers, strict=True))
     feet = [part.feet for part in parts if part.feet is not None]
     return RowFormula(
@@ -112,7 +112,8 @@ def row_centres(layout: Layout, formula: RowFormula | None = None) -> Centres:
     If the band has sheets and the rows' ``formula`` is given, they include closest points and normals, which choose
     the sheet.
     """
-    band, owner, first = layout.band, layout.numbering.boundary_of_row, layout.numbering.first_rows
+    band, first = layout.band, layout.unknowns.first_rows
+    owner = np.repeat(np.arange(-1, len(layout.ghosts)), np.diff(first, prepend=0))
     side_views = []
     for index, view in enumerate(layout.boundaries.side_views):
         of_ghosts = [group.side_views[index] for group in layout.ghosts]

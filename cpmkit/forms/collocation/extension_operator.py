@@ -186,7 +186,7 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
         )
     at_rows = _diffusivity(tables, terms.diffusivity)
     # The weights (n, 2 d) of the neighbours in spacing^2 div(a grad u): a at the midpoints.
-    weights = 0.5 * (at_rows[tables.numbering.row_of_unknown][:, None] + at_rows[tables.neighbours])
+    weights = 0.5 * (at_rows[tables.unknowns.row_of_unknown][:, None] + at_rows[tables.neighbours])
     diagonal = c + scale * weights.sum(axis=1, keepdims=True)
     if terms.velocity is not None:
         weights = weights - _advection_weights(tables, terms.velocity, weights)
@@ -212,7 +212,7 @@ def _coefficient(tables: Discretization, data: Data, label: str) -> Floats:
     """Return a scalar coefficient at the unknowns (n, 1); ``label`` is its name in errors."""
     if not callable(data):
         return np.full((tables.unknowns.count, 1), evaluate_data(data, np.zeros((1, 1)), 1, label)[0, 0])
-    return tables.read_at_rows(data, label)[tables.numbering.row_of_unknown]
+    return tables.read_at_rows(data, label)[tables.unknowns.row_of_unknown]
 
 
 def _diffusivity(tables: Discretization, data: Data) -> Floats:
@@ -276,7 +276,7 @@ def _advection_weights(tables: Discretization, velocity: VectorField, diffusive:
         If advection over one spacing is more than twice as strong as diffusion: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
-    v = tables.read_at_rows(velocity, "the velocity", None)[tables.numbering.row_of_unknown]
+    v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknowns.row_of_unknown]
     if v.shape[1] != dim:
         raise InputError(f"the velocity must be vectors of shape (n, {dim}), got (n, {v.shape[1]}).")
     peclet = float((np.abs(v).max(axis=1) * spacing / diffusive.min(axis=1)).max(initial=0.0))

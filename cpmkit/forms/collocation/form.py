@@ -26,7 +26,8 @@ from cpmkit.forms.collocation.read_points import Reader
 from cpmkit.forms.collocation.refusals import check_waves
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.form_records import Diagnosis, FormTraits, SteadyResult
+from cpmkit.forms.form_records import Diagnosis, FormTraits
+from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.grid.spacings import check_fits
@@ -228,7 +229,7 @@ class Collocation(Reader):
         inner = self.tables.layout.band.inner
         past = np.flatnonzero(self.tables.layout.band.feet.edge[:inner] >= 0)
         unknowns = np.concatenate([past, np.arange(inner, self.size)])
-        rows = self.tables.numbering.row_of_unknown[unknowns]
+        rows = self.tables.unknowns.row_of_unknown[unknowns]
         continued, extension = u.copy(), self.tables.extension[rows]
         for _ in range(GHOST_READING_ROUNDS):
             continued[unknowns] = extension @ continued + datum[rows]
@@ -258,17 +259,16 @@ class Collocation(Reader):
         count, piece = components_without_flux(self.tables, self.scene)
         return means_over(self.tables, count, piece)[0] if count else None
 
-    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> SteadyResult:
+    def remove_constants(self, operator: Operator, b: Floats, u: Floats) -> tuple[Floats, tuple[Imbalance, ...]]:
         """Return u (n, channels) with mean zero where a constant is free, and corrected means where there is no flux.
 
-        The result includes the imbalances found; ``b`` (n, channels) is the right-hand side.
+        The imbalances found are returned, too; ``b`` (n, channels) is the right-hand side.
         """
-        result = super().remove_constants(operator, b, u)
-        defects = result.imbalances
+        u, defects = super().remove_constants(operator, b, u)
         if isinstance(operator, Bordered):
             defects = describe_imbalances(self.tables, self.scene, operator, defects)
-        u, means = correct_means(self.tables, self.scene, b, result.values)
-        return SteadyResult(u, (*defects, *means))
+        u, means = correct_means(self.tables, self.scene, b, u)
+        return u, (*defects, *means)
 
     # Diagnosis
 

@@ -180,7 +180,7 @@ def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Flo
     indicator, stiffness = operator.border.indicator, operator.operator
     assert isinstance(stiffness, ExtensionOperator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
-    fluxes = np.abs(tables.datum()[tables.numbering.row_of_unknown])
+    fluxes = np.abs(tables.datum()[tables.unknowns.row_of_unknown])
     conductivity = stiffness.scale * float(np.abs(stiffness.differences.data).max())
     total = np.maximum(indicator.T @ np.maximum(mean_weights(tables), 0.0), np.finfo(float).tiny)[:, None]
     is_node = (np.arange(len(f)) < tables.layout.band.inner) * 1.0
@@ -198,7 +198,7 @@ def _place_of(tables: Discretization, scene: Scene, members: Ints) -> dict[str, 
     inside[members] = True
     walls = []
     for index, (boundary, ghosts) in enumerate(zip(scene.boundaries, layout.ghosts, strict=True)):
-        on_component, left = inside[tables.numbering.unknowns_of(index)], ghosts.carries_left[: ghosts.unknowns]
+        on_component, left = inside[tables.unknowns.unknowns_of(index)], ghosts.carries_left[: ghosts.unknowns]
         sides = [side for side, of_side in (("left", left), ("right", ~left)) if np.any(on_component & of_side)]
         walls += [f"{boundary.name!r} ({side})" for side in sides]
     return {
@@ -219,7 +219,7 @@ def components_without_flux(tables: Discretization, scene: Scene) -> tuple[int, 
     If any boundary has ghosts there are none; otherwise they are the components whose edges all have zero flux, and
     those without edges.
     """
-    if any(tables.numbering.unknown_ghosts):
+    if tables.unknowns.count > tables.layout.band.inner:
         return 0, np.full(tables.unknowns.count, -1)
     count, label = build_operator(tables, Terms()).pieces()
     closed = np.ones(count, dtype=bool)

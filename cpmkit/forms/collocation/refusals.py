@@ -3,25 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError, SceneError, place
 from cpmkit.forms.collocation.band_layout import Layout
-from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import check_conductivities
-from cpmkit.forms.collocation.unresolved_geometry.meeting_boundaries import DIFFERENT_DATA_SHARE
-from cpmkit.forms.collocation.unresolved_geometry.rims_and_junctions import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
+from cpmkit.forms.collocation.unresolved_places import BRIDGED_GAP_SPACINGS, WIDE_GAP_SPACINGS
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.conditions import Condition, same_condition
-from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.edge_conditions import edge_condition
 from cpmkit.scene.equations_in_time import Wave
-from cpmkit.scene.laws import Interface, Mixed, Nonlinear, Value, beta_at
+from cpmkit.scene.laws import Interface, Value
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Floats, Ints
+from cpmkit.types import SIDES, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -49,18 +46,16 @@ def check_layout(layout: Layout, scene: Scene) -> None:
         or conductivities that differ from the problem's diffusivity.
     ResolutionError
         If the spacing does not resolve a boundary, an edge, or a gap.
-    InputError
-        If the beta of a mixed law vanishes.
     """
     _check_fluxes_at_points(layout)
-    _check_same_place(layout, scene)
+    _check_same_place(layout)
     _check_rims(layout, scene)
     _check_gaps(layout)
     for number, ghosts in enumerate(layout.ghosts):
         if not ghosts.unknowns:
             raise ResolutionError(_without_effect(layout, number))
     _check_edges(scene, layout)
-    _check_laws(scene, layout)
+    _check_conductivities(scene, layout)
 
 
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
@@ -71,16 +66,16 @@ def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None
     ResolutionError
         If there is such a boundary.
     """
-    numbering, nodes, inner = layout.numbering, layout.numbering.nodes, layout.numbering.inner
+    unknowns, nodes, inner = layout.unknowns, len(layout.band.nodes), layout.band.inner
     is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
     for start in range(0, extension.indptr[nodes], TABLE_CHUNK_ENTRIES):
         is_read[extension.indices[start : min(start + TABLE_CHUNK_ENTRIES, extension.indptr[nodes])]] = True
     for start in range(0, inner, TABLE_CHUNK_ENTRIES):
         is_neighbour[neighbours[start : min(start + TABLE_CHUNK_ENTRIES, inner)]] = True
-    repeated = {strip.second for strip in layout.strips if strip.coincide}
-    repeated |= {strip.boundary for strip in layout.rim_strips if strip.on_rim}
+    places = (*layout.rims, *layout.meetings)
+    repeated = {one.boundaries[-1] for one in places if one.kind in ("same place", "on rim")}
     for number in range(len(layout.ghosts)):
-        used = is_read[numbering.unknowns_of(number)].any() or is_neighbour[numbering.rows_of(number)].any()
+        used = is_read[unknowns.unknowns_of(number)].any() or is_neighbour[unknowns.rows_of(number)].any()
         if not used and number not in repeated:
             raise ResolutionError(_without_effect(layout, number))
 
@@ -114,48 +109,20 @@ def _check_fluxes_at_points(layout: Layout) -> None:
         )
 
 
-def _check_same_place(layout: Layout, scene: Scene) -> None:
+def _check_same_place(layout: Layout) -> None:
     """Raise if two boundaries at the same place have different conditions."""
-    time = scene.problem.start_time
-    for strip in layout.strips:
-        first, second = (layout.boundaries.definitions[number] for number in (strip.first, strip.second))
+    for strip in (one for one in layout.meetings if one.kind == "same place"):
+        first, second = (layout.boundaries.definitions[number] for number in strip.boundaries)
         pairs = zip(SIDES, SIDES[::-1] if strip.reversed else SIDES, strict=True)
-        if strip.coincide and not all(
-            _equivalent(first.condition(a), second.condition(b), strip.point[None], layout.channels, time)
-            for a, b in pairs
-        ):
+        if not all(same_condition(first.condition(a), second.condition(b)) for a, b in pairs):
             raise SceneError(
                 f"boundaries {first.name!r} and {second.name!r} lie at the same place, near {place(strip.point)}, and "
                 "hold different conditions; keep one of them, with `left` and `right` where its sides differ."
             )
 
 
-def _equivalent(condition: Condition, other: Condition, points: Floats, channels: int, time: float | None) -> bool:
-    """Return whether two conditions prescribe the same values or fluxes at ``points`` (k, d) of the scene."""
-    if same_condition(condition, other):
-        return True
-    first, second, incomparable = condition.law, other.law, (Interface, Nonlinear)
-    if type(first) is not type(second) or isinstance(first, incomparable) or isinstance(second, incomparable):
-        return False
-    if first.alpha != second.alpha:
-        return False
-    data = [[law.beta, *(datum for _, datum in law.data)] for law in (first, second)]
-    for a, b in zip(*data, strict=True):
-        if a is b:
-            continue
-        pair = [evaluate_data(data, points, channels, "a condition", time) for data in (a, b)]
-        if np.abs(pair[0] - pair[1]).max() > DIFFERENT_DATA_SHARE * np.abs(pair).max():
-            return False
-    return True
-
-
-def _check_laws(scene: Scene, layout: Layout) -> None:
-    """Raise if the beta of a mixed law vanishes, or a conductivity differs from the problem's diffusivity."""
-    for label, condition, points in _condition_points(scene, layout):
-        law = condition.law
-        if isinstance(law, Mixed) and len(points) and not np.any(beta_at(law, points, label)):
-            kind = condition.kind.capitalize()
-            raise InputError(f"beta of {kind} of {label} is zero at all {len(points)} points; use Neumann.")
+def _check_conductivities(scene: Scene, layout: Layout) -> None:
+    """Raise if a conductivity of a transmission differs from the problem's diffusivity."""
     diffusivity = scene.problem.terms().diffusivity
     for boundary, view in zip(scene.boundaries, layout.boundaries.side_views, strict=True):
         law = boundary.condition("left").law
@@ -163,57 +130,36 @@ def _check_laws(scene: Scene, layout: Layout) -> None:
             check_conductivities(f"boundary {boundary.name!r}", law, diffusivity, view, layout.lattice)
 
 
-def _condition_points(scene: Scene, layout: Layout) -> Iterator[tuple[str, Condition, Floats]]:
-    """Yield each condition with its label and its points (n, d), in the scene's coordinates."""
-    to_scene, feet = layout.lattice.to_scene, layout.band.feet
-    for boundary, view, ghosts in zip(scene.boundaries, layout.boundaries.side_views, layout.ghosts, strict=True):
-        foot = view.foot[np.searchsorted(view.rows, ghosts.nodes)]
-        if same_condition(boundary.condition("left"), boundary.condition("right")):
-            yield f"boundary {boundary.name!r}", boundary.condition("left"), to_scene(foot)
-            continue
-        for side in SIDES:
-            on_side = ghosts.carries_left == (side == "left")
-            yield f"boundary {boundary.name!r}", boundary.condition(side), to_scene(foot[on_side])
-    loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
-    conditions = [edge_condition(scene.edge, loop) for loop in loops]
-    for condition in {id(condition): condition for condition in conditions}.values():
-        chosen = [loop for loop, other in zip(loops, conditions, strict=True) if other is condition]
-        yield EDGE_CONDITION, condition, to_scene(feet.points[np.isin(feet.edge, chosen)])
-
-
 # Rims and the edge
 
 
 def _check_rims(layout: Layout, scene: Scene) -> None:
     """Raise if a boundary on a rim has another condition than the edge, or one with coupled sides is near a rim."""
-    spacing, time = layout.lattice.spacing, scene.problem.start_time
-    for strip in layout.rim_strips:
-        boundary, edge = layout.boundaries.definitions[strip.boundary], edge_condition(scene.edge, strip.loop)
-        conditions = [boundary.condition(side) for side in SIDES]
-        if strip.on_rim and not all(
-            _equivalent(condition, edge, strip.points, layout.channels, time) for condition in conditions
-        ):
+    spacing = layout.lattice.spacing
+    for strip in (one for one in layout.rims if one.boundaries):
+        boundary, edge = layout.boundaries.definitions[strip.boundaries[0]], edge_condition(scene.edge, strip.loop)
+        conditions, where = [boundary.condition(side) for side in SIDES], place(strip.point)
+        if strip.kind == "on rim" and not all(same_condition(condition, edge) for condition in conditions):
             raise SceneError(
-                f"boundary {boundary.name!r} lies on the manifold's rim, near {place(strip.points[0])}, where the edge "
-                f"holds another condition; give it as `edge=` (loop {strip.loop}) in place of the boundary."
+                f"boundary {boundary.name!r} lies on the manifold's rim, near {where}, where the edge holds another "
+                f"condition; give it as `edge=` (loop {strip.loop}) in place of the boundary."
             )
-        if not strip.on_rim and conditions[0].couples:
+        if strip.kind == "rim strip" and conditions[0].couples:
             raise ResolutionError(
                 f"spacing={spacing:g} is too coarse for boundary {boundary.name!r}, whose sides are coupled: near "
-                f"{place(strip.points[0])} it runs {strip.width:.3g} from the manifold's rim; use "
-                f"{strip.width / 3:.2g} or less."
+                f"{where} it runs {strip.size:.3g} from the manifold's rim; use {strip.size / 3:.2g} or less."
             )
 
 
 def _check_gaps(layout: Layout) -> None:
     """Raise if the narrowest gap between rims is so narrow that stencils bridge it."""
     spacing = layout.lattice.spacing
-    for rims in layout.facing_rims:
-        if not rims.local and rims.gap <= BRIDGED_GAP_SPACINGS * spacing:
+    for rims in layout.rims:
+        if rims.kind == "gap" and rims.size <= BRIDGED_GAP_SPACINGS * spacing:
             raise ResolutionError(
-                f"spacing={spacing:g} is too coarse for the gap of {rims.gap:.3g} between rims of the manifold near "
+                f"spacing={spacing:g} is too coarse for the gap of {rims.size:.3g} between rims of the manifold near "
                 f"{place(rims.point)}: it would be bridged, and what holds on the rims there would have no effect; use "
-                f"{rims.gap / WIDE_GAP_SPACINGS:.2g} or less, or join the rims."
+                f"{rims.size / WIDE_GAP_SPACINGS:.2g} or less, or join the rims."
             )
 
 

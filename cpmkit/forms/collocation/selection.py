@@ -25,73 +25,6 @@ if TYPE_CHECKING:
     from cpmkit.grid.band import Band
 
 
-@dataclass(frozen=True)
-class Numbering:
-    """The numbers of the rows of E and of the unknowns.
-
-    Rows are the nodes of the band, then the ghosts of each boundary in turn. Unknowns are numbered in the same order,
-    but are only the rows whose values E reads: the inner nodes, and the first ghosts of each boundary.
-
-    Attributes
-    ----------
-    nodes, inner : int
-        Number of nodes of the band, and of its inner nodes, which come first and are unknowns.
-    ghosts, unknown_ghosts : tuple of int
-        For each boundary, the number of its ghosts, and of those that are unknowns, which come first.
-    """
-
-    nodes: int
-    inner: int
-    ghosts: tuple[int, ...]
-    unknown_ghosts: tuple[int, ...]
-
-    @property
-    def rows(self) -> int:
-        """The number of rows of E."""
-        return self.nodes + sum(self.ghosts)
-
-    @property
-    def unknowns(self) -> int:
-        """The number of unknowns."""
-        return self.inner + sum(self.unknown_ghosts)
-
-    @cached_property
-    def first_rows(self) -> Ints:
-        """(boundaries + 1,) the first row of each boundary's ghosts, then the number of rows."""
-        return np.cumsum([self.nodes, *self.ghosts]).astype(np.int64)
-
-    @cached_property
-    def first_unknowns(self) -> Ints:
-        """(boundaries + 1,) the first unknown of each boundary's ghosts, then the number of unknowns."""
-        return np.cumsum([self.inner, *self.unknown_ghosts]).astype(np.int64)
-
-    def rows_of(self, boundary: int) -> slice:
-        """Return the slice of the rows of E that are ghosts of this boundary."""
-        return slice(int(self.first_rows[boundary]), int(self.first_rows[boundary + 1]))
-
-    def unknowns_of(self, boundary: int) -> slice:
-        """Return the slice of the unknowns that are ghosts of this boundary."""
-        return slice(int(self.first_unknowns[boundary]), int(self.first_unknowns[boundary + 1]))
-
-    @cached_property
-    def row_of_unknown(self) -> Ints:
-        """(unknowns,) the row of E of each unknown, ascending."""
-        ghosts = [first + np.arange(n) for first, n in zip(self.first_rows, self.unknown_ghosts, strict=False)]
-        return np.concatenate([np.arange(self.inner), *ghosts])
-
-    @cached_property
-    def unknown_of_row(self) -> Ints:
-        """(rows,) the unknown of each row of E, -1 where the row's value is not an unknown."""
-        unknown = np.full(self.rows, -1)
-        unknown[self.row_of_unknown] = np.arange(self.unknowns)
-        return unknown
-
-    @cached_property
-    def boundary_of_row(self) -> Ints:
-        """(rows,) the number of the boundary whose ghost each row is, -1 for nodes."""
-        return np.repeat(np.arange(-1, len(self.ghosts)), [self.nodes, *self.ghosts])
-
-
 @dataclass(frozen=True, eq=False)
 class Centres:
     """The points of a surface at which n stencils are centred.
@@ -137,7 +70,10 @@ class Centres:
 
 @dataclass(frozen=True, eq=False)
 class Unknowns:
-    """The unknowns that stencils read: the inner nodes of a band, then the ghosts of each boundary.
+    """The unknowns that stencils read, and the rows of the extension matrix E.
+
+    Rows are the nodes of the band, then the ghosts of each boundary in turn. Unknowns are numbered in the same order,
+    but are only the rows whose values E reads: the inner nodes, and the first ghosts of each boundary.
 
     Attributes
     ----------
@@ -150,16 +86,46 @@ class Unknowns:
     band: Band
     ghosts: Sequence[Ghosts] = ()
 
-    @cached_property
-    def numbering(self) -> Numbering:
-        """The numbers of the rows of E and of the unknowns."""
-        counts = tuple(len(group.nodes) for group in self.ghosts)
-        return Numbering(len(self.band.nodes), self.band.inner, counts, tuple(group.unknowns for group in self.ghosts))
+    @property
+    def rows(self) -> int:
+        """The number of rows of E."""
+        return int(self.first_rows[-1])
 
     @property
     def count(self) -> int:
         """The number of unknowns."""
-        return self.numbering.unknowns
+        return int(self.first_unknowns[-1])
+
+    @cached_property
+    def first_rows(self) -> Ints:
+        """(boundaries + 1,) the first row of each boundary's ghosts, then the number of rows."""
+        return np.cumsum([len(self.band.nodes), *(len(group.nodes) for group in self.ghosts)])
+
+    @cached_property
+    def first_unknowns(self) -> Ints:
+        """(boundaries + 1,) the first unknown of each boundary's ghosts, then the number of unknowns."""
+        return np.cumsum([self.band.inner, *(group.unknowns for group in self.ghosts)])
+
+    def rows_of(self, boundary: int) -> slice:
+        """Return the slice of the rows of E that are ghosts of this boundary."""
+        return slice(int(self.first_rows[boundary]), int(self.first_rows[boundary + 1]))
+
+    def unknowns_of(self, boundary: int) -> slice:
+        """Return the slice of the unknowns that are ghosts of this boundary."""
+        return slice(int(self.first_unknowns[boundary]), int(self.first_unknowns[boundary + 1]))
+
+    @cached_property
+    def row_of_unknown(self) -> Ints:
+        """(unknowns,) the row of E of each unknown, ascending."""
+        ghosts = [first + np.arange(group.unknowns) for first, group in zip(self.first_rows, self.ghosts, strict=False)]
+        return np.concatenate([np.arange(self.band.inner), *ghosts])
+
+    @cached_property
+    def unknown_of_row(self) -> Ints:
+        """(rows,) the unknown of each row of E, -1 where the row's value is not an unknown."""
+        unknown = np.full(self.rows, -1)
+        unknown[self.row_of_unknown] = np.arange(self.count)
+        return unknown
 
     @property
     def ghost_nodes(self) -> Ints:
@@ -182,7 +148,7 @@ class Unknowns:
         ghost that continues the solution from the stencil's side.
         """
         numbers = [group.unknown_numbers for group in self.ghosts]
-        return self._select(centres, columns, self.band.inner, numbers, self.numbering.first_unknowns)
+        return self._select(centres, columns, self.band.inner, numbers, self.first_unknowns)
 
     def select_rows(self, centres: Centres, columns: Ints) -> Ints:
         """Return the rows of E (n, s) that n stencils read at the nodes ``columns`` (n, s) of the band.
@@ -190,7 +156,7 @@ class Unknowns:
         They are chosen as in :meth:`select`, with outer nodes and all ghosts allowed.
         """
         numbers = [group.numbers for group in self.ghosts]
-        return self._select(centres, columns, len(self.band.nodes), numbers, self.numbering.first_rows)
+        return self._select(centres, columns, len(self.band.nodes), numbers, self.first_rows)
 
     def _select(self, centres: Centres, columns: Ints, readable: int, numbers: Sequence[Ints], first: Ints) -> Ints:
         """Return the numbers (n, s) that n stencils read at the nodes ``columns`` (n, s).

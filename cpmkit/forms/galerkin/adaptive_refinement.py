@@ -65,7 +65,7 @@ def solve_for_marking(form: Galerkin) -> Floats:
     chosen = "direct" if form.size <= MOST_FACTORISED or form.traits.iterative_solver != "multigrid" else "multigrid"
     prepared = make_solver(chosen, {}).prepare(operator, form.levels(operator))
     values, _ = ConstantFunctions.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
-    return form.remove_constants(operator, b, values).values
+    return form.remove_constants(operator, b, values)[0]
 
 
 def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:

@@ -198,7 +198,7 @@ class EquationAssembly:
         tensor, du/db stands for the derivative along A b / (b . A b), b the conormal.
         """
         sampled, samples = self.sampled, self.sampled.boundary
-        names = self.coefficients.reader.names
+        names = [boundary.name for boundary in self.coefficients.reader.boundaries]
         if boundary in names:
             self.coefficients.reader.sides({str(boundary): side})  # type: ignore[dict-item]
             number = names.index(str(boundary))

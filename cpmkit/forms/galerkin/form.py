@@ -289,11 +289,6 @@ class Galerkin(Discretized):
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
         return self.coefficients.reader.rows(points, side)
 
-    def evaluate(self, u: Floats, points: Any, side: Sides = None, time: float | None = None) -> Floats:
-        """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
-        del time
-        return self.coefficients.reader.evaluate(u, points, side)
-
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) at points, projected, or at the samples, not projected."""
         if points is None:

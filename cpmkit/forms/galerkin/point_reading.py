@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_coefficients import READ_INSIDE_WIDTHS
 from cpmkit.forms.galerkin.patch_locator import DIFFERENCE_SPACINGS, CellSides, PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
@@ -19,17 +18,16 @@ from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.caches import WeakCache, state_without_cached
+from cpmkit.scene.boundary import BoundarySet, boundary_number, named_sides
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Floats, Ints, Side, Sides
+from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 #: Points farther from the manifold than so many spacings are refused: another part of it may be meant.
 READING_SPACINGS = 3.0
-#: Number of points that are evaluated at a time.
-READ_AT_ONCE = 1 << 17
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,9 +48,9 @@ class PointReader:
     __getstate__ = state_without_cached
 
     @property
-    def names(self) -> list[str]:
-        """The names of the boundaries, by their numbers."""
-        return [oriented.boundary.name for oriented in self.sampled.oriented]
+    def boundaries(self) -> list[BoundarySet]:
+        """The boundaries of the scene, by their numbers."""
+        return [oriented.boundary for oriented in self.sampled.oriented]
 
     @property
     def points(self) -> Floats:
@@ -94,15 +92,8 @@ class PointReader:
     def _located(self, points: Any, side: Sides) -> tuple[ClosestPoints, Ints, Ints]:
         """Return the closest points of ``points`` (k, d), and the patches (k,) and mesh cells (k,) that they are in."""
         feet = self.closest_points(points)
-        patch, nearest = self.locator.patches(feet, self._numbered_sides(side))
+        patch, nearest = self.locator.patches(feet, self.sides(side))
         return feet, patch, self.sampled.samples.cell_at(nearest)
-
-    def evaluate(self, u: Floats, points: Any, side: Sides = None) -> Floats:
-        """Return the values (k, channels) of u at the manifold's points nearest to ``points`` (k, d)."""
-        at = as_points(points, self.sampled.lattice.dim)
-        starts = range(0, len(at), READ_AT_ONCE)
-        values = [np.asarray(self.rows(at[start : start + READ_AT_ONCE], side) @ u) for start in starts]
-        return np.concatenate(values) if values else np.zeros((0, u.shape[1]))
 
     def closest_points(self, points: Any) -> ClosestPoints:
         """Return the closest points on the manifold of ``points`` (k, d), relative to the lattice's origin.
@@ -125,46 +116,15 @@ class PointReader:
         """Return ``points`` (k, d) relative to the lattice's origin."""
         return self.sampled.lattice.to_local(as_points(points, self.sampled.lattice.dim))
 
-    def _numbered_sides(self, side: Sides) -> dict[int, Side]:
-        """Return the side that is read of each boundary, by the boundary's number."""
-        return {self.names.index(name): chosen for name, chosen in self.sides(side).items()}
-
-    def sides(self, side: Sides) -> Mapping[str, Side]:
-        """Return the side that is read of each boundary, by name; a single side holds for all boundaries with sides.
-
-        Raises
-        ------
-        InputError
-            If a name is not that of a boundary, or the boundary has no sides.
-        """
-        has_left = {oriented.boundary.name: oriented.has_left for oriented in self.sampled.oriented}
-        if side is None:
-            return {}
-        by_name = side if isinstance(side, Mapping) else {name: side for name, has in has_left.items() if has}
-        for name, chosen in by_name.items():
-            self._number(name)
-            if chosen not in SIDES or not has_left[name]:
-                raise InputError(
-                    f"side of {name!r} must be 'left' or 'right' of a boundary that has sides, got {shown(chosen)}."
-                )
-        return by_name
-
-    def _number(self, name: str) -> int:
-        """Return the number of a boundary.
-
-        Raises
-        ------
-        InputError
-            If no boundary has the name.
-        """
-        if name not in self.names:
-            listed = ", ".join(map(repr, self.names)) or "none"
-            raise InputError(f"no boundary has the name {name!r}; the scene has {listed}.")
-        return self.names.index(name)
+    def sides(self, side: Sides) -> dict[int, Side]:
+        """Return the side that is read of each boundary, by the boundary's number; see :func:`named_sides`."""
+        has_left = [oriented.has_left for oriented in self.sampled.oriented]
+        by_name = named_sides(self.boundaries, side, has_left)
+        return {boundary_number(self.boundaries, name): chosen for name, chosen in by_name.items()}
 
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
-        return self.locator.signed_distance(self._number(name), self.closest_points(points).points)
+        return self.locator.signed_distance(boundary_number(self.boundaries, name), self.closest_points(points).points)
 
     # Gradients
 
@@ -206,7 +166,7 @@ class PointReader:
 
         All coordinates are the scene's.
         """
-        ((number, _),) = self._numbered_sides({boundary: side}).items()
+        ((number, _),) = self.sides({boundary: side}).items()
         oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
         at = as_points(points, lattice.dim) - oriented.left.origin
         feet, on_boundary = oriented.feet(at)

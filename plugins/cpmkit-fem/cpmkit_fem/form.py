@@ -90,7 +90,7 @@ class FiniteElements(Equations):
         queries = as_points(points, self.scene.surface.dim)
         if self.mesh.curved:
             queries = self.scene.surface.closest_point(queries).points
-        cell, local = locate_points(self.scene, self.mesh, self.cut, queries, named_sides(self.scene, side))
+        cell, local = locate_points(self.scene, self.mesh, self.cut, queries, named_sides(self.scene.boundaries, side))
         if self.mesh.curved:
             local = on_curved(self.mesh, cell, local, queries)
         rows = reading_matrix(self.mesh, cell, local)

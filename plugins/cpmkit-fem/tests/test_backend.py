@@ -266,8 +266,8 @@ def test_reading():
     assert solution.evaluate(points).shape == (2,)
     for side in ("left", "right", {"equator": "left"}):
         np.testing.assert_allclose(solution.evaluate(points, side=side), solution.evaluate(points), atol=1e-13)
-    for side in ("above", {"rim": "left"}):
-        with pytest.raises(ck.InputError, match="side must be 'left' or 'right'"):
+    for side, message in (("above", "must be 'left' or 'right'"), ({"rim": "left"}, "no boundary has the name 'rim'")):
+        with pytest.raises(ck.InputError, match=message):
             solution.evaluate(points, side=side)
     with pytest.raises(ck.InputError, match="NaN or infinity"):
         solution.evaluate([[np.nan, 0, 0]])

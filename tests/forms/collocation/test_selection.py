@@ -1,12 +1,14 @@
 """What stencils read is chosen by one function, which writes to nothing and asks for no closest point a second time."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from layouts import lay_out
 
 import cpmkit as ck
 from cpmkit.forms.collocation.discretization import tabulate
-from cpmkit.forms.collocation.selection import Centres, Numbering
+from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.grid.band import stencil_nodes
 from cpmkit.grid.stencils import stencil_cells
 
@@ -47,10 +49,10 @@ def test_stencils_are_not_written_to_and_read_twins_and_ghosts():
 
 
 def test_rows_and_unknowns_are_told_apart():
-    numbering = Numbering(nodes=5, inner=3, ghosts=(4, 0, 2), unknown_ghosts=(2, 0, 1))
-    assert (numbering.rows, numbering.unknowns) == (11, 6)
-    np.testing.assert_array_equal(numbering.row_of_unknown, [0, 1, 2, 5, 6, 9])
-    np.testing.assert_array_equal(numbering.unknown_of_row, [0, 1, 2, -1, -1, 3, 4, -1, -1, 5, -1])
-    np.testing.assert_array_equal(numbering.boundary_of_row, [-1] * 5 + [0] * 4 + [2] * 2)
-    assert [numbering.rows_of(k) for k in range(3)] == [slice(5, 9), slice(9, 9), slice(9, 11)]
-    assert [numbering.unknowns_of(k) for k in range(3)] == [slice(3, 5), slice(5, 5), slice(5, 6)]
+    ghosts = [SimpleNamespace(nodes=range(count), unknowns=unknowns) for count, unknowns in ((4, 2), (0, 0), (2, 1))]
+    unknowns = Unknowns(SimpleNamespace(nodes=range(5), inner=3), ghosts)
+    assert (unknowns.rows, unknowns.count) == (11, 6)
+    np.testing.assert_array_equal(unknowns.row_of_unknown, [0, 1, 2, 5, 6, 9])
+    np.testing.assert_array_equal(unknowns.unknown_of_row, [0, 1, 2, -1, -1, 3, 4, -1, -1, 5, -1])
+    assert [unknowns.rows_of(k) for k in range(3)] == [slice(5, 9), slice(9, 9), slice(9, 11)]
+    assert [unknowns.unknowns_of(k) for k in range(3)] == [slice(3, 5), slice(5, 5), slice(5, 6)]

@@ -17,6 +17,7 @@ import numpy as np
 from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     SIDE_READING_SPACINGS,
     GhostGeometry,
+    checked_beta,
     coefficient_and_factor,
     ghost_sources,
 )
@@ -27,7 +28,7 @@ from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLatti
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
-from cpmkit.scene.laws import Interface, beta_at
+from cpmkit.scene.laws import Interface
 from cpmkit.types import Bools, Floats, Ints
 
 #: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
@@ -235,7 +236,7 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
         if not isinstance(law, Interface):
             where, t = geometry.at_boundary(rows), geometry.seen.distance[rows]
             s = np.linalg.norm(geometry.foot_point[rows] - points[rows], axis=1)
-            beta, first_order = beta_at(law, where, geometry.name), orders[rows] == 1
+            beta, first_order = checked_beta(law, condition.kind, where, geometry.name), orders[rows] == 1
             coefficient[rows], factor = coefficient_and_factor(law, beta, t, s, first_order, geometry.spacing)
             data.append(BoundaryData(rows, factor, where, law.datum, geometry.name, law))
         elif len(rows):

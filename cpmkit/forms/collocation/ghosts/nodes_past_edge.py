@@ -25,6 +25,7 @@ import numpy as np
 
 from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     ALONGSIDE_COSINE,
+    checked_beta,
     coefficient_and_factor,
     mirror_distance,
 )
@@ -161,69 +162,67 @@ def read_past_edge(
     lattice: Lattice,
     edge: EdgeConditions,
     order: int,
-    rows: Ints | None = None,
-    most: int = 2,
+    at_feet: Ints | Sequence[int] = (),
 ) -> RowFormula:
     """Return the formulas of all nodes of the band: each reads its closest point, or past an edge a mirror point.
 
-    The edge's conditions are applied only to the nodes ``rows``, if given, and at most at order ``most``.
+    The nodes ``at_feet`` past the edge read their closest points, at order 1.
     """
     points, coefficient = band.feet.points.copy(), np.ones(len(band.nodes))
     feet = None if band.sheets is None else band.feet
     data: list[BoundaryData] = []
-    rows = np.arange(len(band.nodes)) if rows is None else rows
-    loop_of = band.feet.edge[rows]
-    for loop in np.unique(loop_of[loop_of >= 0]):
-        past, condition = rows[loop_of == loop], edge_condition(edge, int(loop))
-        target = min(condition.order or order, most)
-        formula = _mirror(surface, band, lattice, edge, condition.one_sided, target, past)
+    loops = np.unique(band.feet.edge[band.feet.edge >= 0]).tolist()
+    conditions = [edge_condition(edge, loop) for loop in loops]
+    for condition in {id(one): one for one in conditions}.values():
+        shared = [loop for loop, other in zip(loops, conditions, strict=True) if other is condition]
+        points_of_loops = lattice.to_scene(band.feet.points[np.isin(band.feet.edge, shared)])
+        checked_beta(condition.one_sided, condition.kind, points_of_loops, EDGE_CONDITION)
+    for loop, condition in zip(loops, conditions, strict=True):
+        past = np.flatnonzero(band.feet.edge == loop)
+        first_order = np.isin(past, at_feet) if (condition.order or order) == 2 else np.ones(len(past), dtype=bool)
+        formula = _mirror(surface, band, lattice, edge, condition.one_sided, first_order, past)
         points[past], coefficient[past] = formula.points, formula.coefficient
         feet = None if feet is None or formula.feet is None else feet.replace_rows(past, formula.feet)
         data += [datum.renumber(past) for datum in formula.data]
     return RowFormula(points, coefficient, data, feet=feet)
 
 
-def read_at_feet(
-    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, past: RowFormula, rows: Ints
-) -> RowFormula:
-    """Return the formulas ``past`` with the nodes ``rows`` past the edge at order 1: they read their closest points."""
-    if not len(rows):
-        return past
-    at_feet = read_past_edge(surface, band, lattice, edge, 1, rows, most=1)
-    points, coefficient = past.points.copy(), past.coefficient.copy()
-    points[rows], coefficient[rows] = at_feet.points[rows], at_feet.coefficient[rows]
-    numbers, chosen = np.arange(len(past)), np.isin(np.arange(len(past)), rows)
-    data = [datum.renumber(np.where(chosen, -1, numbers)) for datum in past.data]
-    data += [datum.renumber(np.where(chosen, numbers, -1)) for datum in at_feet.data]
-    feet = past.feet
-    if feet is not None and at_feet.feet is not None:
-        feet = feet.replace_rows(rows, at_feet.feet.take(rows))
-    return RowFormula(points, coefficient, data, feet=feet)
-
-
 def _mirror(
-    surface: LocalSource, band: Band, lattice: Lattice, edge: EdgeConditions, law: OneSided, order: int, rows: Ints
+    surface: LocalSource,
+    band: Band,
+    lattice: Lattice,
+    edge: EdgeConditions,
+    law: OneSided,
+    first_order: Bools,
+    rows: Ints,
 ) -> RowFormula:
-    """Return the formulas of the nodes ``rows`` past a loop of the edge with this ``law``, at order 1 or 2."""
+    """Return the formulas of the nodes ``rows`` past a loop of the edge, some of ``first_order``."""
     foot, beyond = band.feet.points[rows], band.positions[rows] - band.feet.points[rows]
-    feet, start = band.feet.take(rows), None if band.sheets is None else band.feet.take(rows)
+    feet, mirrored = band.feet.take(rows), np.flatnonzero(~first_order)
+
+    def mirror(goal: Floats) -> ClosestPoints:
+        """Return the points that the nodes read: those nearest to ``goal`` (n, d), at order 1 their closest points."""
+        if not len(mirrored):
+            return feet
+        start = None if band.sheets is None else feet.take(mirrored)
+        return feet.replace_rows(mirrored, nearest_on_sheet(surface, start, goal[mirrored], band.spacing))
+
     laws = [condition.one_sided for condition in conditions_of_edge(edge)]
     has_flux = any(isinstance(other, Flux | Mixed) and not other.is_zero_flux for other in laws)
     if law.is_zero_flux and not has_flux:
-        on = feet if order == 1 else nearest_on_sheet(surface, start, foot - beyond, band.spacing)
+        on = mirror(foot - beyond)
         return RowFormula(on.points, np.ones(len(rows)), feet=on)
     conormals = outward_conormals(surface, feet, 0.5 * band.spacing)
     outward = _exact_conormals(surface, feet, conormals, beyond, band.spacing)
     t = np.maximum(np.sum(beyond * outward, axis=1), 0.0)
-    mirror = foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward
-    on = feet if order == 1 else nearest_on_sheet(surface, start, mirror, band.spacing)
+    on = mirror(foot - beyond - (mirror_distance(law, t, band.spacing) - t)[:, None] * outward)
     where = lattice.to_scene(foot)
     corners = []
     if isinstance(law, Flux | Mixed):
         corners = _corners_of_fluxes(rim_corners(surface, feet, beyond, conormals, band.spacing), edge, law)
     for corner in corners:
         t[corner.rows] = corner.beyond.sum(axis=1)
-    first_order, beta = np.full(len(rows), order == 1), beta_at(law, where, EDGE_CONDITION)
+    beta = beta_at(law, where, EDGE_CONDITION)
     coefficient, factor = coefficient_and_factor(law, beta, t, 2 * t, first_order, band.spacing)
     datum = BoundaryData(np.arange(len(rows)), factor, where, law.datum, EDGE_CONDITION, law)
     return RowFormula(on.points, coefficient, _data_beside_corners(datum, corners, edge, t, lattice), feet=on)

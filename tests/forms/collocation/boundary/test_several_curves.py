@@ -1,4 +1,4 @@
-"""Curves that cross or come near each other: what suffers is local, told, and filled where nothing can be solved."""
+"""Curves that cross or come near each other: what suffers is local, and reported."""
 
 from itertools import pairwise
 
@@ -75,13 +75,11 @@ def strip(gap, h=0.025):
 
 
 @pytest.mark.parametrize("gap", [0.2, 0.5, 0.9])
-def test_a_strip_narrower_than_a_spacing_is_reported_and_filled(gap):
+def test_a_strip_narrower_than_a_spacing_is_reported(gap):
     solution, (start, stop) = strip(gap)
     told = [text for text in solution.warnings if "run side by side" in text]
     assert len(told) == 1
     assert f"{gap:.2g} spacings apart" in told[0]
-    share = np.array([0.1, 0.5, 0.9])
-    np.testing.assert_allclose(solution.evaluate(on_circle(start + share * (stop - start))), 10 * share, atol=0.05)
     rest = np.linspace(stop + 1e-3, start + 2 * np.pi - 1e-3, 400)
     exact = 5 - 3 * (rest - stop) / (2 * np.pi - (stop - start))
     np.testing.assert_allclose(solution.evaluate(on_circle(rest)), exact, atol=2e-3)
@@ -121,7 +119,7 @@ def test_two_circles_on_a_sphere_half_a_spacing_apart():
 
 def test_curves_that_meet_at_an_angle_enclose_no_strip():
     solution, _ = crossing({"one": (1.0, 1.0), "other": (1.0, 1.0)}, 0.1)
-    assert not solution.discretized.tables.layout.strips
+    assert not solution.discretized.tables.layout.meetings
     assert max_error(*sphere_poisson(rotation().T[:2]), 0.1) <= 6e-3
 
 

@@ -1,4 +1,4 @@
-"""Boundaries at one place, fluxes at points, open ends, sharp tips and junctions are warned of or refused."""
+"""Boundaries at one place, fluxes at points, open ends and sharp tips are warned of or refused."""
 
 import numpy as np
 import pytest
@@ -86,16 +86,6 @@ def test_a_short_ring_around_a_limb_is_warned_of_by_its_bends_and_the_galerkin_f
         assert np.abs(separated.evaluate(points, side={"ring": side}) - value).max() < 1e-2
 
 
-def test_three_curves_that_meet_are_told_and_two_are_not():
-    circle, spoke = ck.source("analytic.circle"), ck.source("analytic.segment", start=[1, 0], end=[2, 0])
-    longer = ck.source("analytic.segment", start=[2, 0], end=[2, 1])
-    branches = ck.source("union", members=[circle, spoke])
-    corner = ck.source("union", members=[spoke, longer])
-    told = ck.explain(ck.Scene(branches, ck.ScreenedPoisson(1.0)), 0.1, form="collocation", dry_run=True).warnings
-    assert len([text for text in told if "3 curves meet at (1, 0), where no law holds" in text]) == 1
-    assert not ck.explain(ck.Scene(corner, ck.ScreenedPoisson(1.0)), 0.1, dry_run=True).warnings
-
-
 def test_a_narrow_tip_is_told_wherever_the_lattice_lies():
     """A wedge of 30 degrees along an axis of the lattice, whose medial axis passes nodes or runs between them."""
     box, spacing = ck.source("analytic.box", lower=[-1, -0.5], upper=[0.2, 0.5]), 0.05
@@ -104,6 +94,6 @@ def test_a_narrow_tip_is_told_wherever_the_lattice_lies():
     scene = ck.Scene(box, ck.Laplace(), [ck.Boundary("wedge", wedge, left=ONE, right=ZERO)])
     for origin in [*np.random.default_rng(0).uniform(0, spacing, (3, 2)), [0.0, spacing / 2]]:
         made = ck.discretize(scene, spacing, form="collocation", origin=origin)
-        (flanks,) = [one for one in made.tables.layout.mixed_sides if one.kind == "flanks"]
+        (flanks,) = [one for one in made.tables.layout.meetings if one.kind == "flanks"]
         assert 0 < flanks.size < 2 * spacing
         assert np.linalg.norm(flanks.point) < 2 * spacing / np.tan(np.radians(15))

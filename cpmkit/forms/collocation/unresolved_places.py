@@ -5,7 +5,8 @@ The sides of a curve mix around open ends and between the flanks of a sharp tip.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import combinations, product
 
 import numpy as np
@@ -24,6 +25,16 @@ from cpmkit.types import SIDES, Bools, Floats
 MEETING_SPACINGS = 4.0
 #: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil.
 STRIP_SPACINGS = 1.0
+#: Around a crossing of four different values the solution is off within this many spacings (by the jump; outside twice
+#: that it is of order 1 to 2).
+DISTURBED_SPACINGS = 4.0
+#: Largest share of the difference of the values on both sides of a gap that leaks across two spacings; half of it
+#: for each further one (a slit in a sphere: 0.45 at 2, 0.11 at 4, 0.055 at 5 spacings; in the plane a tenth of that).
+LEAK_AT_TWO_SPACINGS = 0.45
+#: In a gap of at most this many spacings there are hardly any nodes past either rim.
+BRIDGED_GAP_SPACINGS = 1.5
+#: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it.
+WIDE_GAP_SPACINGS = 6.0
 #: Boundaries nearer than this many spacings, for curves at this many points, are at the same place.
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
@@ -36,89 +47,81 @@ FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class SectorJump:
-    """A crossing of two boundaries with different data in the sectors around it.
+class UnresolvedPlace:
+    """A place that the spacing does not resolve.
 
     Attributes
     ----------
-    first, second : int
+    kind : str
+        "crossing": two boundaries with different values in the sectors around. "strip", "same place": two boundaries
+        less than a spacing apart, or at one place. "tip", "flanks": an open end with different values on its sides, or
+        two flanks of one curve that face each other. "gap", "opening": rims that face each other; an opening, the tip
+        of a notch or a small hole, is narrow only there. "rim strip", "on rim": a boundary near a rim or along it.
+    boundaries : tuple of int
         Numbers of the boundaries.
-    point : (d,) float64
-        The crossing, in the scene's coordinates.
-    jump : float
-        The largest difference of the two boundaries' values in one sector.
-    """
-
-    first: int
-    second: int
-    point: Floats
-    jump: float
-
-
-@dataclass(frozen=True, eq=False)
-class Strip:
-    """Two boundaries that run side by side, less than a spacing apart.
-
-    Attributes
-    ----------
-    first, second : int
-        Numbers of the boundaries.
-    point : (d,) float64
-        The point of the first that is nearest to the second, in the scene's coordinates.
-    width : float
-        The distance there.
-    coincide : bool
-        Whether they are at the same place.
-    reversed : bool
-        Whether the left of the first is the right of the second.
-    """
-
-    first: int
-    second: int
-    point: Floats
-    width: float
-    coincide: bool = False
-    reversed: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class MixedSides:
-    """A place where stencils do not separate the two sides of a boundary.
-
-    Attributes
-    ----------
-    kind : "tip" or "flanks"
-        An open end with different values on its sides, or two flanks of one curve that face each other.
-    boundary : int
-        Number of the boundary.
     point : (d,) float64
         The place, in the scene's coordinates.
     size : float
-        Distance of the flanks; 0 for a tip.
+        Width of a strip or gap, distance of flanks; for a crossing the largest difference of the two boundaries' values
+        in one sector.
     more : int
-        Number of further such places of the boundary.
+        Number of further tips of the boundary.
+    reversed : bool
+        Whether the left of the first boundary is the right of the second.
+    loop : int
+        Number of the rim's loop.
     """
 
     kind: str
-    boundary: int
+    boundaries: tuple[int, ...]
     point: Floats
     size: float
     more: int = 0
+    reversed: bool = False
+    loop: int = -1
 
-    def warning(self, name: str, spacing: float) -> str:
-        """Return the warning for the boundary called ``name``."""
-        where = f"near {place(self.point)}"
+    def warning(self, names: Sequence[str], spacing: float) -> str:
+        """Return the warning for a solve at ``spacing``, empty if there is none; ``names`` are those of boundaries."""
+        where, width = f"near {place(self.point)}", self.size / spacing
+        named = " and ".join(repr(names[number]) for number in self.boundaries)
+        if self.kind == "crossing":
+            more = f" and {self.more} more pairs" if self.more else ""
+            return (
+                f"Boundaries {named}{more} cross with different values in the sectors around, {where}: within "
+                f"{DISTURBED_SPACINGS * spacing:.2g} of it the solution is off by up to their difference, "
+                f"{self.size:.3g}; beyond twice that it is not disturbed."
+            )
+        if self.kind == "same place":
+            return f"Boundaries {named} lie at the same place, {where}, and hold the same; one of them is enough."
         if self.kind == "tip":
             more = f" and at {self.more} more ends" if self.more > 1 else " and at its other end" if self.more else ""
             return (
-                f"Boundary {name!r} ends {where}{more} with different values on its sides: within about a spacing, "
+                f"Boundary {named} ends {where}{more} with different values on its sides: within about a spacing, "
                 f"{spacing:.2g}, of the end they run into each other; give both sides one value there, or a smaller "
                 "spacing."
             )
+        if self.kind == "flanks":
+            return (
+                f"Boundary {named} comes back to itself {where}, its flanks {self.size:.2g} apart, {width:.2g} "
+                "spacings, or less: the values of the other side show between them; a spacing of "
+                f"{min(self.size / 3, spacing / 2):.2g} confines that to a shorter piece."
+            )
+        if self.kind in ("gap", "opening") and width <= WIDE_GAP_SPACINGS:
+            leak = LEAK_AT_TWO_SPACINGS * 2.0 ** (2.0 - width)
+            harm = f"up to {leak:.0%} of the difference between its sides leaks across"
+            return (
+                f"N{where[1:]} the manifold faces itself across a gap of {self.size:.3g}, {width:.2g} spacings: "
+                f"{harm if width > BRIDGED_GAP_SPACINGS else 'there the gap is as good as closed'}, whatever holds on "
+                f"the rims; a spacing of {self.size / WIDE_GAP_SPACINGS:.2g} or less avoids that."
+            )
+        if self.kind not in ("strip", "rim strip") or width >= STRIP_SPACINGS:
+            return ""
+        runs = f"Boundary {named} runs {self.size:.2g} from a rim, {width:.2g} spacings, {where}"
+        if self.kind == "strip":
+            runs = f"Boundaries {named} run side by side, {width:.2g} spacings apart {where}"
         return (
-            f"Boundary {name!r} comes back to itself {where}, its flanks {self.size:.2g} apart, "
-            f"{self.size / spacing:.2g} spacings, or less: the values of the other side show between them; a "
-            f"spacing of {min(self.size / 3, spacing / 2):.2g} confines that to a shorter piece."
+            f"{runs}: the strip between them shows a mixture of their values; a spacing of {self.size / 3:.2g} would "
+            "resolve it."
         )
 
 
@@ -127,13 +130,13 @@ class MixedSides:
 
 def find_meetings(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
-) -> tuple[list[SectorJump], list[Strip]]:
+) -> list[UnresolvedPlace]:
     """Return the crossings with different data, and the strips, of all pairs of boundaries with sides.
 
     Data of ``channels`` channels are compared at ``time``.
     """
-    crossings: list[SectorJump] = []
-    strips: list[Strip] = []
+    crossings: list[UnresolvedPlace] = []
+    strips: list[UnresolvedPlace] = []
     with_sides = [number for number, boundary in enumerate(boundaries.on_lattice) if boundary.has_sides]
     thinned = {}
     for number in with_sides:  # one entry for each cell of half a spacing
@@ -154,15 +157,16 @@ def find_meetings(
             point = lattice.to_scene(crossing[None])
             jump = _largest_jump(boundaries.definitions[first], boundaries.definitions[second], point, channels, time)
             if jump > 0:
-                crossings.append(SectorJump(first, second, point[0], jump))
+                crossings.append(UnresolvedPlace("crossing", (first, second), point[0], jump))
         aligned_rows = np.flatnonzero((distance < STRIP_SPACINGS * lattice.spacing) & aligned)
         if len(aligned_rows):
             nearest = aligned_rows[distance[aligned_rows].argmin()]
             point = lattice.to_scene(feet[nearest][None])[0]
             same = np.count_nonzero(aligned & (distance < SAME_PLACE_SPACINGS * lattice.spacing))
-            coincide = bool(same >= min(SAME_PLACE_SAMPLES, len(distance)))
-            strips.append(Strip(first, second, point, float(distance[nearest]), coincide, bool(along[nearest] < 0)))
-    return crossings, strips
+            kind = "same place" if same >= min(SAME_PLACE_SAMPLES, len(distance)) else "strip"
+            width, reverse = float(distance[nearest]), bool(along[nearest] < 0)
+            strips.append(UnresolvedPlace(kind, (first, second), point, width, reversed=reverse))
+    return [replace(crossing, more=len(crossings) - 1) for crossing in crossings[:1]] + strips
 
 
 def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float) -> Floats | None:
@@ -205,9 +209,9 @@ def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channe
 
 def find_mixed_sides(
     boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None = None
-) -> list[MixedSides]:
+) -> list[UnresolvedPlace]:
     """Return the places where stencils mix the sides of a boundary that has different conditions on them."""
-    places: list[MixedSides] = []
+    places: list[UnresolvedPlace] = []
     for number, (boundary, on_lattice) in enumerate(zip(boundaries.definitions, boundaries.on_lattice, strict=True)):
         alike = same_condition(boundary.condition("left"), boundary.condition("right"))
         if on_lattice.has_sides and on_lattice.oriented.dimension > 1 and not alike:
@@ -218,7 +222,7 @@ def find_mixed_sides(
 
 def _tips(
     number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None
-) -> list[MixedSides]:
+) -> list[UnresolvedPlace]:
     """Return the open ends of a boundary, as one record, if its values on both sides differ there."""
     view, boundary, h = boundaries.side_views[number], boundaries.definitions[number], lattice.spacing
     ends = view.foot[view.end]
@@ -235,11 +239,11 @@ def _tips(
         jump = np.abs(values[0] - values[1]).max(axis=1)
         places = places[jump > DIFFERENT_DATA_SHARE * np.abs(values).max()]
         if len(places):
-            return [MixedSides("tip", number, places[0], 0.0, len(places) - 1)]
+            return [UnresolvedPlace("tip", (number,), places[0], 0.0, len(places) - 1)]
     return []
 
 
-def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[MixedSides]:
+def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list[UnresolvedPlace]:
     """Return the place where a boundary faces itself so closely that the feet of near nodes jump from flank to flank.
 
     It is found from the boundary's points nearest to nodes, independently of the position of the lattice.
@@ -262,4 +266,4 @@ def _flanks(number: int, boundaries: BoundariesOnBand, lattice: Lattice) -> list
     first, second, width = first[opposite], second[opposite], width[opposite]
     widest = int(width.argmax())
     middle = 0.5 * (close.foot[first[widest]] + close.foot[second[widest]])
-    return [MixedSides("flanks", number, lattice.to_scene(middle[None])[0], float(width[widest]))]
+    return [UnresolvedPlace("flanks", (number,), lattice.to_scene(middle[None])[0], float(width[widest]))]
