@@ -28,34 +28,7 @@ if TYPE_CHECKING:
 @user_class_of(SolutionRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class Solution(SolutionRecord):
-    """The solution of a scene, to be evaluated at points, integrated, saved and drawn, with an estimate of its error.
-
-    Attributes
-    ----------
-    discretized : Discretized
-        The discretised scene.
-    values : (unknowns, channels) float64
-        Values of the unknowns.
-    report : SolveReport
-        Solver, iterations and residual.
-    work : MeasuredWork
-        Cost in counts that are the same on every machine.
-    seconds : mapping
-        Wall-clock seconds of each stage.
-    warnings : tuple of str
-        Sentences on possible causes of errors in the solution.
-    imbalances : tuple of Imbalance
-        Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
-        solution is determined up to a constant (and has mean zero): the part of the data for which there is no
-        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f.
-    estimated : ErrorEstimate, optional
-        The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
-    solve_history : SolveHistory, optional
-        The solves by which a requested error, time or memory was met.
-    resonance : Resonance, optional
-        The eigenvalue of the operator nearest to zero, for steady problems that may have one near it: where c or a
-        condition makes the energy indefinite.
-    """
+    """The solution of a scene, to be evaluated at points, integrated, saved and drawn, with its estimated error."""
 
     estimated: ErrorEstimate | Literal[False] | None = field(default=None, kw_only=True)
     solve_history: SolveHistory | None = field(default=None, kw_only=True)
@@ -144,65 +117,25 @@ class Solution(SolutionRecord):
 @user_class_of(EigenRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenSolution(Solution, EigenRecord):
-    """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution.
-
-    Each eigenfunction has unit mean square over the manifold (in the collocation form over the nodes of the band, which
-    is about the same). Its sign is such that the first of its values of nearly the largest size is positive.
-    Eigenfunctions of a multiple eigenvalue are orthogonal.
-
-    Attributes
-    ----------
-    eigenvalues : (count,) float64
-        Eigenvalues in ascending order; real parts where the discrete operator, which is not symmetric in the
-        collocation form, has a pair of complex eigenvalues.
-    imaginary : (count,) float64
-        Imaginary parts; zero except for such a pair, whose eigenfunctions are the real and the imaginary part.
-    residuals : (count,) float64
-        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; approximate if a
-        multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
-    """
+    """The solution of an eigenvalue problem: eigenfunction k is channel k, and is evaluated like any solution."""
 
 
 @user_class_of(QuasilinearRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class QuasilinearSolution(Solution, QuasilinearRecord):
-    """The solution of an equation whose diffusivity depends on u.
-
-    Attributes
-    ----------
-    history : tuple of StepRecord
-        The steps of the nonlinear iteration.
-    """
+    """The solution of an equation whose diffusivity depends on u."""
 
 
 @user_class_of(BiharmonicRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class BiharmonicSolution(Solution, BiharmonicRecord):
-    """The solution of a biharmonic problem, with its Laplacian.
-
-    Attributes
-    ----------
-    second : (unknowns, channels) float64
-        Lap u at the unknowns.
-    """
+    """The solution of a biharmonic problem, with its Laplacian."""
 
 
 @user_class_of(EvolvedRecord)
 @dataclass(frozen=True, eq=False, repr=False)
 class EvolvedSolution(Solution, EvolvedRecord):
-    """The solution of an equation in time at one time, which is evaluated, saved and drawn like any other.
-
-    Attributes
-    ----------
-    time : float
-        Time of the solution.
-    steps : int
-        Number of time steps up to that time.
-    energy : (channels,) float64, optional
-        For a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the load.
-    frames : tuple of EvolvedSolution
-        The solutions at the times in ``frames`` of the equation, in order; they share all tables.
-    """
+    """The solution of an equation in time at one time, which is evaluated, saved and drawn like any other."""
 
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
 

@@ -11,7 +11,7 @@ from cpmkit.dispatch import resolve_options, solve_discretized
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.context import OperatorCache
-from cpmkit.families.solve_options import Checkpointing, CheckpointingKeywords, PreparingKeywords
+from cpmkit.families.solve_options import Checkpointing, PreparedKeywords, PreparingKeywords
 from cpmkit.forms.choice import FORMS, explain_memory_error
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of
@@ -61,58 +61,18 @@ class Prepared(Generic[Family]):
 
     @overload
     def solve(
-        self: Prepared[EigenFamily],
-        *,
-        problem: None = None,
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
+        self: Prepared[EigenFamily], *, problem: None = None, **options: Unpack[PreparedKeywords]
     ) -> EigenSolution: ...
     @overload
     def solve(
-        self: Prepared[TimeFamily],
-        *,
-        problem: None = None,
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
+        self: Prepared[TimeFamily], *, problem: None = None, **options: Unpack[PreparedKeywords]
     ) -> EvolvedSolution: ...
     @overload
-    def solve(
-        self: Prepared[Any],
-        *,
-        problem: None = None,
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
-    ) -> Solution: ...
+    def solve(self, *, problem: Equation[EigenFamily], **options: Unpack[PreparedKeywords]) -> EigenSolution: ...
     @overload
-    def solve(
-        self,
-        *,
-        problem: Equation[EigenFamily],
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
-    ) -> EigenSolution: ...
+    def solve(self, *, problem: Equation[TimeFamily], **options: Unpack[PreparedKeywords]) -> EvolvedSolution: ...
     @overload
-    def solve(
-        self,
-        *,
-        problem: Equation[TimeFamily],
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
-    ) -> EvolvedSolution: ...
-    @overload
-    def solve(
-        self,
-        *,
-        problem: Equation[Any],
-        data: Mapping[str, Any] | None = None,
-        guess: SolutionRecord | None = None,
-        **options: Unpack[CheckpointingKeywords],
-    ) -> Solution: ...
+    def solve(self, *, problem: Equation[Any] | None = None, **options: Unpack[PreparedKeywords]) -> Solution: ...
     @document_options(Checkpointing)
     def solve(
         self,

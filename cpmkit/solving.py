@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Mapping
-from typing import Any, Literal, Unpack, cast, overload
+from typing import Any, Unpack, cast, overload
 
 from cpmkit.accuracy.estimate import estimate_error as estimate_error
 from cpmkit.accuracy.estimate import with_estimate
@@ -31,58 +31,18 @@ logger = logging.getLogger("cpmkit")
 
 @overload
 def solve(
-    scene: Scene[EigenFamily],
-    spacing: float | None = None,
-    *,
-    backend: Literal["cpm"] = "cpm",
-    progress: ShownProgress = None,
-    **options: Unpack[SolvingKeywords],
+    scene: Scene[EigenFamily], spacing: float | None = None, *, backend: str = "cpm", **options: Unpack[SolvingKeywords]
 ) -> EigenSolution: ...
 @overload
 def solve(
-    scene: Scene[TimeFamily],
-    spacing: float | None = None,
-    *,
-    backend: Literal["cpm"] = "cpm",
-    progress: ShownProgress = None,
-    **options: Unpack[SolvingKeywords],
+    scene: Scene[TimeFamily], spacing: float | None = None, *, backend: str = "cpm", **options: Unpack[SolvingKeywords]
 ) -> EvolvedSolution: ...
 @overload
 def solve(
-    scene: Scene[Any],
-    spacing: float | None = None,
-    *,
-    backend: Literal["cpm"] = "cpm",
-    progress: ShownProgress = None,
-    **options: Unpack[SolvingKeywords],
+    scene: Scene[Any], spacing: float | None = None, *, backend: str = "cpm", **options: Unpack[SolvingKeywords]
 ) -> Solution: ...
 @overload
-def solve(
-    scene: Scene[EigenFamily],
-    spacing: float | None = None,
-    *,
-    backend: str,
-    progress: ShownProgress = None,
-    **options: Any,
-) -> EigenSolution: ...
-@overload
-def solve(
-    scene: Scene[TimeFamily],
-    spacing: float | None = None,
-    *,
-    backend: str,
-    progress: ShownProgress = None,
-    **options: Any,
-) -> EvolvedSolution: ...
-@overload
-def solve(
-    scene: Scene[Any],
-    spacing: float | None = None,
-    *,
-    backend: str,
-    progress: ShownProgress = None,
-    **options: Any,
-) -> Solution: ...
+def solve(scene: Scene[Any], spacing: float | None = None, *, backend: str, **options: Any) -> Solution: ...
 @document_options(AccuracyTarget, Options, *FORMS.values(), SolverOptions, Checkpointing)
 def solve(
     scene: Scene,

@@ -57,7 +57,7 @@ class QuasilinearRecord(SolutionRecord):
     Attributes
     ----------
     history : tuple of StepRecord
-        The steps of the iteration.
+        The steps of the nonlinear iteration.
     """
 
     history: tuple[StepRecord, ...] = ()

@@ -6,6 +6,7 @@ The meaning, default and check of an option are given where it is declared; a te
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from os import PathLike
@@ -16,8 +17,10 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.whole_files import check_name, check_place
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, option
+from cpmkit.runtime.progress import ShownProgress
 from cpmkit.scene.equations import Equation
 from cpmkit.scene.equations_in_time import Evolution
+from cpmkit.solution.record import SolutionRecord
 
 
 class SolverKeywords(TypedDict, total=False):
@@ -51,6 +54,13 @@ class CheckpointingKeywords(TypedDict, total=False):
     resume: str | PathLike[str] | None
 
 
+class PreparedKeywords(CheckpointingKeywords, total=False):
+    """Keyword arguments of :meth:`cpmkit.preparing.Prepared.solve`, beside its equation."""
+
+    data: Mapping[str, Any] | None
+    guess: SolutionRecord | None
+
+
 class TargetKeywords(TypedDict, total=False):
     """Keyword arguments for the target; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
 
@@ -66,7 +76,9 @@ class PreparingKeywords(DiscretizingKeywords, SolverKeywords, total=False):
 
 
 class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, total=False):
-    """Keyword arguments of ``solve``."""
+    """Keyword arguments of ``solve``, beside its back end."""
+
+    progress: ShownProgress
 
 
 def _path(value: Any, label: str) -> Path | None:

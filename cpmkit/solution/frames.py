@@ -44,11 +44,11 @@ class EvolvedRecord(SolutionRecord):
     time : float
         Time of the solution.
     steps : int
-        Number of time steps up to it.
+        Number of time steps up to that time.
     energy : (channels,) float64, optional
-        Kinetic and elastic energy of a wave, less the work of the load; only in forms with symmetric operators.
+        For a wave in a form with symmetric operators: kinetic and elastic energy, minus the work of the load.
     frames : tuple of EvolvedSolution
-        The solutions at the times that the problem's ``frames`` request, in order; they share all tables.
+        The solutions at the times in ``frames`` of the equation, in order; they share all tables.
     """
 
     time: float = field(kw_only=True)

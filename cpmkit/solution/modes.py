@@ -22,19 +22,19 @@ ZERO_EIGENVALUE_SHARE = 1e-10
 class EigenRecord(SolutionRecord):
     """The solution of an eigenvalue problem: eigenfunction k is channel k, read like any solution.
 
-    Each has unit mean square over the manifold (in the collocation form over the nodes of the band, which is about the
-    same). Its sign is such that the first value of nearly the largest modulus is positive. Eigenfunctions of a multiple
-    eigenvalue are orthogonal.
+    Each eigenfunction has unit mean square over the manifold (in the collocation form over the nodes of the band, which
+    is about the same). Its sign is such that the first of its values of nearly the largest size is positive.
+    Eigenfunctions of a multiple eigenvalue are orthogonal.
 
     Attributes
     ----------
     eigenvalues : (count,) float64
-        Ascending; real parts where the discrete operator, which is not symmetric in the collocation form, has a complex
-        pair.
+        Eigenvalues in ascending order; real parts where the discrete operator, which is not symmetric in the
+        collocation form, has a pair of complex eigenvalues.
     imaginary : (count,) float64
-        Imaginary parts, zero except for such a pair, whose two channels are the real and the imaginary part.
+        Imaginary parts; zero except for such a pair, whose eigenfunctions are the real and the imaginary part.
     residuals : (count,) float64
-        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration, approximate if a
+        Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; approximate if a
         multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
     """
 

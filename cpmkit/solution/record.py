@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -57,11 +58,14 @@ def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserCla
     """Return a class decorator: objects of class ``record`` are then constructed as objects of the decorated class.
 
     The decorated class is derived from ``record`` and adds saving and drawing. Families of equations construct records,
-    and cannot import it.
+    and cannot import it. Its docstring is continued by that of ``record``,
+    which describes the attributes.
     """
 
     def register(user_class: UserClass) -> UserClass:
         _user_classes[record] = user_class
+        _, _, details = inspect.cleandoc(record.__doc__ or "").partition("\n\n")
+        user_class.__doc__ = f"{inspect.cleandoc(user_class.__doc__ or '')}\n\n{details}"
         return user_class
 
     return register
@@ -100,17 +104,17 @@ class SolutionRecord:
     seconds : mapping
         Wall-clock seconds of each stage.
     warnings : tuple of str
-        Sentences on possible causes of a less accurate solution.
+        Sentences on possible causes of errors in the solution.
     imbalances : tuple of Imbalance
-        Data that did not balance, and the correction. One of "data" for each piece of the manifold on which the
-        solution is determined up to a constant (and has mean zero): the part of the data that has no solution. One of
-        "mean" for each closed piece on which c times the mean of u was set to the mean of f.
-    estimated : ErrorField, optional
-        The estimate of the error where one was requested; False where none must be made; see :attr:`error`.
+        Data that did not balance, and their correction. There is one "data" for each piece of the manifold on which the
+        solution is determined up to a constant (and has mean zero): the part of the data for which there is no
+        solution. There is one "mean" for each closed piece on which c times the mean of u was set to the mean of f.
+    estimated : ErrorEstimate, optional
+        The estimate of the error if it was requested; False if no estimate is to be made; see :attr:`error`.
     solve_history : SolveHistory, optional
-        The solves that led to a requested error, time or memory.
+        The solves by which a requested error, time or memory was met.
     resonance : Resonance, optional
-        The eigenvalue of the operator nearest to zero, of steady problems that may have one near it: where c or a
+        The eigenvalue of the operator nearest to zero, for steady problems that may have one near it: where c or a
         condition makes the energy indefinite.
     """
 
