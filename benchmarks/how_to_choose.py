@@ -16,12 +16,11 @@ from pathlib import Path
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.studies.pareto import attempts, front_table, winners_table
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import read_records
+from cpmkit.studies.records import gather, read_records
 from cpmkit.studies.reference_values import Reference, sample_points
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
+from cpmkit.studies.tables import attempts, front_table, winners_table
 
 #: Points of the cloud.
 CLOUD = 6000

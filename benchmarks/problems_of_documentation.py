@@ -22,8 +22,8 @@ from cpmkit.errors import CpmkitError
 from cpmkit.forms.choice import choose_form
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.scene_files import load_scene
-from cpmkit.studies.checking import at_spacing
 from cpmkit.studies.reference_values import reference_of, sample_points
+from cpmkit.studies.run_one import at_spacing
 from cpmkit.studies.studyfile import Study, load_study
 
 EXAMPLES = Path(__file__).parents[1] / "examples"

@@ -140,8 +140,8 @@ class EvolvedSolution(Solution, EvolvedRecord):
     frames: tuple[EvolvedSolution, ...] = field(default=(), kw_only=True)
 
     def animate(self, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
-        """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.film.animate`."""
-        from cpmkit.view.film import animate
+        """Write the frames as a film, ``.gif`` or ``.mp4``; see :func:`cpmkit.view.pictures.animate`."""
+        from cpmkit.view.pictures import animate
 
         return animate(self, path, fps, **options)
 

@@ -83,7 +83,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
     from cpmkit.files.whole_files import written_whole
-    from cpmkit.studies.report import costs_of, table_of, trade_of, trades, write_report
+    from cpmkit.studies.report import costs_of, table_of, trade_of, write_report
     from cpmkit.studies.studyfile import load_study
 
     reports = [
@@ -93,7 +93,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     text = table_of(reports)
     click.echo(text)
     for report in reports:
-        if trades(report.series):
+        if report.trades:
             click.echo(f"\n{trade_of(report)}")
     target = {table: text, costs: costs_of(reports)}
     pages = {page: content for page, content in target.items() if page is not None}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,9 +14,54 @@ from cpmkit.formulas.trees import COORDINATES, formula_tree
 from cpmkit.types import Floats
 
 
+class Formulas:
+    """Base class of functions that are given by formulas in x, y, z and further variables."""
+
+    dim: int
+
+    def __post_init__(self) -> None:
+        _ = self._program  # parsed here, so that errors are raised here
+
+    @property
+    def _texts(self) -> tuple[str, ...]:
+        """The formulas."""
+        raise NotImplementedError
+
+    @property
+    def _variables(self) -> tuple[str, ...]:
+        """The names that the formulas may use, in the order in which messages list them."""
+        return COORDINATES[: self.dim]
+
+    @cached_property
+    def _program(self) -> Program:
+        """The program that computes the formulas."""
+        steps = Steps()
+        return make_program(steps, [steps.add_tree(formula_tree(text, self._variables)) for text in self._texts])
+
+    @property
+    def takes_time(self) -> bool:
+        """Whether a formula contains t."""
+        return "t" in self._program.variables
+
+    def _values(self, points: Floats, **others: Any) -> Floats:
+        """Return the values (k, n) of the k formulas at points (n, d), given the ``others`` of their variables.
+
+        Raises
+        ------
+        SceneError
+            If a formula uses a coordinate that the points do not have.
+        """
+        names = COORDINATES[: points.shape[1]]
+        missing = [name for name in COORDINATES if name in self._program.variables and name not in names]
+        if missing:
+            text = shown(self._texts if len(self._texts) > 1 else self._texts[0])
+            raise SceneError(f"the formula {text} uses {missing[0]}, and points here have {' and '.join(names)} alone.")
+        return self._program({**dict(zip(names, points.T, strict=True)), **others}, len(points))
+
+
 @dataclass(frozen=True)
-class Formula:
-    """Base class of formulas in x, y, z and further variables.
+class Formula(Formulas):
+    """Base class of functions that are given by one formula.
 
     Parameters
     ----------
@@ -36,42 +80,9 @@ class Formula:
     text: str
     dim: int = len(COORDINATES)
 
-    def __post_init__(self) -> None:
-        _ = self._program  # parsed here, so that errors are raised here
-
     @property
-    def _names(self) -> tuple[str, ...]:
-        """The names that the formula may use, in the order in which messages list them."""
-        return COORDINATES[: self.dim]
-
-    @cached_property
-    def _program(self) -> Program:
-        """The program that computes the formula."""
-        steps = Steps()
-        return make_program(steps, [steps.add_tree(formula_tree(self.text, self._names))])
-
-    def _values(self, points: Floats, **others: Any) -> Floats:
-        """Return the values (n,) at points (n, d), given the ``others`` of the formula's variables."""
-        variables = position_variables(points, self._program.variables, self.text)
-        values: Floats = self._program({**variables, **others}, len(points))[0]
-        return values
-
-
-def position_variables(points: Floats, used: Collection[str], text: object) -> dict[str, Floats]:
-    """Return the coordinates (n,) of points (n, d) by name; ``used`` are the names in the formula ``text``.
-
-    Raises
-    ------
-    SceneError
-        If a coordinate is ``used`` that the points do not have.
-    """
-    names = COORDINATES[: points.shape[1]]
-    missing = [name for name in COORDINATES if name in used and name not in names]
-    if missing:
-        raise SceneError(
-            f"the formula {shown(text)} uses {missing[0]}, and points here have {' and '.join(names)} alone."
-        )
-    return {name: points[:, k] for k, name in enumerate(names)}
+    def _texts(self) -> tuple[str, ...]:
+        return (self.text,)
 
 
 class Expression(Formula):
@@ -85,8 +96,8 @@ class Expression(Formula):
     """
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return (*super()._names, "t")
+    def _variables(self) -> tuple[str, ...]:
+        return (*super()._variables, "t")
 
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the values (n,) at points (n, d) and, if the formula contains t, the time ``t``.
@@ -98,12 +109,8 @@ class Expression(Formula):
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
-        return self._values(points, t=t)
-
-    @property
-    def takes_time(self) -> bool:
-        """Whether the formula contains t."""
-        return "t" in self._program.variables
+        values: Floats = self._values(points, t=t)[0]
+        return values
 
 
 class StateExpression(Formula):
@@ -117,20 +124,17 @@ class StateExpression(Formula):
     """
 
     @property
-    def _names(self) -> tuple[str, ...]:
-        return ("u", "s", *super()._names)
+    def _variables(self) -> tuple[str, ...]:
+        return ("u", "s", *super()._variables)
 
     def __call__(self, u: Floats, s: Floats, points: Floats) -> Floats:
         """Return the values (n,) for u (n,), s (n,) and points (n, d)."""
-        return self._values(points, u=u, s=s)
-
-
-#: Most channels of a reaction of formulas: more are a mistake.
-MAX_REACTING_CHANNELS = 100
+        values: Floats = self._values(points, u=u, s=s)[0]
+        return values
 
 
 @dataclass(frozen=True)
-class ReactionExpression:
+class ReactionExpression(Formulas):
     """A reaction: one formula for each channel, in the channels u1, u2, ..., the position and the time t.
 
     A single channel is also called u.
@@ -138,7 +142,7 @@ class ReactionExpression:
     Parameters
     ----------
     texts : tuple of str
-        The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``.
+        The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``; 100 at most.
     dim : int
         2 or 3, the number of coordinates that they may use.
 
@@ -158,14 +162,12 @@ class ReactionExpression:
 
     def __post_init__(self) -> None:
         """Check the number and the types of the formulas, and parse them."""
-        if not 1 <= len(self.texts) <= MAX_REACTING_CHANNELS:
+        if not 1 <= len(self.texts) <= 100 or not all(isinstance(text, str) for text in self.texts):
             raise SceneError(
-                f"a reaction must be 1 to {MAX_REACTING_CHANNELS} formulas, one a channel, got {len(self.texts)}."
+                "a reaction must be 1 to 100 formulas, one formula a channel, such as '-u1*u2**2', got "
+                f"{len(self.texts)}: {shown(self.texts)}."
             )
-        for text in self.texts:
-            if not isinstance(text, str):
-                raise SceneError(f"a reaction must be one formula a channel, such as '-u1*u2**2', got {shown(text)}.")
-        _ = self._program  # parsed here, so that errors are raised here
+        super().__post_init__()
 
     @property
     def channels(self) -> int:
@@ -173,21 +175,15 @@ class ReactionExpression:
         return len(self.texts)
 
     @property
-    def takes_time(self) -> bool:
-        """Whether a formula contains t."""
-        return "t" in self._program.variables
+    def _texts(self) -> tuple[str, ...]:
+        return self.texts
+
+    @property
+    def _variables(self) -> tuple[str, ...]:
+        channels = [f"u{k}" for k in range(1, self.channels + 1)]
+        return (*(["u"] if self.channels == 1 else []), *channels, *super()._variables, "t")
 
     def __call__(self, u: Floats, points: Floats, t: float | None = None) -> Floats:
         """Return the rates (n, channels) for u (n, channels), points (n, d) and the time ``t``."""
         channels = {f"u{k}": u[:, k - 1] for k in range(1, self.channels + 1)}
-        position = position_variables(points, self._program.variables, self.texts)
-        rates = self._program({"u": u[:, 0], "t": t, **channels, **position}, len(points))
-        return np.stack(list(rates), axis=1)
-
-    @cached_property
-    def _program(self) -> Program:
-        """The program that computes the rates of all channels."""
-        channels = tuple(f"u{k}" for k in range(1, self.channels + 1))
-        names = (*(("u", *channels) if len(channels) == 1 else channels), *COORDINATES[: self.dim], "t")
-        steps = Steps()
-        return make_program(steps, [steps.add_tree(formula_tree(text, names)) for text in self.texts])
+        return np.ascontiguousarray(self._values(points, u=u[:, 0], t=t, **channels).T)

@@ -20,10 +20,12 @@ FUNCTIONS = {
     "sin": 1, "cos": 1, "tan": 1, "arcsin": 1, "arccos": 1, "arctan": 1, "arctan2": 2, "sinh": 1, "cosh": 1, "tanh": 1,
     "exp": 1, "log": 1, "sqrt": 1, "abs": 1, "sign": 1, "floor": 1, "minimum": 2, "maximum": 2, "hypot": 2,
 }  # fmt: skip
-#: The operators of formulas.
-OPERATIONS = (
-    ast.Add, ast.Sub, ast.Mult, ast.Div, ast.Pow, ast.Mod, ast.USub, ast.UAdd, ast.Lt, ast.LtE, ast.Gt, ast.GtE,
-)  # fmt: skip
+#: The operators of formulas with their functions in NumPy; a > b is computed as b < a.
+OPERATORS: dict[type[ast.AST], str] = {
+    ast.Add: "add", ast.Sub: "subtract", ast.Mult: "multiply", ast.Div: "divide", ast.Mod: "mod", ast.Pow: "power",
+    ast.USub: "negative", ast.UAdd: "positive", ast.Lt: "less", ast.LtE: "less_equal", ast.Gt: "less",
+    ast.GtE: "less_equal",
+}  # fmt: skip
 #: Longer formulas are refused before they are parsed.
 MAX_FORMULA_CHARACTERS = 20_000
 #: Formulas with more numbers, names and operations are refused.
@@ -100,7 +102,7 @@ def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
             if name in names or name in CONSTANTS:
                 return None
         case ast.BinOp(op=op) | ast.UnaryOp(op=op) | ast.Compare(ops=[op]):
-            if isinstance(op, OPERATIONS):
+            if type(op) in OPERATORS:
                 return None
         case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
             if any(isinstance(argument, ast.Starred) for argument in arguments):

@@ -21,12 +21,11 @@ from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scenefile.look import Look, check_vertices
-from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.solution.record import given_mesh_of
 from cpmkit.types import Floats
-from cpmkit.view.film import frame_images
-from cpmkit.view.marks import write_png
+from cpmkit.view.colours import write_png
+from cpmkit.view.pictures import animate, check_film, frame_images
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import SavingKeywords
@@ -90,23 +89,23 @@ def save(
         raise InputError(f"{', '.join(options)} are options of films and pages, and {path.name!r} is neither.")
     if suffix == ".pvd":
         return save_series(solution, path)
+    if suffix == ".json":
+        return write_summary(solution.summary(), path)
     if suffix in FILMS:
-        from cpmkit.view.film import animate
-
         animate(solution, path, **options)
         return
     with written_whole(path) as unfinished:
-        if suffix == ".json":
-            return _write_json(solution.summary(), unfinished)
         if suffix == PAGE:
-            from cpmkit.view.page import page_of
+            from cpmkit.view.showing import page_of
 
             of_page: Any = options  # options that pages do not have, such as fps, are refused
             unfinished.write_text(page_of(solution, **of_page), encoding="utf-8")
-            return
-        if suffix == ".npz" and vertices == "display":
-            return _save_npz(solution, unfinished)
-        MESH_WRITERS[suffix](*_mesh_and_error(solution, vertices, unfinished))
+        elif vertices == "own":
+            MESH_WRITERS[suffix](own_mesh(solution), unfinished, None)
+        elif suffix == ".npz":
+            _save_npz(solution, unfinished)
+        else:
+            MESH_WRITERS[suffix](solution.display_mesh(), unfinished, _known_error(solution))
 
 
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
@@ -134,28 +133,14 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
         )
     if suffix in (".vtp", ".vtu", ".pvd") and find_spec("pyvista") is None:
         raise MissingDependencyError(f"{suffix} files are written by pyvista; {install_command('view')} adds it.")
-    if suffix == ".mp4" and (find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None):
-        raise MissingDependencyError(
-            f".mp4 films are written by imageio and imageio-ffmpeg; {install_command('view')} adds them."
-        )
+    if suffix in FILMS:
+        check_film(path)
 
 
 def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
-    """Write a mapping of plain values as JSON, whole or not at all."""
+    """Write a mapping of plain values as indented JSON, whole or not at all."""
     with written_whole(Path(path)) as unfinished:
-        _write_json(summary, unfinished)
-
-
-def _mesh_and_error(solution: SolutionRecord, vertices: str, path: Path) -> tuple[DisplayMesh, Path, Floats | None]:
-    """Return the arguments of a mesh writer: the mesh, ``path``, and the error at the vertices of the display mesh."""
-    if vertices == "own":
-        return own_mesh(solution), path, None
-    return solution.display_mesh(), path, _known_error(solution)
-
-
-def _write_json(summary: Mapping[str, Any], path: Path) -> None:
-    """Write a summary as indented JSON."""
-    path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        unfinished.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
 
 
 def _save_npz(solution: SolutionRecord, path: Path) -> None:
@@ -173,10 +158,6 @@ def _save_npz(solution: SolutionRecord, path: Path) -> None:
 def _known_error(solution: SolutionRecord) -> Floats | None:
     """Return the estimated error (v, channels) at the mesh's vertices; None if it was not estimated."""
     return solution.estimated.on_mesh(solution.display_mesh()) if solution.estimated else None
-
-
-#: Suffix of the folder of frames beside the index.
-FRAMES_SUFFIX = "_frames"
 
 
 def save_series(solution: SolutionRecord, path: Path) -> None:
@@ -209,13 +190,18 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
     finally:
         shutil.rmtree(unfinished, ignore_errors=True)
     with written_whole(path) as index:
-        text = _collection_text([frame.time for frame in frames], [f"{folder.name}/{name}" for name in names])
+        entries = [
+            f'    <DataSet timestep="{frame.time!r}" part="0" file={quoteattr(f"{folder.name}/{name}")}/>'
+            for frame, name in zip(frames, names, strict=True)
+        ]
+        lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries]
+        text = "\n".join([*lines, "  </Collection>", "</VTKFile>", ""])
         index.write_text(text, encoding="utf-8", errors="surrogateescape")
 
 
 def frames_folder(path: Path) -> Path:
     """Return the folder of frames beside the index ``path``."""
-    return path.with_name(path.stem + FRAMES_SUFFIX)
+    return path.with_name(path.stem + "_frames")
 
 
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
@@ -238,13 +224,3 @@ def _numbered_path(path: Path, number: int, count: int) -> Path:
     """Return ``path`` with a number before its suffix: four digits, or as many as ``count`` - 1 has."""
     digits = max(4, len(str(count - 1)))
     return path.with_name(f"{path.stem}-{number:0{digits}}{path.suffix}")
-
-
-def _collection_text(times: list[float], files: list[str]) -> str:
-    """Return the text of a ParaView collection (.pvd) that lists ``files`` with their ``times``."""
-    entries = [
-        f'    <DataSet timestep="{time!r}" part="0" file={quoteattr(file)}/>'
-        for time, file in zip(times, files, strict=True)
-    ]
-    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="0.1">', "  <Collection>", *entries]
-    return "\n".join([*lines, "  </Collection>", "</VTKFile>", ""])

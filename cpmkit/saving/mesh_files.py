@@ -15,15 +15,11 @@ from cpmkit.scenefile.look import check_vertices
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import given_mesh_of
 from cpmkit.types import Floats
-from cpmkit.view.colours import value_colours
+from cpmkit.view.colours import as_bytes, make_bar
 from cpmkit.view.drawing import in_space
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
-
-
-#: The grey of vertices without a value, from 0 to 1.
-NO_VALUE = 0.6
 
 
 def write_vtp(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
@@ -52,7 +48,7 @@ def write_ply(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
         points[name] = column
     for name, column in columns.items():
         points[name] = column
-    for name, column in zip(colours, _bytes(colours_of(mesh)).T, strict=True):
+    for name, column in zip(colours, as_bytes(colours_of(mesh)).T, strict=True):
         points[name] = column
     faces = np.zeros(len(mesh.triangles), dtype=[("corners", "u1"), ("vertices", "<i4", 3)])
     faces["corners"], faces["vertices"] = 3, mesh.triangles
@@ -83,10 +79,9 @@ def write_csv(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> Non
     path.write_text("\n".join([names, *lines, ""]), encoding="ascii")
 
 
-def write_npz(mesh: DisplayMesh, path: Path, error: Floats | None = None) -> None:
-    """Write an .npz file with arrays ``points``, ``cells``, ``values`` and, if given, ``error``."""
-    arrays: dict[str, Any] = {"points": mesh.points, "cells": mesh.cells, "values": mesh.values}
-    np.savez_compressed(path, **arrays | ({} if error is None else {"error": error}))
+def write_npz(mesh: DisplayMesh, path: Path, _error: Floats | None = None) -> None:
+    """Write an .npz file with arrays ``points``, ``cells`` and ``values``."""
+    np.savez_compressed(path, points=mesh.points, cells=mesh.cells, values=mesh.values)
 
 
 #: Writers of a mesh and the estimated error at its vertices, by suffix.
@@ -116,10 +111,10 @@ def colours_of(mesh: DisplayMesh) -> Floats:
     They are the values if there are three channels, else the first channel in viridis; grey without a value.
     """
     known = np.flatnonzero(np.isfinite(mesh.values).all(axis=1))
-    colours = np.full((len(mesh.values), 3), NO_VALUE)
+    colours = np.full((len(mesh.values), 3), 0.6)
     values = mesh.values[known]
     if len(values):
-        colours[known] = np.clip(values, 0, 1) if values.shape[1] == 3 else value_colours(values[:, 0])
+        colours[known] = np.clip(values, 0, 1) if values.shape[1] == 3 else make_bar(values[:, 0]).colours(values[:, 0])
     return colours
 
 
@@ -148,7 +143,7 @@ def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
         if array is not None:
             data.point_data[name] = array[:, 0] if array.shape[1] == 1 else array
     if mesh.values.shape[1] == 3:
-        data.point_data["rgb"] = _bytes(colours_of(mesh))
+        data.point_data["rgb"] = as_bytes(colours_of(mesh))
     if mesh.normals is not None:
         data.point_data.active_normals = mesh.normals
     return data
@@ -166,35 +161,23 @@ def _by_vtk(writer: Any, data: Any) -> bytes:
     return str(writer.GetOutputString()).encode()
 
 
-def _bytes(colours: Any) -> Any:
-    """Return colours from 0 to 1 as bytes."""
-    return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)
-
-
 def to_pyvista(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return the mesh as a ``pyvista.PolyData`` with point data ``u``; see :func:`poly_data`."""
     return poly_data(_mesh(solution, vertices))
 
 
 def to_trimesh(solution: SolutionRecord, vertices: str = "display") -> Any:
-    """Return a ``trimesh.Trimesh`` with vertex attributes ``u``, of several channels ``u0``, ..., and colours.
-
-    Raises
-    ------
-    InputError
-        If there are no triangles.
-    """
-    trimesh, mesh = _imported("trimesh"), _mesh(solution, vertices)
-    _check_triangles(mesh, "trimesh")
+    """Return a ``trimesh.Trimesh`` with vertex attributes ``u``, of several channels ``u0``, ..., and colours."""
+    trimesh, mesh = _library_and_mesh("trimesh", solution, vertices)
     made = trimesh.Trimesh(in_space(mesh.points), mesh.triangles, process=False)
-    made.visual.vertex_colors = np.round(255 * colours_of(mesh)).astype(np.uint8)
+    made.visual.vertex_colors = as_bytes(colours_of(mesh))
     made.vertex_attributes.update(value_columns(mesh))
     return made
 
 
 def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
     """Return a ``meshio.Mesh`` of all cells with point data ``u``."""
-    meshio, mesh = _imported("meshio"), _mesh(solution, vertices)
+    meshio, mesh = _library_and_mesh("meshio", solution, vertices)
     parts = {"triangle": mesh.triangles, "line": mesh.segments, "vertex": mesh.dots[:, None]}
     cells = [(kind, part) for kind, part in parts.items() if len(part)]
     values = mesh.values[:, 0] if mesh.values.shape[1] == 1 else mesh.values
@@ -202,15 +185,8 @@ def to_meshio(solution: SolutionRecord, vertices: str = "display") -> Any:
 
 
 def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str = "display") -> Any:
-    """Register the mesh and its values with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it.
-
-    Raises
-    ------
-    InputError
-        If there are no triangles.
-    """
-    polyscope, mesh = _imported("polyscope"), _mesh(solution, vertices)
-    _check_triangles(mesh, "polyscope")
+    """Register the mesh and its values with polyscope, and return polyscope's mesh; ``polyscope.show()`` draws it."""
+    polyscope, mesh = _library_and_mesh("polyscope", solution, vertices)
     polyscope.init()
     made = polyscope.register_surface_mesh(name, in_space(mesh.points), mesh.triangles)
     for column, values in value_columns(mesh).items():
@@ -226,18 +202,24 @@ def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
 
-def _check_triangles(mesh: DisplayMesh, name: str) -> None:
-    """Raise an InputError that names the library if the mesh has no triangles."""
-    if not len(mesh.triangles):
-        raise InputError(f"{name} takes triangles, and the mesh has none; use to_pyvista or to_meshio.")
+def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tuple[Any, DisplayMesh]:
+    """Return the module of a library and the mesh of :func:`_mesh`; raise if the library cannot take the mesh.
 
-
-def _imported(name: str) -> Any:
-    """Return the module of a library; raise MissingDependencyError if it is not installed."""
+    Raises
+    ------
+    MissingDependencyError
+        If the library is not installed.
+    InputError
+        If the mesh has no triangles, which all but meshio need.
+    """
     try:
-        return import_module(name)
+        library = import_module(name)
     except ImportError as error:
         raise MissingDependencyError(f"{name} is not installed; `pip install {name}` adds it.") from error
+    mesh = _mesh(solution, vertices)
+    if not len(mesh.triangles) and name != "meshio":
+        raise InputError(f"{name} takes triangles, and the mesh has none; use to_pyvista or to_meshio.")
+    return library, mesh
 
 
 def own_mesh(solution: SolutionRecord) -> DisplayMesh:

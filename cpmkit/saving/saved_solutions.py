@@ -19,18 +19,24 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import describe_scene
 from cpmkit.types import SIDES
 
-#: Most channels in a summary.
-MOST_CHANNELS = 1_000_000
 SAVED_SOLUTION_WORDS = "a solution that was saved as .npz"
-#: The arrays of the format, the display mesh and the lattice; other arrays are not read.
-FORMAT_ARRAYS = (SavedArray("format", "i"),)
+#: The version of the format.
+FORMAT_ARRAY = SavedArray("format", "i")
+#: Arrays of every solution: the display mesh, and the values of some families of equations; others are not read.
 MESH_ARRAYS = (
+    FORMAT_ARRAY,
     SavedArray("summary", "U"),
     SavedArray("points", "f", ("vertices", "dim"), needed=False),
     SavedArray("cells", "i", ("cells", "corners"), needed=False),
     SavedArray("values", "f", ("vertices", "channels"), needed=False),
     SavedArray("original", "i", needed=False),
+    SavedArray("lattice_time", "f", needed=False),
+    SavedArray("lattice_frame_times", "f", ("frames",), needed=False),
+    SavedArray("lattice_frames", "f", ("frames", "unknowns", "channels"), needed=False),
+    SavedArray("lattice_eigenvalues", "f", ("channels",), needed=False),
+    SavedArray("lattice_laplacian", "f", ("unknowns", "channels"), needed=False),
 )
+#: Arrays of the lattice, if there is one.
 LATTICE_ARRAYS = (
     SavedArray("lattice_spacing", "f"),
     SavedArray("lattice_origin", "f", ("dim",)),
@@ -41,19 +47,17 @@ LATTICE_ARRAYS = (
     SavedArray("lattice_sides", "f", ("boundaries", "dim", "moments"), needed=False),
     SavedArray("lattice_unknowns", "f", ("unknowns", "channels")),
 )
-#: Further arrays of some families of equations, on a lattice or on a mesh.
-FAMILY_ARRAYS = (
-    SavedArray("lattice_time", "f", needed=False),
-    SavedArray("lattice_frame_times", "f", ("frames",), needed=False),
-    SavedArray("lattice_frames", "f", ("frames", "unknowns", "channels"), needed=False),
-    SavedArray("lattice_eigenvalues", "f", ("channels",), needed=False),
-    SavedArray("lattice_laplacian", "f", ("unknowns", "channels"), needed=False),
-)
-#: An option of the lattice, checked by its own check; an option that is not in the file has its default.
-OPTION_ARRAY = SavedArray("", "bifU", needed=False)
-#: Kinds of the keys of a summary that are read.
+#: The kind of any table.
 ANY_TABLE = table_of(ANYTHING)
-SUMMARY_KEYS = {"discretization": ANY_TABLE}
+
+
+def _is_boundary(table: Any) -> bool:
+    """Return whether a value is a table of texts, none empty, with a name."""
+    texts = ANY_TABLE.accepts(table) and "name" in table
+    return texts and all(isinstance(text, str) and text for text in table.values())
+
+
+#: Kinds of the keys of the summary of a solution on a lattice, and of its scene.
 REBUILT_KEYS = {
     "scene": ANY_TABLE,
     "report": ANY_TABLE,
@@ -61,15 +65,10 @@ REBUILT_KEYS = {
     "seconds": table_of(numbers(0)),
     "warnings": list_of(TEXT),
 }
-LISTED_KEYS = {"imbalances": list_of(ANY_TABLE)}
-BOUNDARY_TABLE = Kind(
-    "a table with a name and its conditions",
-    lambda table: (
-        ANY_TABLE.accepts(table) and "name" in table and all(isinstance(text, str) and text for text in table.values())
-    ),
-)
-PROBLEM_TABLE = Kind("a table with a kind", lambda table: ANY_TABLE.accepts(table) and TEXT.accepts(table.get("kind")))
-SCENE_KEYS = {"problem": PROBLEM_TABLE, "boundaries": list_of(BOUNDARY_TABLE)}
+SCENE_KEYS = {
+    "problem": Kind("a table with a kind", lambda table: ANY_TABLE.accepts(table) and TEXT.accepts(table.get("kind"))),
+    "boundaries": list_of(Kind("a table with a name and its conditions", _is_boundary)),
+}
 
 
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -86,29 +85,27 @@ def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         exists = False
     if not exists:
         raise InputError(f"There is no file {shown(str(path))}; give the path of a solution that was saved as .npz.")
-    saved = int(read_saved(path, FORMAT_ARRAYS, SAVED_SOLUTION_WORDS)["format"])
+    saved = int(read_saved(path, (FORMAT_ARRAY,), SAVED_SOLUTION_WORDS)["format"])
     if saved != FORMAT_VERSION:
         raise InputError(
             f"{shown(path.name)} is of format {saved}, and this cpmkit reads format {FORMAT_VERSION}; solve the "
             "scene again, or read the file with the version that its summary names."
         )
-    options = [replace(OPTION_ARRAY, name=f"lattice_{name}") for name in (*every_option(), *RENAMED_OPTIONS)]
+    options = [SavedArray(f"lattice_{name}", "bifU", needed=False) for name in (*every_option(), *RENAMED_OPTIONS)]
     rows = {row.name: row for row in (*options, *LATTICE_ARRAYS)}
     numbers_of_lattice = [replace(row, needed=False) for row in rows.values() if not row.shape]
     on_lattice = bool(read_saved(path, numbers_of_lattice, SAVED_SOLUTION_WORDS))
-    table = (*FORMAT_ARRAYS, *MESH_ARRAYS, *FAMILY_ARRAYS, *(rows.values() if on_lattice else ()))
-    arrays = read_saved(path, table, SAVED_SOLUTION_WORDS)
+    arrays = read_saved(path, (*MESH_ARRAYS, *(rows.values() if on_lattice else ())), SAVED_SOLUTION_WORDS)
     mesh = [arrays[name] for name in ("points", "values", "cells") if name in arrays]
     if mesh and (len(mesh) < 3 or np.any((mesh[-1] < -1) | (mesh[-1] >= len(mesh[0])))):
         raise InputError(f"{shown(path.name)} holds half a mesh: points, cells and values belong together.")
     summary = read_json_table(arrays["summary"], path, "summary")
     where = f"the summary of {shown(path.name)}"
-    check_fields(summary, SUMMARY_KEYS, where)
-    check_fields(
-        summary["discretization"], {}, f"discretization in {where}", {"channels": whole_numbers(1, MOST_CHANNELS)}
-    )
+    check_fields(summary, {"discretization": ANY_TABLE}, where)
+    channels = {"channels": whole_numbers(1, 1_000_000)}
+    check_fields(summary["discretization"], {}, f"discretization in {where}", channels)
     if on_lattice:
-        check_fields(summary, REBUILT_KEYS, where, LISTED_KEYS)
+        check_fields(summary, REBUILT_KEYS, where, {"imbalances": list_of(ANY_TABLE)})
         check_fields(summary["scene"], SCENE_KEYS, f"scene in {where}")
     return arrays, summary
 

@@ -8,7 +8,6 @@ Both are of first order, do not distinguish the sides of a boundary, and impose 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
 from dataclasses import replace
 from itertools import product
 from typing import Any
@@ -29,19 +28,9 @@ from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Bools, Floats, Progress, no_progress
 
-#: Cells around nodes up to this many spacings from a boundary are projected onto it, by so many points along each axis.
-PROJECTED_REACH_SPACINGS, CELL_SIDE_SAMPLES = 2.0, 4
-#: The tube includes nodes at exactly its radius.
-TUBE_RADIUS_FACTOR = 1 + 1e-4
-
 
 def solve_by_fixed_nodes(
-    scene: Scene,
-    spacing: float,
-    *,
-    method: str,
-    progress: Progress = no_progress,
-    **options: Any,
+    scene: Scene, spacing: float, *, method: str, progress: Progress = no_progress, **options: Any
 ) -> Solution:
     """Solve a scene with Dirichlet boundaries by the closest point method, with fixed values at nodes near boundaries.
 
@@ -121,7 +110,9 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
     nearest = np.full(len(positions), np.inf)
     for boundary, source in zip(scene.boundaries, sources, strict=True):
         feet = source.closest_point(positions)
-        taken = np.flatnonzero(METHODS[method](layout.band, source, feet.distance) & (feet.distance < nearest))
+        ball = method == "ball"
+        chosen = _ball(layout.band, feet.distance) if ball else _nearest(layout.band, source, feet.distance)
+        taken = np.flatnonzero(chosen & (feet.distance < nearest))
         nearest[taken] = feet.distance[taken]
         datum, at = boundary.condition("left").one_sided.datum, layout.lattice.to_scene(feet.points[taken])
         values[taken] = evaluate_data(datum, at, scene.channels, f"boundary {boundary.name!r}")
@@ -131,11 +122,11 @@ def _fixed_nodes(scene: Scene, tables: Discretization, sources: list[LocalSource
 def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
     """Return a mask (n,) of the inner nodes that are the node nearest to some point of the boundary.
 
-    The points are closest points of samples of the cells around nodes near the boundary. ``distance`` (n,) is the
-    distance of each inner node from the boundary.
+    The points are closest points of four samples along each axis of the cells around nodes up to two spacings from the
+    boundary. ``distance`` (n,) is the distance of each inner node from the boundary.
     """
-    near = band.positions[: band.inner][distance <= PROJECTED_REACH_SPACINGS * band.spacing]
-    steps = (np.arange(CELL_SIDE_SAMPLES) / CELL_SIDE_SAMPLES - 0.5) * band.spacing
+    near = band.positions[: band.inner][distance <= 2 * band.spacing]
+    steps = (np.arange(4) / 4 - 0.5) * band.spacing
     around = np.array(list(product(steps, repeat=band.dim)))
     samples = source.closest_point((near[:, None] + around).reshape(-1, band.dim)).points
     nodes = np.unique(np.rint(samples / band.spacing).astype(np.int64), axis=0)
@@ -145,14 +136,11 @@ def _nearest(band: Band, source: LocalSource, distance: Floats) -> Bools:
     return chosen
 
 
-def _ball(band: Band, source: LocalSource, distance: Floats) -> Bools:
+def _ball(band: Band, distance: Floats) -> Bools:
     """Return a mask (n,) of the inner nodes within the tube's radius, King et al. (2024), eq. 4, of the boundary."""
-    del source
     half = 0.5 * (band.degree + 1)
-    return np.asarray(distance <= TUBE_RADIUS_FACTOR * np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing)
-
-
-METHODS: Mapping[str, Callable[[Band, LocalSource, Floats], Bools]] = {"nearest": _nearest, "ball": _ball}
+    radius = np.hypot(np.sqrt(band.dim - 1) * half, 1 + half) * band.spacing
+    return np.asarray(distance <= (1 + 1e-4) * radius)  # with the nodes at exactly the radius
 
 
 def _without_fixed_nodes(

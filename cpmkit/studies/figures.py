@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.studies.pareto import COSTS, attempts, front
-from cpmkit.studies.record_series import Series
+from cpmkit.studies.records import Series
+from cpmkit.studies.tables import COSTS, attempts, front
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,30 +17,20 @@ if TYPE_CHECKING:
 #: Okabe and Ito's colours for the colour-blind, without the yellow, which is too light for lines.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 STYLES = ("-", "--", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (8, 2)), (0, (3, 1)))
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 GREY = "#777777"
-#: Most characters in a line of a title.
-TITLE_LINE_CHARACTERS = 68
-#: Slopes of the dotted lines that fitted orders are compared with.
-REFERENCE_SLOPES = (1, 2)
 
 
 def convergence_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of error against spacing, log-log, with fitted orders in the legend and slopes 1 and 2 dotted."""
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(6.4, 5.4), layout="constrained")
-    axes = figure.add_subplot()
+    figure, (axes,) = _figure(title, 1)
     _draw_slopes(axes, series)
-    for number, one in enumerate(series):
-        order = one.fitted_order
+    for number, each in enumerate(series):
+        order = each.fitted_order
         fitted = "" if order is None else f" (fitted order {order:.2f})"
-        _plot_series(axes, number, one.spacings, one.errors, one.label + fitted)
+        _plot_series(axes, number, each.spacings, each.errors, each.label + fitted)
     axes.set(xlabel="spacing", ylabel="greatest error")
-    axes.set_title(_escape_dollars(fill(title, TITLE_LINE_CHARACTERS)), fontsize=11)
     _spacing_ticks(axes, series)
-    _legend(figure, columns=1)
-    return figure
+    return _with_legend(figure, columns=1)
 
 
 def difference_figure(series: Sequence[Series], title: str) -> Figure:
@@ -48,59 +38,56 @@ def difference_figure(series: Sequence[Series], title: str) -> Figure:
 
     The left axes show the differences with their mean, the right axes without it.
     """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(10, 4.8), layout="constrained")
+    figure, pair = _figure(title, 2)
     shown = {"rms_error": "mean kept", "rms_without_mean": "mean removed"}
-    for axes, (quantity, name) in zip(figure.subplots(1, 2, sharey=True), shown.items(), strict=True):
-        for number, one in enumerate(series):
-            _plot_series(axes, number, one.spacings, [entry.percent(quantity) for entry in one.entries], one.label)
+    for axes, (quantity, name) in zip(pair, shown.items(), strict=True):
+        for number, each in enumerate(series):
+            _plot_series(axes, number, each.spacings, [entry.percent(quantity) for entry in each.entries], each.label)
         axes.set(xlabel="spacing", title=name)
         _spacing_ticks(axes, series)
-    figure.axes[0].set_ylabel(_escape_dollars(f"rms difference from {series[0].reference}, % of half the range"))
-    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
-    _legend(figure, columns=3)
-    return figure
+    pair[0].set_ylabel(_escape_dollars(f"rms difference from {series[0].reference}, % of half the range"))
+    return _with_legend(figure, columns=3)
 
 
 def work_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of error against CPU seconds and against unknowns, log-log, side by side."""
-    from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    figure = Figure(figsize=(10, 4.8), layout="constrained")
-    for axes, quantity in zip(figure.subplots(1, 2, sharey=True), ("cpu_seconds", "unknowns"), strict=True):
-        for number, one in enumerate(series):
-            _plot_series(axes, number, [getattr(entry, quantity) for entry in one.entries], one.errors, one.label)
+    figure, pair = _figure(title, 2)
+    for axes, quantity in zip(pair, ("cpu_seconds", "unknowns"), strict=True):
+        for number, each in enumerate(series):
+            _plot_series(axes, number, [getattr(entry, quantity) for entry in each.entries], each.errors, each.label)
         axes.set(xlabel={"cpu_seconds": "CPU seconds"}.get(quantity, quantity))
         _log_scales(axes)
         axes.xaxis.set_minor_formatter(NullFormatter())
-    figure.axes[0].set_ylabel("greatest error")
-    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
-    _legend(figure, columns=3)
-    return figure
+    pair[0].set_ylabel("greatest error")
+    return _with_legend(figure, columns=3)
 
 
 def trade_figure(series: Sequence[Series], title: str) -> Figure:
     """Return a figure of rms error against CPU seconds and against memory, log-log, with the Pareto fronts in grey."""
-    from matplotlib.figure import Figure
-
     made = attempts(series)
-    costs = [cost for cost in COSTS if front(made, cost)]
-    figure = Figure(figsize=(5 * len(costs), 4.8), layout="constrained")
-    for axes, cost in zip(np.atleast_1d(figure.subplots(1, len(costs), sharey=True)), costs, strict=True):
-        unbeaten = front(made, cost)
-        x, y = [one.cost(cost) for one in unbeaten], [one.error for one in unbeaten]
+    fronts = {cost: front(made, cost) for cost in COSTS if front(made, cost)}
+    figure, all_axes = _figure(title, len(fronts))
+    for axes, (cost, best) in zip(all_axes, fronts.items(), strict=True):
+        x, y = [each.cost(cost) for each in best], [each.error for each in best]
         axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
-        for number, one in enumerate(series):
-            own = attempts([one])
-            _plot_series(axes, number, [each.cost(cost) for each in own], [each.error for each in own], one.label)
+        for number, each in enumerate(series):
+            own = attempts([each])
+            _plot_series(axes, number, [one.cost(cost) for one in own], [one.error for one in own], each.label)
         axes.set(xlabel=COSTS[cost])
         _log_scales(axes)
-    figure.axes[0].set_ylabel("rms error, share of the range")
-    figure.suptitle(_escape_dollars(fill(title, 2 * TITLE_LINE_CHARACTERS)))
-    _legend(figure, columns=2)
-    return figure
+    all_axes[0].set_ylabel("rms error, share of the range")
+    return _with_legend(figure, columns=2)
+
+
+def _figure(title: str, count: int) -> tuple[Figure, Any]:
+    """Return a figure with a title in lines of 68 characters for each of ``count`` axes side by side, and the axes."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(6.4, 5.4) if count == 1 else (5 * count, 4.8), layout="constrained")
+    figure.suptitle(_escape_dollars(fill(title, 68 * count)), fontsize=11 if count == 1 else "large")
+    return figure, figure.subplots(1, count, sharey=True, squeeze=False)[0]
 
 
 def _escape_dollars(text: str) -> str:
@@ -115,7 +102,7 @@ def _plot_series(axes: Any, number: int, x: Sequence[float], y: Sequence[float],
         y,
         color=COLOURS[number % len(COLOURS)],
         linestyle=STYLES[number % len(STYLES)],
-        marker=MARKERS[number % len(MARKERS)],
+        marker="os^DvPX"[number % 7],
         label=_escape_dollars(label),
     )
 
@@ -127,7 +114,7 @@ def _draw_slopes(axes: Any, series: Sequence[Series]) -> None:
     if len(spacings) == 1 or not coarsest:
         return
     start = np.exp(np.mean(np.log(coarsest)))
-    for slope in REFERENCE_SLOPES:
+    for slope in (1, 2):
         errors = start * (spacings / spacings[-1]) ** slope
         axes.plot(spacings, errors, color=GREY, linestyle=":", linewidth=1.2)
         axes.annotate(
@@ -153,7 +140,8 @@ def _log_scales(axes: Any) -> None:
             change("log")
 
 
-def _legend(figure: Figure, columns: int) -> None:
-    """Draw the legend of the first axes, in ``columns`` columns below the figure."""
+def _with_legend(figure: Figure, columns: int) -> Figure:
+    """Draw the legend of the first axes, in ``columns`` columns below the figure, and return the figure."""
     lines, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(lines, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9, handlelength=4)
+    return figure

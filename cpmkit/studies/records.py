@@ -1,13 +1,17 @@
-"""The records of a study: one JSON object per line, in a file to which lines are only appended."""
+"""The records of a study, one JSON object per line of a file, and series: one method over all spacings or targets."""
 
 from __future__ import annotations
 
 import errno
 import json
+import math
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.files.plain_values import (
@@ -23,7 +27,7 @@ from cpmkit.files.plain_values import (
 )
 from cpmkit.files.whole_files import explain_system_error
 from cpmkit.forms.choice import RENAMED_OPTIONS, every_option
-from cpmkit.studies.sweep import TARGET_ENTRIES, listed_options
+from cpmkit.studies.sweep import TARGETS, Run, listed_options
 
 Record = dict[str, Any]
 RECORDS_FILE = "records.jsonl"
@@ -31,45 +35,35 @@ RECORDS_FILE = "records.jsonl"
 LARGEST_RECORDED = 1e100
 COUNT_KIND, SIZE_KIND = whole_numbers(0, LARGEST_RECORDED), numbers(0, LARGEST_RECORDED)
 SPACING_KIND = numbers(1 / LARGEST_RECORDED, LARGEST_RECORDED)
+SHIFT_KIND = list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED))
 #: Entries of every record that identify the run.
 RUN_ENTRIES = {
-    "title": TEXT,
-    "content": TEXT,
-    "method": TEXT,
+    **dict.fromkeys(("title", "content", "method"), TEXT),
     "spacing": or_none(SPACING_KIND),
     "origin": or_none(COUNT_KIND),
 }
 #: Measured entries, of runs that ended without an error.
 MEASURED_ENTRIES = {
+    **dict.fromkeys(("max_error", "rms_error", "cpu_seconds"), SIZE_KIND),
     "spacing": SPACING_KIND,
-    "max_error": SIZE_KIND,
-    "rms_error": SIZE_KIND,
     "unknowns": whole_numbers(1, LARGEST_RECORDED),
     "iterations": COUNT_KIND,
-    "cpu_seconds": SIZE_KIND,
 }
-IMBALANCE_KIND = Kind(
-    "a table with the list of numbers shift",
-    lambda one: (
-        isinstance(one, Mapping) and list_of(numbers(-LARGEST_RECORDED, LARGEST_RECORDED)).accepts(one.get("shift"))
-    ),
-)
-#: How the bytes of memory in a record were obtained.
-MEASURED, FORETOLD = "measured", "foretold"
 OPTIONAL_ENTRIES = {
-    "study": TEXT,
-    "reference": or_none(TEXT),
-    "error": TEXT,
-    "rms_without_mean": SIZE_KIND,
-    "half_range": SIZE_KIND,
+    **dict.fromkeys(("study", "error"), TEXT),
+    **dict.fromkeys(("reference", "status"), or_none(TEXT)),
+    **dict.fromkeys(("rms_without_mean", "half_range"), SIZE_KIND),
+    **dict.fromkeys(("estimate", "bytes"), or_none(SIZE_KIND)),
+    **{f"asked_{name}": or_none(SPACING_KIND) for name in TARGETS},
     "twins": or_none(COUNT_KIND),
-    "imbalances": list_of(IMBALANCE_KIND),
+    "imbalances": list_of(
+        Kind(
+            "a table with the list of numbers shift",
+            lambda entry: isinstance(entry, Mapping) and SHIFT_KIND.accepts(entry.get("shift")),
+        )
+    ),
     "seconds": table_of(SIZE_KIND),
-    **dict.fromkeys(TARGET_ENTRIES, or_none(SPACING_KIND)),
-    "estimate": or_none(SIZE_KIND),
-    "status": or_none(TEXT),
-    "bytes": or_none(SIZE_KIND),
-    "bytes_are": or_none(one_of(MEASURED, FORETOLD)),
+    "bytes_are": or_none(one_of("measured", "foretold")),
 }
 
 
@@ -148,3 +142,170 @@ def _bytes_of(file: Path) -> bytes:
 def of_content(records: Sequence[Record], content: str) -> list[Record]:
     """Return the records that belong to the content hash ``content`` of a study file."""
     return [record for record in records if record["content"] == content]
+
+
+#: Names of methods in labels.
+METHOD_WORDS = {
+    "cpm": "closest point method",
+    "collocation": "collocation form",
+    "galerkin": "Galerkin form",
+    "plain": "without sheets",
+    "nearest": "nearest point",
+    "ball": "ball",
+    "fem": "finite elements",
+    "fem-pinned": "finite elements, nearest vertices",
+    "fem-refined": "finite elements, refined mesh",
+}
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Errors and costs of a series at one spacing or accuracy target.
+
+    Attributes
+    ----------
+    spacing : float
+        With an accuracy target the mean of the resulting spacings.
+    error : float
+        The largest error at any sample point; with several origins the root mean square of their largest errors.
+    rms_error, rms_without_mean : float
+        Root mean square of errors over sample points and origins, with and without the mean error.
+    half_range : float
+        Half the range of the reference.
+    shift : float
+        Largest correction of the mean; nan where it was not computed.
+    unknowns, twins, queries, iterations, cpu_seconds : float
+        Means over the origins; nan where a method has no such count.
+    bytes : float
+        Peak memory, mean; nan where it is not recorded.
+    target : float
+        Accuracy target in place of a spacing; nan without one.
+    """
+
+    spacing: float
+    error: float
+    rms_error: float
+    rms_without_mean: float
+    half_range: float
+    shift: float
+    unknowns: float
+    twins: float
+    queries: float
+    iterations: float
+    cpu_seconds: float
+    bytes: float
+    target: float
+
+    def percent(self, quantity: str) -> float:
+        """Return an error, or the shift, in percent of the half range; nan where that is zero."""
+        return 100 * float(getattr(self, quantity)) / self.half_range if self.half_range > 0 else math.nan
+
+
+@dataclass(frozen=True)
+class Series:
+    """The results of one method with given options, over spacings or accuracy targets.
+
+    Attributes
+    ----------
+    method : str
+    options : mapping
+        Values of the method's options that a study varies.
+    label : str
+        The method and the options in which it differs from other series.
+    entries : sequence of Entry
+        Results, the coarsest spacing, largest tolerance or shortest time first.
+    reference : str or None
+        The back end whose solution is the reference; None where the solution is known.
+    target : str
+        ``tolerance`` or ``seconds`` in place of spacings, else empty.
+    """
+
+    method: str
+    options: Mapping[str, Any]
+    label: str
+    entries: Sequence[Entry]
+    reference: str | None
+    target: str = ""
+
+    @property
+    def spacings(self) -> list[float]:
+        """Spacings of the entries."""
+        return [entry.spacing for entry in self.entries]
+
+    @property
+    def errors(self) -> list[float]:
+        """Largest errors of the entries."""
+        return [entry.error for entry in self.entries]
+
+    @property
+    def fitted_order(self) -> float | None:
+        """Least-squares slope of log(error) over log(spacing); None with fewer than two spacings or a zero error."""
+        if len(self.entries) < 2 or min(self.errors) <= 0:
+            return None
+        across = np.log(self.spacings) - np.mean(np.log(self.spacings))
+        if np.ptp(across) < 1e-9:  # equal spacings
+            return None
+        return float(across @ np.log(self.errors) / (across @ across))
+
+
+def gather(records: Sequence[Record]) -> list[Series]:
+    """Return the series of records, in the order in which they first appear; runs with errors are left out."""
+    good = [record for record in records if "error" not in record]
+    keys = list(dict.fromkeys(_series_key(record) for record in good))
+    return [_series(key, keys, [record for record in good if _series_key(record) == key]) for key in keys]
+
+
+def _series_key(record: Record) -> tuple[Any, ...]:
+    """Return the method, the options and the kind of accuracy target of a record, which identify its series."""
+    run = Run.of(record)
+    return run.method, run.options, next(iter(run.target), "")
+
+
+def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequence[Record]) -> Series:
+    """Return the series of the records with this key; ``keys`` are those of all series."""
+    method, options, target = key
+    fineness = f"asked_{target}" if target else "spacing"
+    given = sorted({record[fineness] for record in records}, reverse=target != "seconds")
+    entries = [_entry([record for record in records if record[fineness] == one], target) for one in given]
+    return Series(method, dict(options), _label(key, keys), entries, records[0].get("reference"), target)
+
+
+def _entry(records: Sequence[Record], target: str) -> Entry:
+    """Return the entry of a series at one spacing or target, from the records of all origins.
+
+    Errors are root mean squares over the origins, other quantities are means; ``target`` is empty for a spacing.
+    """
+
+    def of(name: str) -> Any:
+        return np.array([record.get(name) for record in records], dtype=np.float64)
+
+    rms = {name: float(np.sqrt(np.mean(of(name) ** 2))) for name in ("max_error", "rms_error", "rms_without_mean")}
+    names = ("spacing", "half_range", "unknowns", "twins", "iterations", "cpu_seconds", "bytes")
+    means = {name: float(of(name).mean()) for name in names}
+    if not target:
+        means["spacing"] = records[0]["spacing"]  # a mean of equal numbers may differ from them
+    shifts = [abs(value) for record in records for each in record.get("imbalances", ()) for value in each["shift"]]
+    return Entry(
+        error=rms.pop("max_error"),
+        shift=max(shifts, default=math.nan),
+        queries=float(of("closest_point_queries").mean()),
+        target=float(records[0][f"asked_{target}"]) if target else math.nan,
+        **rms,
+        **means,
+    )
+
+
+def _label(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]]) -> str:
+    """Return the label of a series: the method if methods differ, and the options that differ between its series.
+
+    If none differs, the label is the order of the method, or else the method.
+    """
+    (method, options, target), methods = key, {other for other, *_ in keys}
+    own = [dict(other) for one, other, _ in keys if one == method]
+    differ = [name for name, _ in options if len({other[name] for other in own}) > 1]
+    name = "with sheets" if method == "cpm" and "plain" in methods else METHOD_WORDS.get(method, method)
+    parts = [name] if len(methods) > 1 else []
+    parts += [f"{name} {value}" for name, value in options if name in differ]
+    parts = parts or [f"{name} {value}" for name, value in options if name == "order"]
+    label = ", ".join(parts) or name
+    return f"{label}, {target} asked" if target else label

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -17,15 +17,8 @@ from cpmkit.runtime.messages import collected_warnings
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
-from cpmkit.studies.checking import check_comparable, end_of
-from cpmkit.studies.studyfile import VERTICES_WORD, Study
+from cpmkit.studies.studyfile import Study
 from cpmkit.types import Floats, Ints, Progress, no_progress
-
-SAMPLING_SEED = 7
-#: Points nearer to a boundary than this share of the surface's size are left out, since data may jump there.
-CLEAR_OF_BOUNDARIES_SHARE = 1e-6
-#: The box of random points exceeds the surface's bounds by this share of its size on each side.
-BOX_MARGIN_SHARE = 0.1
 
 
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
@@ -47,26 +40,22 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     size = float((bounds[1] - bounds[0]).max())
     if isinstance(wanted, str):
-        points = _vertices(surface, size)
+        points, finer = (
+            ([surface.mesh(size / n)[0] for n in (4, 8)]) if isinstance(surface, HasMesh) else (bounds, None)
+        )
+        if finer is None or not np.array_equal(points, finer):  # a mesh is the same at every spacing
+            raise SceneError(
+                "points = 'vertices' of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
+                f"{type(surface).__name__}; give a number of points."
+            )
     else:
-        lower, upper = bounds[0] - BOX_MARGIN_SHARE * size, bounds[1] + BOX_MARGIN_SHARE * size
-        queries = np.random.default_rng(SAMPLING_SEED).uniform(lower, upper, (wanted, surface.dim))
+        queries = np.random.default_rng(7).uniform(
+            bounds[0] - 0.1 * size, bounds[1] + 0.1 * size, (wanted, surface.dim)
+        )
         points = surface.closest_point(queries).points
-    for boundary in scene.boundaries:
-        points = points[boundary.source.closest_point(points).distance > CLEAR_OF_BOUNDARIES_SHARE * size]
+    for boundary in scene.boundaries:  # where data may jump
+        points = points[boundary.source.closest_point(points).distance > 1e-6 * size]
     return np.ascontiguousarray(points)
-
-
-def _vertices(surface: ClosestPointSource, size: float) -> Floats:
-    """Return the vertices (n, d) of a surface whose mesh is the same at every spacing; raise SceneError for others."""
-    if isinstance(surface, HasMesh):
-        (vertices, _), (finer, _) = surface.mesh(size / 4), surface.mesh(size / 8)
-        if np.array_equal(vertices, finer):
-            return vertices
-    raise SceneError(
-        f"points = {VERTICES_WORD!r} of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
-        f"{type(surface).__name__}; give a number of points."
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,54 +104,24 @@ def reference_of(study: Study) -> Reference:
     return Reference(points, solution.evaluate(points))
 
 
-@dataclass(frozen=True, eq=False)
-class RefinedMesh:
-    """A surface with a mesh that is refined until no edge is longer than the spacing.
+def refined_mesh(surface: ClosestPointSource) -> ClosestPointSource:
+    """Return a surface with a mesh that is refined until no edge is longer than the spacing, else equal to ``surface``.
 
-    New vertices are closest points. If the surface is itself a mesh, they lie on its flat triangles, whose distance
-    from a smooth surface remains.
-
-    Attributes
-    ----------
-    of : ClosestPointSource
-        A surface with a mesh.
+    The mesh's own vertices come first. New vertices are closest points: if the surface is itself a mesh, they lie on
+    its flat triangles, whose distance from a smooth surface remains.
     """
+    make_mesh = mesh_of(surface)
 
-    of: ClosestPointSource
-
-    def __reduce__(self) -> Any:
-        return refined_mesh, (self.of,)
-
-    def mesh(self, spacing: float) -> tuple[Floats, Ints]:
-        """Return vertices (v, d) and cells (m, k) of the surface's mesh with no edge longer than ``spacing``.
-
-        The mesh's own vertices come first, then the added vertices, moved to their closest points.
-        """
-        points, cells = mesh_of(self.of)(spacing)
+    def mesh(self: Any, spacing: float) -> tuple[Floats, Ints]:
+        points, cells = make_mesh(spacing)
         refined, cells = refine_mixed_cells(points, cells, points.shape[1], spacing)
-        refined[len(points) :] = self.of.closest_point(refined[len(points) :]).points
+        refined[len(points) :] = self.closest_point(refined[len(points) :]).points
         return refined, cells
 
-
-def refined_mesh(of: ClosestPointSource) -> RefinedMesh:
-    """Return a surface with a refined mesh, and with all further attributes and methods of ``of``."""
-    return _class_for(type(of))(of)
-
-
-@cache
-def _class_for(kind: type) -> type[RefinedMesh]:
-    """Return a subclass of RefinedMesh with the public attributes of class ``kind``, each read from the surface.
-
-    Which abilities a source has is judged by the attributes of its class.
-    """
-    names = {*dir(kind), *getattr(kind, "__dataclass_fields__", ())} - {*dir(RefinedMesh), "of"}
-    passed = {name: _forwarding_property(name) for name in names if not name.startswith("_")}
-    return type(RefinedMesh.__name__, (RefinedMesh,), passed)
-
-
-def _forwarding_property(name: str) -> property:
-    """Return a property that reads the attribute ``name`` of the surface."""
-    return property(lambda self: getattr(self.of, name))
+    refined: ClosestPointSource = copy(surface)
+    methods = {"mesh": mesh, "__reduce__": lambda _: (refined_mesh, (surface,))}
+    object.__setattr__(refined, "__class__", type("RefinedMesh", (type(surface),), methods))
+    return refined
 
 
 def solve_on_refined_mesh(
@@ -175,6 +134,24 @@ def solve_on_refined_mesh(
     CpmkitError
         If the back end ``fem`` raises it, or the surface has no mesh.
     """
-    surface: Any = refined_mesh(scene.surface)
-    refined = replace(scene, surface=surface)
+    refined = replace(scene, surface=refined_mesh(scene.surface))
     return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))
+
+
+def check_comparable(scene: Scene) -> None:
+    """Raise if the solution of a scene is not a single function with one channel.
+
+    Raises
+    ------
+    SceneError
+        If the scene has several channels, or its solution is eigenfunctions, whose factors are arbitrary.
+    """
+    if scene.problem.family == "eigen":
+        raise SceneError("a study compares one function, and an eigenvalue problem has many; solve it without [exact].")
+    if scene.channels != 1:
+        raise SceneError(f"a study compares one channel, and the scene has {scene.channels}; make a study of each.")
+
+
+def end_of(scene: Scene) -> float | None:
+    """Return the final time of the scene's problem, None if it has no time."""
+    return getattr(scene.problem, "until", None)

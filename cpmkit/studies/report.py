@@ -3,27 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from cpmkit.errors import InputError, printable
 from cpmkit.files.whole_files import written_whole
 from cpmkit.studies.figures import convergence_figure, difference_figure, trade_figure, work_figure
-from cpmkit.studies.pareto import attempts, front_table, winners_table
-from cpmkit.studies.record_series import Series, gather
-from cpmkit.studies.records import RECORDS_FILE, Record, of_content, read_records
+from cpmkit.studies.records import RECORDS_FILE, Record, Series, gather, of_content, read_records
 from cpmkit.studies.tables import (
+    attempts,
     comparison_table,
     costs_table,
     differences_sentence,
     error_sentence,
+    front_table,
     orders_table,
     run_name,
+    winners_table,
 )
-
-REPORT_PAGE, CONVERGENCE_FIGURE, WORK_FIGURE = "report.md", "convergence.png", "work.png"
-TRADE_FIGURE = "trade.png"
-DOTS_PER_INCH = 110
 
 
 @dataclass(frozen=True)
@@ -57,6 +54,11 @@ class Report:
         """Whether errors are differences from the solution of another back end."""
         return self.series[0].reference is not None
 
+    @property
+    def trades(self) -> bool:
+        """Whether there are several methods or an accuracy target, so that costs can be compared."""
+        return any(each.target for each in self.series) or len({each.method for each in self.series}) > 1
+
 
 def write_report(folder: Path, content: str | None = None) -> Report:
     """Write a page with tables and figures of the records in ``folder``, and return the report.
@@ -84,20 +86,19 @@ def write_report(folder: Path, content: str | None = None) -> Report:
             f"all {len(records)} runs of {folder / RECORDS_FILE} ended with errors, first {records[0]['error']!r}."
         )
     title, failed = _one_line(records[0]["title"]), sum("error" in record for record in records)
-    compares = series[0].reference is not None
-    by_spacing = [each for each in series if not each.target]
-    figures = {}
+    report, figures = Report(title, series, failed, []), {}
+    by_spacing = report.by_spacing
     if by_spacing:
-        figures[CONVERGENCE_FIGURE] = (difference_figure if compares else convergence_figure)(by_spacing, title)
+        figures["convergence.png"] = (difference_figure if report.compares else convergence_figure)(by_spacing, title)
     if len({(each.method, each.options.get("degree")) for each in by_spacing}) > 1:
-        figures[WORK_FIGURE] = work_figure(by_spacing, title)
-    if trades(series):
-        figures[TRADE_FIGURE] = trade_figure(series, title)
+        figures["work.png"] = work_figure(by_spacing, title)
+    if report.trades:
+        figures["trade.png"] = trade_figure(series, title)
     for name, figure in figures.items():
         with written_whole(folder / name) as file:
-            figure.savefig(file, dpi=DOTS_PER_INCH)
-    report = Report(title, series, failed, [folder / REPORT_PAGE, *(folder / name for name in figures)])
-    with written_whole(folder / REPORT_PAGE) as file:
+            figure.savefig(file, dpi=110)
+    report = replace(report, files=[folder / "report.md", *(folder / name for name in figures)])
+    with written_whole(folder / "report.md") as file:
         file.write_text(_page(report, records, list(figures), len(every) - len(records)), encoding="utf-8")
     return report
 
@@ -105,11 +106,6 @@ def write_report(folder: Path, content: str | None = None) -> Report:
 def _one_line(text: str) -> str:
     """Return text in one line, without control characters, and with bars escaped for a cell of a table."""
     return printable(" ".join(text.split())).replace("|", r"\|")
-
-
-def trades(series: Sequence[Series]) -> bool:
-    """Return whether there are several methods or an accuracy target, so that costs can be compared."""
-    return any(each.target for each in series) or len({each.method for each in series}) > 1
 
 
 def trade_of(report: Report) -> str:
@@ -142,7 +138,7 @@ def _page(report: Report, records: Sequence[Record], figures: Sequence[str], lef
     errors_line = differences_sentence(report.series) if report.compares else error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]
-    if trades(report.series):
+    if report.trades:
         parts += ["## Which buys which error for what", trade_of(report)]
     parts += ["## What it cost", costs_table([(report.title, report.series)])]
     failed = [record for record in records if "error" in record]

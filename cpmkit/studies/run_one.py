@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, InputError, ResolutionError
+from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
 from cpmkit.facade import Solution
+from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import cost_model
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import lattice_of
+from cpmkit.plugins import factory
 from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory
 from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
-from cpmkit.studies.baselines import solve_by_fixed_nodes
-from cpmkit.studies.checking import at_spacing, check_study
+from cpmkit.studies.baselines import check_fixable, solve_by_fixed_nodes
 from cpmkit.studies.records import (
-    FORETOLD,
     LARGEST_RECORDED,
-    MEASURED,
     RECORDS_FILE,
     Record,
     append_record,
@@ -36,15 +35,53 @@ from cpmkit.studies.records import (
     of_content,
     read_records,
 )
-from cpmkit.studies.reference_values import Reference, reference_of, solve_on_refined_mesh
+from cpmkit.studies.reference_values import Reference, check_comparable, end_of, reference_of, solve_on_refined_mesh
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, lattice_methods
 from cpmkit.types import Progress, no_progress
 
-#: Counts of a solve's work that are recorded where the method has them.
-WORK_ENTRIES = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
-#: Lattices are shifted by up to this share of the surface's size where the spacing is a result.
-SHIFTED_SHARE = 0.1
+
+def check_study(study: Study) -> None:
+    """Raise if a study cannot be run: if its scene, formula, sweep or a back end is not accepted.
+
+    Raises
+    ------
+    SceneError
+        If the scene, the formula or the sweep is not accepted, or the scene's solution is not one function.
+    PluginError
+        If a method or the reference is neither built in nor offered by a plugin.
+    """
+    check_comparable(study.scene)
+    if study.sweep.spacings is not None:
+        at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
+    if study.solution is not None and study.solution.takes_time and end_of(study.scene) is None:
+        raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
+    for method in study.sweep.methods:
+        if method in BASELINES:
+            check_fixable(study.scene, method)
+    others = [method for method in study.sweep.methods if method not in (*lattice_methods(), *BASELINES)]
+    others = ["fem" if method == REFINED else method for method in others]
+    for backend in [*others, *([] if study.exact.reference is None else [study.exact.reference])]:
+        factory(backend, "cpmkit_backends")
+
+
+def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
+    """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing.
+
+    If one of the two is None, the scene is returned as it is.
+
+    Raises
+    ------
+    SceneError
+        If the scene's problem has no time step.
+    """
+    if step_per_spacing is None or spacing is None:
+        return scene
+    problem: Any = scene.problem
+    if not {"step", "until"} <= {field.name for field in fields(problem)}:
+        raise SceneError(f"step_per_spacing of [sweep] is for problems with a time step, not for {problem.kind!r}.")
+    steps = math.ceil(problem.duration / (step_per_spacing * spacing) - ROUNDED_STEP_SHARE)
+    return replace(scene, problem=replace(problem, step=problem.duration / max(steps, 1)))
 
 
 def make_run(study: Study, run: Run, truth: Reference, progress: Progress = no_progress) -> Record:
@@ -78,10 +115,10 @@ def _solve(scene: Scene, run: Run, options: dict[str, Any], progress: Progress) 
     if run.method not in (*set_by, *BASELINES):  # a plugin's back end, which may use the spacing in its own way
         return solve(scene, run.spacing, backend=run.method, progress=progress, **for_any_backend(options))
     if run.spacing is None:
-        if run.origin is not None:  # the spacing is a result: a share of the surface's size serves as well
+        if run.origin is not None:  # the spacing is a result: a tenth of the surface's size serves as well
             extent = float(np.ptp(scene.surface.bounds, axis=0).max())
             centre = np.asarray(scene.surface.bounds).mean(axis=0)
-            options = {**options, "origin": centre + run.shift(scene.surface.dim, SHIFTED_SHARE * extent)}
+            options = {**options, "origin": centre + run.shift(scene.surface.dim, 0.1 * extent)}
         return solve(scene, progress=progress, **{**options, **dict(run.options), **set_by[run.method], **run.target})
     without_target = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
     lattice = lattice_of(scene.surface, run.spacing, without_target.get("origin"))
@@ -97,13 +134,14 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
     doubled = form.diagnosis().doubled
+    counts = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
     return {
         "spacing": solution.spacing if run.spacing is None else run.spacing,
         "max_error": float(np.abs(error).max()),
         "rms_error": float(np.sqrt(np.mean(error**2))),
         "rms_without_mean": float(np.std(error)),
         "half_range": truth.half_range,
-        **{name: work.get(name) for name in WORK_ENTRIES},
+        **{name: work.get(name) for name in counts},
         "twins": None if doubled is None else len(doubled),
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "iterations": solution.report.iterations,
@@ -132,18 +170,12 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
     If ``measured`` is None, they are predicted; back ends without a lattice then have None.
     """
     if measured is not None:
-        return {"bytes": measured, "bytes_are": MEASURED}
+        return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene
     if options is None:
         return {"bytes": None, "bytes_are": None}
     unknowns, model = solution.discretized.size, cost_model(scene, options)
-    return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": FORETOLD}
-
-
-#: Tolerance of the runs that precede the recorded runs, one for each method.
-ROUGH_TOLERANCE = 0.1
-#: Largest reported progress of a run until it is recorded.
-UNFINISHED_SHARE = 0.99
+    return {"bytes": round(model.peak_bytes(unknowns, model.choose_solver("auto", unknowns))), "bytes_are": "foretold"}
 
 
 @dataclass(frozen=True)
@@ -219,21 +251,21 @@ def run_study(
     truth = reference_of(study) if truth is None else truth
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
-        make_run(study, _rough(run), truth)  # so that compilation is no cost of any method
+        # A rough run of each method first, so that compilation is no cost of any.
+        make_run(study, replace(run, target_tolerance=0.1, target_seconds=None) if run.target else run, truth)
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
-        record = make_run(study, run, truth, partial(_report_share, progress, stage))
+
+        def report_share(_: str, share: float, stage: str = stage) -> None:
+            progress(stage, min(share, 0.99))  # below 1, since the run is not recorded yet
+
+        record = make_run(study, run, truth, report_share)
         folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
         append_record(file, record)
         progress(stage, 1.0)
         recorded(record)
         failed += "error" in record
     return Outcome(len(pending), len(runs) - len(pending), failed, file)
-
-
-def _rough(run: Run) -> Run:
-    """Return the run with a rough tolerance in place of its accuracy target, if it has one."""
-    return replace(run, target_tolerance=ROUGH_TOLERANCE, target_seconds=None) if run.target else run
 
 
 def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
@@ -247,9 +279,3 @@ def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run
         listed = ", ".join(f"{spacing:g}" for spacing in known)
         raise InputError(f"the study has no spacing {unknown[0]:g}; it has {listed}.")
     return [run for run in runs if run.spacing in spacings] if spacings else runs
-
-
-def _report_share(progress: Progress, run: str, stage: str, share: float) -> None:
-    """Report the progress ``share`` of a stage as that of ``run``, below 1, since the run is not recorded yet."""
-    del stage
-    progress(run, min(share, UNFINISHED_SHARE))

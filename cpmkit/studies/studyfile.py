@@ -2,35 +2,106 @@
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import json
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from keyword import iskeyword
 from pathlib import Path
 from typing import Any
+from unicodedata import normalize
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
+from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse
 from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
 from cpmkit.scenefile.documented_keys import Key, keys_of
 from cpmkit.scenefile.kinds import DRAFT, definitions, scene_tables, table_of
 from cpmkit.scenefile.scene_files import read_options, read_scene
-from cpmkit.studies.named_formulas import expand, expand_all, expand_names
 from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 
-#: Kinds of problems with a time step.
-KINDS_IN_TIME = ("heat", "reaction-diffusion", "wave")
-#: Most characters of a title.
-MOST_TITLE_CHARACTERS = 300
-#: Most sample points: a larger number is taken for a mistake.
-MOST_SAMPLE_POINTS = 1_000_000
+
+def expand_names(table: Any) -> dict[str, str]:
+    """Return the formulas of a table [let]; names of earlier formulas in a formula are replaced by their formulas.
+
+    Raises
+    ------
+    SceneError
+        If [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes too long.
+
+    Examples
+    --------
+    >>> expand_names({"r": "x + y", "double": "2*r"})
+    {'r': 'x + y', 'double': '2*(x + y)'}
+    """
+    if not isinstance(table, dict):
+        raise SceneError(f"[let] must be a table of names and formulas, got {shown(table)}.")
+    known: dict[str, str] = {}
+    for name, formula in table.items():
+        reserved = name in (*COORDINATES, *CONSTANTS, *FUNCTIONS, "t") or iskeyword(name)
+        if reserved or not name.isidentifier() or normalize("NFKC", name) != name:
+            raise SceneError(
+                f"the name {shown(name)} of [let] is reserved or invalid; use letters, digits and underscores."
+            )
+        text = str(formula) if isinstance(formula, (int, float)) and not isinstance(formula, bool) else formula
+        if not isinstance(text, str):
+            raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
+        parse(text, f"{name} of [let]")
+        known[name] = expand(text, known)
+        formula_tree(known[name], (*COORDINATES, "t", "u", "v"), f"{name} of [let]")
+    return known
+
+
+def expand(formula: str, known: Mapping[str, str]) -> str:
+    """Return ``formula`` with names replaced by the ``known`` formulas; text that does not parse is returned unchanged.
+
+    Raises
+    ------
+    SceneError
+        If the result is too long: each further name of [let] may double the length.
+    """
+    try:
+        tree = parse(formula)
+    except SceneError:  # refused where the formula is read, with the key's name; or it is no formula
+        return formula
+    names = [node for node in ast.walk(tree) if isinstance(node, ast.Name) and node.id in known]
+    length = len(formula) + sum(len(known[node.id]) for node in names)
+    if length > MAX_FORMULA_CHARACTERS:
+        raise SceneError(
+            f"the formula {shown(formula)} becomes {length} characters long with the names of [let]; at most "
+            f"{MAX_FORMULA_CHARACTERS} are accepted, use fewer."
+        )
+    lines = [line.encode() for line in formula.strip().split("\n")]  # columns are counted in bytes
+    for node in sorted(names, key=lambda node: (node.lineno, node.col_offset), reverse=True):
+        line, begin, end = lines[node.lineno - 1], node.col_offset, node.end_col_offset
+        lines[node.lineno - 1] = line[:begin] + f"({known[node.id]})".encode() + line[end:]
+    return b"\n".join(lines).decode() if names else formula
+
+
+def expand_all(value: Any, known: Mapping[str, str], formulas: bool = True) -> Any:
+    """Return a value of a study file with the names in all its formulas replaced by ``known`` formulas.
+
+    The value may be a text, a list or a table, nested to any depth. Without ``formulas``, its texts are names or files,
+    and only tables in it, such as the sources of a union, have formulas.
+    """
+    if isinstance(value, str):
+        return expand(value, known) if formulas else value
+    if isinstance(value, list):
+        return [expand_all(entry, known, formulas) for entry in value]
+    if isinstance(value, dict):
+        named = ("kind", "name", "file", "values", "of", "closest", "scheme", "start")
+        return {key: expand_all(entry, known, key not in named) for key, entry in value.items()}
+    return value
+
+
 STUDY_TABLES = ("title", "surface", "boundary", "problem", "discretization", "solver", "let", "exact", "sweep")
 
 
@@ -61,10 +132,10 @@ class Exact:
         if (self.u is None) == (self.reference is None):
             got = "neither" if self.u is None else "both"
             raise SceneError(f"[exact] takes either u, a formula, or reference, a back end such as 'fem'; got {got}.")
-        if self.points != VERTICES_WORD and (type(self.points) is not int or not 0 < self.points <= MOST_SAMPLE_POINTS):
+        if self.points != "vertices" and (type(self.points) is not int or not 0 < self.points <= 1_000_000):
             raise SceneError(
-                f"points of [exact] must be a whole number above zero, or {VERTICES_WORD!r} of a mesh, got "
-                f"{shown(self.points)}; at most {MOST_SAMPLE_POINTS} points are accepted."
+                f"points of [exact] must be a whole number above zero, or 'vertices' of a mesh, got "
+                f"{shown(self.points)}; at most 1000000 points are accepted."
             )
 
 
@@ -107,11 +178,11 @@ class Study:
         """
         tables = dict(self.tables)
         if self.sweep.step_per_spacing is not None:
-            kind = tables["problem"].get("kind")
-            if kind not in KINDS_IN_TIME:
+            kind, in_time = tables["problem"].get("kind"), ("heat", "reaction-diffusion", "wave")
+            if kind not in in_time:
                 raise SceneError(
-                    f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(KINDS_IN_TIME)}, not "
-                    f"for {shown(kind)}."
+                    f"step_per_spacing of [sweep] is for problems with a time step, {' and '.join(in_time)}, not for "
+                    f"{shown(kind)}."
                 )
             assert self.sweep.spacings is not None  # a sweep refuses one without the other
             tables["problem"] = {"step": self.sweep.step_per_spacing * self.sweep.spacings[0], **tables["problem"]}
@@ -146,8 +217,8 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
         if not isinstance(tables.get(needed), dict):
             raise SceneError(f"a study needs the table [{needed}].")
     title = tables.get("title", path.stem)
-    if not isinstance(title, str) or len(title) > MOST_TITLE_CHARACTERS:
-        raise SceneError(f"title must be text of at most {MOST_TITLE_CHARACTERS} characters, got {shown(title)}.")
+    if not isinstance(title, str) or len(title) > 300:
+        raise SceneError(f"title must be text of at most 300 characters, got {shown(title)}.")
     swept = _swept_keys()
     for key in as_table(tables.get("discretization", {}), "[discretization]"):
         if key in swept:
@@ -240,7 +311,3 @@ def _without_number_types(schema: Any) -> Any:
     plain = {"number", "integer"} & set([schema["type"]] if isinstance(schema.get("type"), str) else [])
     kept = {key: value for key, value in schema.items() if not (plain and key == "type")}
     return {key: _without_number_types(value) for key, value in kept.items()}
-
-
-#: In place of a number of points: the vertices of the mesh that the surface is.
-VERTICES_WORD = "vertices"

@@ -21,8 +21,6 @@ from cpmkit.types import Floats
 
 #: Baseline methods, which fix nodes, and their options.
 BASELINES = {"nearest": ("degree",), "ball": ("degree",)}
-#: Methods that former releases had.
-REMOVED_METHODS = ("balanced", "unfolded")
 #: The method that is the back end ``fem`` on a refined mesh.
 REFINED = "fem-refined"
 #: The form of the method ``cpm``, the paper's; a study lists values of its options.
@@ -30,11 +28,6 @@ LISTED_FORM = "collocation"
 #: Accuracy targets in place of a spacing, each with the key of its list; then the keys of all lists of resolutions.
 TARGETS = {"tolerance": "tolerances", "seconds": "seconds"}
 FINENESS = ("spacings", *TARGETS.values())
-TARGET_ENTRIES = tuple(f"asked_{name}" for name in TARGETS)
-#: Most positions of the lattice, and most runs of a sweep: more are taken for a mistake.
-MOST_ORIGINS, MOST_RUNS = 10_000, 100_000
-#: The seed of the random positions of the lattice.
-ORIGINS_SEED = 1
 
 
 def lattice_methods() -> dict[str, dict[str, Any]]:
@@ -116,34 +109,32 @@ class Sweep:
         for key, value in {**own, **{listed_options()[name]: values for name, values in self.lists.items()}}.items():
             if value is not None and (not isinstance(value, (list, tuple)) or not value):
                 raise SceneError(f"{key} of [sweep] must be a list with at least one entry, got {shown(value)}.")
-        if type(self.origins) is not int or not 0 < self.origins <= MOST_ORIGINS:
+        if type(self.origins) is not int or not 0 < self.origins <= 10_000:
             raise SceneError(
-                f"origins of [sweep] must be a whole number above zero, {MOST_ORIGINS} at most, got "
-                f"{shown(self.origins)}."
+                f"origins of [sweep] must be a whole number above zero, 10000 at most, got {shown(self.origins)}."
             )
         wrong_methods = [method for method in self.methods if not isinstance(method, str)]
         if wrong_methods:
             raise SceneError(f"methods of [sweep] must be names such as 'cpm', got {shown(wrong_methods[0])}.")
-        removed = [method for method in self.methods if method in REMOVED_METHODS]
+        removed = [method for method in self.methods if method in ("balanced", "unfolded")]
         if removed:
             raise SceneError(f"there is no method {removed[0]!r} of [sweep] any more; use 'galerkin'.")
         self._check_fineness()
         most = max(sum(len(values) for _, values in self._fineness()), len(self.cheap or []))
         count = most * prod(len(entry) for entry in (*self.lists.values(), self.methods)) * self.origins
-        if count > MOST_RUNS:
-            raise SceneError(f"[sweep] makes {count} runs, at most {MOST_RUNS} are accepted; leave some values out.")
+        if count > 100_000:
+            raise SceneError(f"[sweep] makes {count} runs, at most 100000 are accepted; leave some values out.")
         try:
             for value in [*(self.spacings or []), *(self.cheap or [])]:
                 positive(value, "each spacing of [sweep]")
-            for name, values in self._fineness():
-                if name in TARGETS:
-                    for value in values:
-                        declared_options(AccuracyTarget)[name].check(value, f"each entry of {TARGETS[name]} of [sweep]")
             if self.step_per_spacing is not None:
                 positive(self.step_per_spacing, "step_per_spacing of [sweep]")
-            for name, values in self.lists.items():
-                for value in values:
-                    declared_options(FORMS[LISTED_FORM])[name].check(value, f"{listed_options()[name]} of [sweep]")
+            targets = {name: values for name, values in self._fineness() if name in TARGETS}
+            for options, lists in ((AccuracyTarget, targets), (FORMS[LISTED_FORM], self.lists)):
+                for name, values in lists.items():
+                    label = f"each entry of {TARGETS[name]}" if name in TARGETS else listed_options()[name]
+                    for value in values:
+                        declared_options(options)[name].check(value, f"{label} of [sweep]")
             for together in product(*self.lists.values()):
                 FORMS[LISTED_FORM](**dict(zip(self.lists, together, strict=True)))
         except InputError as error:
@@ -267,5 +258,5 @@ class Run:
         """
         if self.origin is None:
             return np.zeros(dim)
-        positions = np.random.default_rng(ORIGINS_SEED).uniform(0, 1, (self.origin + 1, dim))
+        positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))
         return np.asarray((self.spacing if unit is None else unit) * positions[self.origin])

@@ -1,26 +1,46 @@
-"""Tables of the records of a study, in Markdown."""
+"""Tables of the records of a study in Markdown, and Pareto fronts of error and cost."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from cpmkit.errors import printable
-from cpmkit.studies.record_series import Entry, Series
-from cpmkit.studies.records import Record
+from cpmkit.studies.records import Record, Series
 from cpmkit.studies.sweep import TARGETS, listed_options
+
+
+def table_row(cells: Sequence[str]) -> str:
+    """Return a row of a Markdown table."""
+    return f"| {' | '.join(cells)} |"
+
+
+def table_rule(left: int, right: int) -> str:
+    """Return the line below the head of a Markdown table: ``left`` left-aligned and ``right`` right-aligned columns."""
+    return "|" + "---|" * left + "--:|" * right
+
+
+def _table(rows: Sequence[Sequence[str]], left: int) -> str:
+    """Return a Markdown table of ``rows``, the heads first, with ``left`` left-aligned columns."""
+    head, *lines = map(table_row, rows)
+    return "\n".join([head, table_rule(left, len(rows[0]) - left), *lines])
+
+
+def _number(value: float, spec: str) -> str:
+    """Return a formatted number, an empty text for nan."""
+    return "" if math.isnan(value) else format(value, spec)
 
 
 def orders_table(series: Sequence[Series]) -> str:
     """Return a Markdown table of the errors of each series at each spacing, and the fitted order."""
     spacings = sorted({spacing for each in series for spacing in each.spacings}, reverse=True)
-    lines = [table_row(["", *(f"{spacing:g}" for spacing in spacings), "order"]), table_rule(1, len(spacings) + 1)]
+    rows = [["", *(f"{spacing:g}" for spacing in spacings), "order"]]
     for each in series:
-        errors = dict(zip(each.spacings, each.errors, strict=True))
-        cells = [f"{errors[spacing]:.2e}" if spacing in errors else "" for spacing in spacings]
-        order = each.fitted_order
-        lines.append(table_row([each.label, *cells, "" if order is None else f"{order:.2f}"]))
-    return "\n".join(lines)
+        errors, order = dict(zip(each.spacings, each.errors, strict=True)), each.fitted_order
+        cells = [_number(errors.get(spacing, math.nan), ".2e") for spacing in spacings]
+        rows.append([each.label, *cells, "" if order is None else f"{order:.2f}"])
+    return _table(rows, 1)
 
 
 def error_sentence(records: Sequence[Record]) -> str:
@@ -42,25 +62,15 @@ def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """
     heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
-    lines = [table_row([*["problem"] * titled, "", "spacing", *heads]), table_rule(1 + titled, 1 + len(heads))]
+    rows = [[*["problem"] * titled, "", "spacing", *heads]]
     for title, series in studies:
-        rows = [(entry, each.label) for each in series for entry in each.entries]
-        for entry, label in sorted(rows, key=_coarsest_first):
-            lines.append(table_row([*[title] * titled, label, *_cost_cells(entry)]))
-    return "\n".join(lines)
-
-
-def _coarsest_first(row: tuple[Entry, str]) -> float:
-    """Return the key by which rows of the table of costs are sorted, the coarsest spacing first."""
-    return -row[0].spacing
-
-
-def _cost_cells(entry: Entry) -> list[str]:
-    """Return the cells of an entry in the table of costs, from its spacing on; empty for unknown numbers."""
-    queries = "" if math.isnan(entry.queries) else f"{entry.queries:,.0f}"
-    cells = [f"{entry.spacing:.6g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}", f"{entry.unknowns:,.0f}", queries]
-    mebibytes = "" if math.isnan(entry.bytes) else f"{entry.bytes / 2**20:.3g}"
-    return [*cells, f"{entry.iterations:.0f}", f"{entry.cpu_seconds:.2f}", mebibytes]
+        entries = [(entry, each.label) for each in series for entry in each.entries]
+        for entry, label in sorted(entries, key=lambda row: -row[0].spacing):
+            errors = [f"{entry.spacing:.6g}", f"{entry.error:.2e}", f"{entry.rms_error:.2e}"]
+            counts = [f"{entry.unknowns:,.0f}", _number(entry.queries, ",.0f"), f"{entry.iterations:.0f}"]
+            costs = [f"{entry.cpu_seconds:.2f}", _number(entry.bytes / 2**20, ".3g")]
+            rows.append([*[title] * titled, label, *errors, *counts, *costs])
+    return _table(rows, 1 + titled)
 
 
 def run_sentence(record: Record) -> str:
@@ -86,49 +96,33 @@ def run_name(record: Record) -> str:
     return ", ".join([printable(record["method"]), *parameters])
 
 
-def table_row(cells: Sequence[str]) -> str:
-    """Return a row of a Markdown table."""
-    return f"| {' | '.join(cells)} |"
-
-
-def table_rule(left: int, right: int) -> str:
-    """Return the line below the head of a Markdown table: ``left`` left-aligned and ``right`` right-aligned columns."""
-    return "|" + "---|" * left + "--:|" * right
-
-
-#: Columns for each method: attribute of an entry, and heading.
-SHOWN_ENTRIES = {
-    "rms_error": "rms mean kept",
-    "rms_without_mean": "rms mean removed",
-    "error": "largest",
-    "shift": "mean put right by",
-}
-
-
 def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of differences from a reference, in percent of half its range, methods side by side.
 
-    Empty columns are left out.
+    Empty columns are left out. Unknowns, and the share of twins (second unknowns at a node) among them, are those of
+    the first method with a result.
 
     Parameters
     ----------
     studies : sequence of (str, sequence of Series)
         The title of each study and its series.
     """
+    quantities = {"rms_error": "rms mean kept", "rms_without_mean": "rms mean removed"}
+    quantities |= {"error": "largest", "shift": "mean put right by"}
     ordered = sorted((each for _, series in studies for each in series), key=lambda each: each.method != "cpm")
     labels = list(dict.fromkeys(each.label for each in ordered))  # the column of twins is that of the first
-    columns = [f"{name}, {label}" for name in SHOWN_ENTRIES.values() for label in labels]
+    columns = [f"{name}, {label}" for name in quantities.values() for label in labels]
     rows = [["", "spacing", "unknowns", "twins", *columns]]
     for title, series in studies:
         found = {(each.label, entry.spacing): entry for each in series for entry in each.entries}
         for spacing in sorted({spacing for _, spacing in found}, reverse=True):
             entries = [found.get((label, spacing)) for label in labels]
-            values = [math.nan if each is None else each.percent(name) for name in SHOWN_ENTRIES for each in entries]
-            shown = ("" if math.isnan(value) else f"{value:.2f}" for value in values)
-            rows.append([title, f"{spacing:g}", *_size_cells(entries), *shown])
+            values = [math.nan if each is None else each.percent(name) for name in quantities for each in entries]
+            first = next(entry for entry in entries if entry is not None)
+            sizes = [f"{first.unknowns:,.0f}", _number(first.twins / first.unknowns, ".1%")]
+            rows.append([title, f"{spacing:g}", *sizes, *(_number(value, ".2f") for value in values)])
     filled = [k for k in range(len(rows[0])) if any(cells[k] for cells in rows[1:])]
-    header, *lines = [table_row([cells[k] for k in filled]) for cells in rows]
-    return "\n".join([header, table_rule(1, len(filled) - 1), *lines])
+    return _table([[cells[k] for k in filled] for cells in rows], 1)
 
 
 def differences_sentence(series: Sequence[Series]) -> str:
@@ -141,11 +135,89 @@ def differences_sentence(series: Sequence[Series]) -> str:
     )
 
 
-def _size_cells(entries: Sequence[Entry | None]) -> list[str]:
-    """Return cells with the unknowns, and the share of twins (second unknowns at a node), of the first method.
+#: The costs of an attempt: name of the attribute, and heading of its column.
+COSTS = {"seconds": "CPU seconds", "mebibytes": "MiB"}
 
-    ``entries`` has an entry for each method at one spacing, None for a method without a result.
+
+@dataclass(frozen=True)
+class Attempt:
+    """One entry of a series, with its error and its costs: the result of one method at one resolution.
+
+    Attributes
+    ----------
+    label, setting : str
+        The method with its options; its spacing or accuracy target.
+    error : float
+        Root mean square error as a share of the solution's range; in the unit of the solution where it is constant.
+    seconds, mebibytes : float
+        CPU seconds and peak memory; nan where they were not recorded.
     """
-    first = next(entry for entry in entries if entry is not None)
-    share = first.twins / first.unknowns
-    return [f"{first.unknowns:,.0f}", "" if math.isnan(share) else f"{share:.1%}"]
+
+    label: str
+    setting: str
+    error: float
+    seconds: float
+    mebibytes: float
+
+    def cost(self, name: str) -> float:
+        """Return the cost ``name``, a key of :data:`COSTS`."""
+        return float(getattr(self, name))
+
+
+def attempts(series: Sequence[Series]) -> list[Attempt]:
+    """Return every entry of all series as an attempt."""
+    made = []
+    for each in series:
+        for entry in each.entries:
+            unit = 2 * entry.half_range if entry.half_range > 0 else 1.0
+            setting = f"{each.target} {entry.target:g}" if each.target else f"spacing {entry.spacing:g}"
+            made.append(Attempt(each.label, setting, entry.rms_error / unit, entry.cpu_seconds, entry.bytes / 2**20))
+    return made
+
+
+def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
+    """Return the Pareto front: the attempts that no other beats in both error and ``cost``, the cheapest first."""
+    best: list[Attempt] = []
+    priced = [attempt for attempt in made if not math.isnan(attempt.cost(cost))]
+    for attempt in sorted(priced, key=lambda attempt: (attempt.cost(cost), attempt.error)):
+        if not best or attempt.error < best[-1].error:
+            best.append(attempt)
+    return best
+
+
+def cheapest_by_decade(made: Sequence[Attempt], cost: str) -> dict[int, Attempt]:
+    """Return, for each decade of the errors on the Pareto front, the cheapest attempt with an error of at most 10^k.
+
+    The keys are the whole numbers k, the largest first. Errors below 1e-16 of the range are rounding and count as that.
+    """
+    on_front = front(made, cost)
+    if not on_front:
+        return {}
+    first, last = (math.ceil(math.log10(max(on_front[k].error, 1e-16))) for k in (0, -1))
+    powers = [power for power in range(first, last - 1, -1) if on_front[-1].error <= 10.0**power]
+    return {power: next(each for each in on_front if each.error <= 10.0**power) for power in powers}
+
+
+def winners_table(made: Sequence[Attempt]) -> str:
+    """Return a Markdown table: for each decade of error, the attempt that reaches it at the least of each cost."""
+    found = {cost: cheapest_by_decade(made, cost) for cost in COSTS if front(made, cost)}
+    heads = [head for cost in found for head in (f"least {COSTS[cost]}", COSTS[cost])]
+    lines = [table_row(["rms error below", *heads]), "|--:|" + "---|--:|" * len(found)]
+    for power in sorted({power for winners in found.values() for power in winners}, reverse=True):
+        cells = []
+        for cost, winners in found.items():
+            best = winners.get(power)
+            cells += ["", ""] if best is None else [f"{best.label}, {best.setting}", f"{best.cost(cost):.3g}"]
+        lines.append(table_row([f"1e{power:d}", *cells]))
+    return "\n".join(lines)
+
+
+def front_table(made: Sequence[Attempt]) -> str:
+    """Return a Markdown table of the attempts on the Pareto fronts of error and each cost, the largest error first."""
+    fronts = {cost: front(made, cost) for cost in COSTS}
+    rows = [["", "", "unbeaten in", "rms error", *COSTS.values()]]
+    for each in sorted({each for on_front in fronts.values() for each in on_front}, key=lambda each: -each.error):
+        where = " and ".join(COSTS[cost] for cost, on_front in fronts.items() if each in on_front)
+        costs = [_number(each.cost(cost), ".3g") for cost in COSTS]
+        rows.append([each.label, each.setting, where, f"{each.error:.2e}", *costs])
+    return _table(rows, 3)

@@ -11,28 +11,24 @@ from cpmkit.errors import InputError
 from cpmkit.runtime.arrays import as_vector
 from cpmkit.types import Floats, Ints
 
-#: Points within this share of the height above the lowest point touch the ground.
-GROUND_SHARE = 0.03
-#: Least stability, as a share of the breadth, at which y is up, and the least ratio to the stability with z up.
-LEAST_STABILITY, MORE_STABLE = 0.08, 2.0
-
 
 def upward_axis(points: Floats) -> int:
     """Return the axis that points up: 1 if points (n, 3) stand on their lowest y and less stably on z, else 2."""
     y, z = (stability(points, axis) for axis in (1, 2))
-    return 1 if y > LEAST_STABILITY and y > MORE_STABLE * z else 2
+    return 1 if y > 0.08 and y > 2 * z else 2
 
 
 def stability(points: Floats, axis: int) -> float:
     """Return the distance of the mean of points (n, 3) to the rim of their base, over their breadth.
 
-    It is zero or negative if the points would fall over with ``axis`` up.
+    The base are the points in the lowest 3 percent of the height. The result is zero or negative if the points would
+    fall over with ``axis`` up.
     """
     from scipy.spatial import ConvexHull, QhullError
 
     height = points[:, axis]
     flat = np.delete(points, axis, axis=1)
-    ground = flat[height <= height.min() + GROUND_SHARE * np.ptp(height)]
+    ground = flat[height <= height.min() + 0.03 * np.ptp(height)]
     breadth = float(np.linalg.norm(np.ptp(flat, axis=0)))
     if len(ground) < 3 or breadth == 0:
         return 0.0
@@ -55,12 +51,6 @@ VIEW_DIRECTIONS = {"x": (0.6, 0.55, -1.0), "y": (0.55, 0.6, 1.0), "z": (0.55, -1
 
 #: Directions with a greater cosine are taken for parallel.
 PARALLEL_COSINE = 0.999
-
-#: Free space around the model, as a share of the picture's half width.
-MARGIN_SHARE = 0.04
-
-#: Least and greatest height of a picture as a share of its width.
-ASPECT_BOUNDS = (0.4, 1.4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +119,9 @@ def fit(
     low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low) / 2
     size = extent.max() if extent.max() > 0 else 1.0
-    margin = MARGIN_SHARE * size
-    half_width = max(extent[0] + margin, (extent[1] + margin) / ASPECT_BOUNDS[1])
-    half_height = max(extent[1] + margin, ASPECT_BOUNDS[0] * half_width)
+    margin = 0.04 * size
+    half_width = max(extent[0] + margin, (extent[1] + margin) / 1.4)  # the height is 0.4 to 1.4 times the width
+    half_height = max(extent[1] + margin, 0.4 * half_width)
     height = round(width * half_height / half_width)
     pixels = np.array([width, height])
     return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), pixels, description)
@@ -177,8 +167,7 @@ def _as_text(vector: Sequence[float]) -> str:
 
 def _unit(vector: Floats, label: str) -> Floats:
     """Return the unit vector (3,) of a vector; raise InputError, which names it as ``label``, if it is zero."""
-    largest = np.abs(vector).max()
-    if largest == 0:
+    if not vector.any():
         raise InputError(f"{label} must be a direction, got three zeros.")
-    scaled = vector / largest
+    scaled = vector / np.abs(vector).max()
     return np.asarray(scaled / np.linalg.norm(scaled), dtype=np.float64)

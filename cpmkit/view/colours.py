@@ -1,8 +1,12 @@
-"""The colours of values, and the bar that explains them."""
+"""The colours of values, and a picture with its title and the colour bar that explains them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -10,12 +14,8 @@ from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.runtime.messages import did_you_mean, install_command
 from cpmkit.types import Floats
 
-#: Ends of a bar that differ by a smaller share of their size are equal; the bar is then extended by the second share.
-EQUAL_SHARE, BAR_ABOUT_ONE_VALUE = 1e-12, 0.05
-#: Colours of lines: dark, and light on colours with a luminance below DARK; weights of red, green and blue in it.
-INK, CHALK, DARK, LUMINANCE = np.array((0.12, 0.12, 0.14)), np.array((0.9, 0.9, 0.9)), 0.25, np.array((0.3, 0.59, 0.11))
-#: Number of colours of a bar.
-BAR_COLOURS = 256
+#: The dark colour of lines.
+INK = np.array((0.12, 0.12, 0.14))
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,16 +26,13 @@ class Bar:
     ----------
     ends : (2,) float64
         The values at its ends.
-    cmap : str
-        The name of the colour map in matplotlib.
-    table : (BAR_COLOURS, 3) float64
+    table : (256, 3) float64
         Its colours, from 0 to 1.
     label : str
         The text beside the bar.
     """
 
     ends: Floats
-    cmap: str
     table: Floats
     label: str
 
@@ -45,8 +42,8 @@ class Bar:
 
     def contrasting(self, values: Floats) -> Floats:
         """Return colours (n, 3), dark or light, that are visible on the colours of values (n,)."""
-        bright = self.colours(values) @ LUMINANCE > DARK
-        return np.where(bright[:, None], INK, CHALK)
+        luminance = self.colours(values) @ np.array((0.3, 0.59, 0.11))
+        return np.where(luminance[:, None] > 0.25, INK, np.array((0.9, 0.9, 0.9)))
 
     def shares(self, values: Floats) -> Floats:
         """Return the places (n,) of values (n,) on the bar, from 0 to 1."""
@@ -59,23 +56,6 @@ def make_bar(
     """Return the colour bar from the least to the greatest of ``values``, or between the ends ``clim``.
 
     If the ends are equal, the bar is extended on both sides.
-    """
-    label = f"{label} [{unit}]".strip() if unit else label
-    ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
-    middle, size = ends.mean(), float(np.abs(ends).max())
-    if ends[1] - ends[0] <= EQUAL_SHARE * size:
-        half = BAR_ABOUT_ONE_VALUE * (size or 1.0)
-        ends = np.array([middle - half, middle + half])
-    return Bar(ends, cmap, colour_table(cmap), label)
-
-
-def value_colours(values: Floats) -> Floats:
-    """Return colours (v, 3) of values (v,), in viridis from the least to the greatest value."""
-    return make_bar(values).colours(values)
-
-
-def colour_table(cmap: str) -> Floats:
-    """Return the colours (BAR_COLOURS, 3), from 0 to 1, of one of matplotlib's colour maps.
 
     Raises
     ------
@@ -84,6 +64,15 @@ def colour_table(cmap: str) -> Floats:
     MissingDependencyError
         If matplotlib is not installed.
     """
+    ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
+    size = float(np.abs(ends).max())
+    if ends[1] - ends[0] <= 1e-12 * size:
+        ends = ends.mean() + 0.05 * (size or 1.0) * np.array([-1.0, 1.0])
+    return Bar(ends, colour_table(cmap), f"{label} [{unit}]".strip() if unit else label)
+
+
+def colour_table(cmap: str) -> Floats:
+    """Return the colours (256, 3), from 0 to 1, of one of matplotlib's colour maps; errors as of :func:`make_bar`."""
     try:
         from matplotlib import colormaps
     except ImportError as error:
@@ -93,4 +82,105 @@ def colour_table(cmap: str) -> Floats:
         raise InputError(
             f"cmap must name one of matplotlib's colour maps, such as 'coolwarm', got {shown(cmap)}{suggestion}."
         )
-    return np.asarray(colormaps[cmap](np.linspace(0, 1, BAR_COLOURS)), dtype=np.float64)[:, :3]
+    return np.asarray(colormaps[cmap](np.linspace(0, 1, 256)), dtype=np.float64)[:, :3]
+
+
+#: Size of letters at the bar, as a share of the whole width, and their least size in pixels.
+LETTER_SIZE, LEAST_LETTER = 1 / 65, 10.0
+#: Mean width of a letter as a share of its size.
+LETTER_BREADTH = 0.6
+
+
+def letter_size(width: int, share: float) -> float:
+    """Return the size of letters in pixels in a picture of ``width`` pixels.
+
+    ``share`` is the share of the width that the colour bar takes in large pictures. Letters are legible down to about
+    10 pixels; in narrow pictures they and the bar therefore take more of the width, up to 0.35 of it.
+    """
+    return max(LETTER_SIZE * width, min(LEAST_LETTER, LETTER_SIZE * width * 0.35 / share))
+
+
+def bar_share(label: str) -> float:
+    """Return the share of the width that the colour bar's column takes in large pictures."""
+    return 0.16 if label else 0.12
+
+
+def model_width(width: int, bar: bool, label: str) -> int:
+    """Return the width in pixels that a colour bar leaves to the model in a picture of ``width`` pixels."""
+    share = bar_share(label)
+    return width - round(share * letter_size(width, share) / LETTER_SIZE) if bar else width
+
+
+def compose(model: Floats, bar: Bar | None, title: str, width: int) -> Any:
+    """Return the whole picture (rows, columns, 3) as bytes: the model (r, c, 3) with title and colour bar."""
+    parts = [as_bytes(model)]
+    if bar is not None:
+        letters = letter_size(width, bar_share(bar.label))
+        parts.append(_bar(bar, len(model), width - model.shape[1], letters))
+    whole = np.concatenate(parts, axis=1)
+    return np.concatenate([title_strip(title, whole.shape[1], width), whole]) if title else whole
+
+
+def picture_sheet(tiles: Sequence[Floats], titles: Sequence[str], columns: int) -> Floats:
+    """Return a sheet (rows, columns, 3), from 0 to 1, of equal pictures in ``columns``, each under its title."""
+    width = tiles[0].shape[1]
+    cells = [
+        np.concatenate([title_strip(title, width, 2 * width) / 255, tile])
+        for tile, title in zip(tiles, titles, strict=True)
+    ]
+    cells += [np.ones_like(cells[0])] * (-len(cells) % columns)
+    rows = [np.concatenate(cells[k : k + columns], axis=1) for k in range(0, len(cells), columns)]
+    return np.concatenate(rows)
+
+
+def title_strip(title: str, columns: int, width: int) -> Any:
+    """Return a strip of bytes (r, columns, 3) with a title, in letters that suit a picture of ``width``."""
+    letters = max(LETTER_SIZE * width, LEAST_LETTER)
+    figure = _figure(round(3.575 * letters), columns)
+    size = min(1.3 * letters, columns / (LETTER_BREADTH * len(title)))
+    figure.text(0.5, 0.45, title, ha="center", va="center", fontsize=size)
+    return _drawn_bytes(figure)
+
+
+def write_png(picture: Any, path: Path) -> None:
+    """Write bytes (rows, columns, 3) as a PNG file, in full colours."""
+    from PIL import Image
+
+    Image.fromarray(picture).save(path, "PNG", optimize=True)
+
+
+@lru_cache(maxsize=1)
+def _bar(bar: Bar, rows: int, columns: int, letters: float) -> Any:
+    """Return a colour bar with ticks and label as bytes (rows, columns, 3), in letters of this size in pixels."""
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import ListedColormap, Normalize
+
+    figure = _figure(rows, columns)
+    column = figure.add_axes((0.1, 0.12, 0.12 if bar.label else 0.16, 0.76))
+    figure.colorbar(ScalarMappable(Normalize(*bar.ends), ListedColormap(bar.table)), cax=column)
+    column.tick_params(labelsize=letters)
+    column.yaxis.get_offset_text().set_fontsize(letters)
+    if bar.label:
+        column.set_ylabel(bar.label, fontsize=min(1.1 * letters, rows / (LETTER_BREADTH * len(bar.label))))
+    return _drawn_bytes(figure)
+
+
+def _figure(rows: int, columns: int) -> Any:
+    """Return an empty white figure of matplotlib with this size in pixels, which are points, the unit of letters."""
+    from matplotlib.figure import Figure
+
+    return Figure(figsize=(columns / 72, rows / 72), dpi=72, facecolor="white")
+
+
+def _drawn_bytes(figure: Any) -> Any:
+    """Return a figure of matplotlib as bytes (rows, columns, 3)."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.asarray(canvas.buffer_rgba())[:, :, :3].copy()
+
+
+def as_bytes(colours: Floats) -> Any:
+    """Return colours from 0 to 1 as bytes."""
+    return np.round(255 * np.clip(colours, 0, 1)).astype(np.uint8)

@@ -1,20 +1,21 @@
-"""Contents of a picture as plain arrays in the camera's axes: the mesh, and the boundaries in front of it."""
+"""Contents of a picture as plain arrays in the camera's axes: the mesh, and boundaries and lines in front of it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.manifold.abilities import HasMesh
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.mesh import Connectivity
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.types import Floats, Ints
 from cpmkit.view.camera import Camera, fit
-from cpmkit.view.colours import INK
+from cpmkit.view.colours import INK, Bar
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
@@ -23,12 +24,10 @@ if TYPE_CHECKING:
 #: Number of corners of a disc around a point of a cloud, and of a dot.
 DISC_CORNERS, DOT_CORNERS = 8, 24
 
-#: Radius of a disc by the dimension of space: DISC_OVERLAP times the distance to neighbour number DISC_NEIGHBOURS, so
-#: that discs also cover uneven clouds.
-DISC_NEIGHBOURS, DISC_OVERLAP = {2: 2, 3: 6}, {2: 0.5, 3: 0.85}
-
-#: Points whose neighbours are farther away than so many spacings are isolated points.
-LONELY_SPACINGS = 10.0
+#: Radii of boundary points, and of a curve that is itself the surface, as shares of the picture's half width.
+PIN_RADIUS, STROKE_RADIUS = 0.012, 0.009
+#: Distance of lines in front of the surface, as a share of the picture's half width.
+LIFT = 0.004
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +70,7 @@ def lines(starts: Floats, ends: Floats, half_width: float, lift: float, colour: 
 def dots(centres: Floats, radius: float, lift: float, colour: Any) -> Shapes:
     """Return round dots of one ``colour`` (3,) at ``centres`` (p, 3), moved by ``lift`` towards the viewer."""
     flat = np.zeros_like(centres)
-    points, triangles = discs(centres, flat, np.full(len(centres), radius), np.array([0, 0, 1.0]), DOT_CORNERS)
+    points, triangles = discs(centres, flat, np.full(len(centres), radius), DOT_CORNERS)
     return Shapes(points + [0, 0, lift], np.tile(np.asarray(colour, dtype=np.float64), (len(points), 1)), triangles)
 
 
@@ -92,26 +91,12 @@ def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, In
     return points.reshape(-1, 3), fan.reshape(-1, 3)
 
 
-def discs(
-    centres: Floats, normals: Floats, radii: Floats, viewer: Floats, corners: int = DISC_CORNERS
-) -> tuple[Floats, Ints]:
-    """Return discs as triangles in the planes normal to ``normals``.
+def discs(centres: Floats, normals: Floats, radii: Floats, corners: int = DISC_CORNERS) -> tuple[Floats, Ints]:
+    """Return discs about ``centres`` (p, 3) in the camera's axes, of ``radii`` (p,): vertices and triangles.
 
-    Parameters
-    ----------
-    centres : (p, 3) float64
-    normals : (p, 3) float64
-        Of unit length and any sign; a disc with a normal of zero faces the viewer.
-    radii : (p,) float64
-    viewer : (3,) float64
-        Unit vector towards the viewer.
-    corners : int
-
-    Returns
-    -------
-    vertices, triangles : (p * corners, 3) float64, (p * (corners - 2), 3) int64
+    They are normal to ``normals`` (p, 3), of unit length and any sign; with a normal of zero they face the viewer.
     """
-    normals = np.where(normals.any(axis=1, keepdims=True), normals, viewer)
+    normals = np.where(normals.any(axis=1, keepdims=True), normals, np.array([0, 0, 1.0]))
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
     second = np.cross(normals, first)
@@ -126,25 +111,19 @@ def discs(
 def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Floats:
     """Return radii (p,) with which discs around points (p, d) cover a surface, or a curve in the plane, without holes.
 
-    No disc is smaller than ``least``; those of isolated points have the radius ``alone``.
+    A radius is a share of the distance to the sixth neighbour, in the plane to the second, so that discs also cover
+    uneven clouds. No disc is smaller than ``least``; isolated points, farther than ten spacings from these neighbours,
+    have the radius ``alone``.
     """
     from scipy.spatial import cKDTree
 
-    neighbours, share = DISC_NEIGHBOURS[points.shape[1]], DISC_OVERLAP[points.shape[1]]
+    neighbours, share = (2, 0.5) if points.shape[1] == 2 else (6, 0.85)
     if len(points) <= neighbours:
         return np.full(len(points), alone)
     reach = np.asarray(cKDTree(points).query(points, k=neighbours + 1)[0])[:, -1]
-    lonely = reach > LONELY_SPACINGS * spacing
+    lonely = reach > 10 * spacing
     usual = np.median(reach[~lonely]) if not lonely.all() else 0.0
     return np.where(lonely, alone, np.maximum(share * np.minimum(reach, 2 * usual), least))
-
-
-#: Radii of boundary curves, of boundary points and of a curve that is itself the surface, as shares of the picture's
-#: half width.
-CURVE_RADIUS, PIN_RADIUS, STROKE_RADIUS = 0.0045, 0.012, 0.009
-
-#: Distance of curves in front of the surface, in their radii, since it is flat between its vertices.
-CURVE_LIFT_RADII = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,23 +163,17 @@ def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, li
 
     ``lit`` is whether the triangles are shaded, if they have normals.
     """
-    points = in_space(mesh.points)
-    curve_points, curve_cells, pins = boundary_meshes(
-        solution.scene.boundaries if look.curves else (), solution.spacing
-    )
-    pins = np.concatenate([pins, in_space(solution.doubled)]) if look.twins else pins
-    camera = fit(points, width, look.view, look.up, mesh.points.shape[1] == 2, np.concatenate([curve_points, pins]))
+    camera, curves, pins = fit_camera(solution, mesh, look, width)
     half = camera.half[0]
     normals = np.zeros((0, 3)) if mesh.normals is None else mesh.normals @ camera.axes.T
-    place = camera.project(points)
+    place = camera.project(in_space(mesh.points))
     facing = normals[mesh.dots] if len(normals) else np.zeros((len(mesh.dots), 3))
     radii = disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE_RADIUS * half, PIN_RADIUS * half)
-    rims, fans = discs(place[mesh.dots], facing, radii, np.array([0, 0, 1.0]))
+    rims, fans = discs(place[mesh.dots], facing, radii)
     strokes, stroke_cells = ribbons(place[mesh.segments[:, 0]], place[mesh.segments[:, 1]], STROKE_RADIUS * half)
-    curve = camera.project(curve_points)[curve_cells]
-    radius = CURVE_RADIUS * half
-    ink = [
-        lines(curve[:, 0], curve[:, 1], radius, CURVE_LIFT_RADII * radius, INK),
+    curve, radius = camera.project(curves), 0.0045 * half
+    ink = [  # curves are lifted, since the surface is flat between its vertices
+        lines(curve[:, 0], curve[:, 1], radius, 2 * radius, INK),
         dots(camera.project(pins), PIN_RADIUS * half, PIN_RADIUS * half, INK),
     ]
     added = (np.repeat(facing, DISC_CORNERS, axis=0), np.zeros_like(strokes))
@@ -223,17 +196,104 @@ def in_space(points: Floats) -> Floats:
     return points if points.shape[1] == 3 else np.pad(points, ((0, 0), (0, 1)))
 
 
-def boundary_meshes(boundaries: Iterable[BoundarySet], spacing: float) -> tuple[Floats, Ints, Floats]:
-    """Return points (n, 3) and segments (m, 2) of all boundary curves with a mesh, and boundary points (k, 3)."""
-    points, cells, pins, count = [np.zeros((0, 3))], [np.zeros((0, 2), dtype=np.int64)], [np.zeros((0, 3))], 0
-    for boundary in boundaries:
-        if not isinstance(boundary.source, HasMesh):
-            continue
-        vertices, elements = boundary.source.mesh(spacing)
-        if elements.shape[1] == 2:
-            points.append(in_space(vertices))
-            cells.append(elements + count)
-            count += len(vertices)
-        elif elements.shape[1] == 1:
-            pins.append(in_space(vertices))
-    return np.concatenate(points), np.concatenate(cells), np.concatenate(pins)
+def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int) -> tuple[Camera, Floats, Floats]:
+    """Return the camera, and what ``look`` draws over the mesh: segments (s, 2, 3) of curves, points (k, 3)."""
+    curves, pins = [np.zeros((0, 2, 3))], [np.zeros((0, 3))]
+    for boundary in solution.scene.boundaries if look.curves else ():
+        if isinstance(boundary.source, HasMesh):
+            vertices, cells = boundary.source.mesh(solution.spacing)
+            if cells.shape[1] == 2:
+                curves.append(in_space(vertices)[cells])
+            elif cells.shape[1] == 1:
+                pins.append(in_space(vertices))
+    if look.twins:
+        pins.append(in_space(solution.doubled))
+    segments, dots = np.concatenate(curves), np.concatenate(pins)
+    more = np.concatenate([segments.reshape(-1, 3), dots])
+    camera = fit(in_space(mesh.points), width, look.view, look.up, mesh.points.shape[1] == 2, more)
+    return camera, segments, dots
+
+
+def outlines(drawing: Drawing) -> Shapes:
+    """Return the silhouette: edges between a triangle whose front is visible and a triangle whose back is visible.
+
+    Front and back follow from the order of corners; two triangles that list their common edge in the same direction
+    have opposite orientations.
+    """
+    triangles = drawing.triangles[: drawing.mesh_triangles]
+    a, b, c = (drawing.points[triangles[:, k], :2] for k in range(3))
+    front = (b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0] > 0
+    edges = Connectivity(triangles, len(drawing.points)).edges
+    sides = edges.of_cells.ravel()
+    rising = np.roll(triangles, -1, axis=1) < np.roll(triangles, -2, axis=1)  # of the side opposite to each corner
+    alike = np.bincount(sides, (front[:, None] == rising).ravel(), len(edges.ends))  # 1: both show the same side
+    turning = (np.bincount(sides, minlength=len(edges.ends)) == 2) & (alike != 1)
+    return _lines(drawing, drawing.points[edges.ends[turning]], 0.0016, INK, lift=0.25 * LIFT)
+
+
+def mesh_edges(drawing: Drawing) -> Shapes:
+    """Return all edges of the mesh as lines."""
+    edges = Connectivity(drawing.triangles[: drawing.mesh_triangles], len(drawing.points)).edges.ends
+    return _lines(drawing, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
+
+
+def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
+    """Return lines where ``values`` (v,) at the mesh's vertices, linear in each triangle, equal one of ``levels``."""
+    triangles, points = drawing.triangles[: drawing.mesh_triangles], drawing.points
+    segments_of_level = [np.zeros((0, 2, 3))]
+    for level in levels:
+        above = values[triangles] > level
+        crossed = triangles[above.any(axis=1) & ~above.all(axis=1)]
+        up = values[crossed] > level
+        lone = np.argmax(up == (up.sum(axis=1) == 1)[:, None], axis=1)  # the only corner on its side of the level
+        rows = np.arange(len(crossed))
+        tip, ends = crossed[rows, lone], [crossed[rows, (lone + k) % 3] for k in (1, 2)]
+        shares = [(level - values[tip]) / (values[end] - values[tip]) for end in ends]
+        crossings = [points[tip] + s[:, None] * (points[e] - points[tip]) for s, e in zip(shares, ends, strict=True)]
+        segments_of_level.append(np.stack(crossings, axis=1))
+    colours = np.repeat(bar.contrasting(np.array([0.0, *levels])), [len(part) for part in segments_of_level], axis=0)
+    return _lines(drawing, np.concatenate(segments_of_level), 0.002, colours)
+
+
+def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
+    """Return arrows along ``vectors`` (v, d) at vertices of the mesh, one in each cell of a grid 26 cells wide.
+
+    Short vectors have arrows of a least length, so that they are visible; the colours of ``bar`` show the lengths.
+    """
+    cell, sizes = 2 * drawing.camera.half[0] / 26, np.linalg.norm(vectors, axis=1)
+    seeds = _one_point_per_cell(mesh.points, cell)
+    seeds = seeds[sizes[seeds] > 1e-6 * sizes.max(initial=0.0)]
+    if not len(seeds):
+        return Shapes.join([])
+    lengths = 0.9 * cell * (0.45 + 0.55 * sizes[seeds] / sizes.max())
+    along = 0.5 * (lengths / sizes[seeds])[:, None] * vectors[seeds]
+    starts, ends = (drawing.camera.project(in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
+    colours = bar.contrasting(sizes[seeds])
+    shafts = _lines(drawing, np.stack([starts, ends], axis=1), 0.0022, colours)
+    return Shapes.join([shafts, _heads(ends, starts, 0.35 * lengths, colours, LIFT * drawing.camera.half[0])])
+
+
+def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift: float) -> Shapes:
+    """Return the heads of arrows: triangles that point from ``before`` (k, 3) to just beyond ``tips`` (k, 3).
+
+    ``lengths`` (k,) are those of the heads, and ``colours`` is (k, 3).
+    """
+    ahead = lengths[:, None] * unit(tips - before)
+    across = 0.4 * np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
+    points = np.stack([tips + 0.4 * ahead, tips - 0.6 * ahead + across, tips - 0.6 * ahead - across], axis=1)
+    cells = np.arange(3 * len(tips)).reshape(-1, 3)
+    return Shapes(points.reshape(-1, 3) + [0, 0, lift], np.repeat(colours, 3, axis=0), cells)
+
+
+def _one_point_per_cell(points: Floats, cell: float) -> Ints:
+    """Return, for each cell of a cubic grid that has points (n, d), the index of the point nearest to its centre."""
+    scaled = points / cell
+    cells = np.floor(scaled)
+    order = np.argsort(np.linalg.norm(scaled - cells - 0.5, axis=1), kind="stable")
+    return order[np.unique(cells[order], axis=0, return_index=True)[1]]
+
+
+def _lines(drawing: Drawing, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
+    """Return lines along ``segments`` (s, 2, 3); half their ``width`` and the ``lift`` are shares of the half width."""
+    half = drawing.camera.half[0]
+    return lines(segments[:, 0], segments[:, 1], width * half, lift * half, colour)

@@ -1,8 +1,9 @@
-"""Pictures of solutions in PNG files."""
+"""Pictures of solutions in PNG files, and films of frames in time: one mesh, one camera, one colour bar."""
 
 from __future__ import annotations
 
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -12,23 +13,21 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
 from cpmkit.files.whole_files import written_whole
+from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import Look
 from cpmkit.solution.display_mesh import DisplayMesh
+from cpmkit.solution.frames import frames_of
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.types import Floats
-from cpmkit.view import marks
 from cpmkit.view.camera import axes_of
-from cpmkit.view.colours import Bar, make_bar
-from cpmkit.view.drawing import Drawing, Shapes, draw
-from cpmkit.view.marks import compose, model_width, picture_sheet, write_png
+from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet, write_png
+from cpmkit.view.drawing import Drawing, Shapes, arrows, draw, isolines, mesh_edges, outlines
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
+    from cpmkit.solution.frames import EvolvedRecord
     from cpmkit.solution.record import SolutionRecord
-
-#: Most columns of a sheet of modes, and its colour map, for values of both signs.
-SHEET_COLUMNS, SIGNED_CMAP = 3, "coolwarm"
 
 
 @dataclass(frozen=True)
@@ -118,25 +117,27 @@ def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
     mesh = solution.display_mesh()
     values, bar = shown_values(solution, mesh, look)
     drawing = make_drawing(solution, mesh, look, bar)
-    image = shade(drawing, solution, mesh, values, bar, look)
+    image = shade(drawing, mesh, values, bar, look)
     return compose(image, bar, look.title, look.width), drawing.camera.description
 
 
-def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None) -> Drawing:
-    """Return the drawing of a mesh; it is not shaded beside a colour bar, unless the look asks for it."""
+def make_drawing(solution: SolutionRecord, mesh: DisplayMesh, look: Look, bar: Bar | None, columns: int = 1) -> Drawing:
+    """Return the drawing of a mesh with the lines that do not depend on values, for one of several ``columns``.
+
+    It is shaded if the look asks for it, and where colours have no bar; if it is not shaded, it has outlines.
+    """
     lit = look.light == "shaded" or (look.light is None and bar is None)
     width = model_width(look.width, bar is not None, bar.label if bar else "")
-    return _with_outlines(draw(solution, mesh, look, width, lit), look)
+    drawn = draw(solution, mesh, look, width // columns, lit)
+    ink = [drawn.ink, *([] if drawn.lit else [outlines(drawn)]), *([mesh_edges(drawn)] if look.edges else [])]
+    return replace(drawn, ink=Shapes.join(ink))
 
 
-def _with_outlines(drawing: Drawing, look: Look) -> Drawing:
-    """Return the drawing with the lines that do not depend on values: outlines if it is not shaded, and mesh edges."""
-    ink = [drawing.ink]
-    if not drawing.lit:
-        ink.append(marks.outlines(drawing))
-    if look.edges:
-        ink.append(marks.mesh_edges(drawing))
-    return replace(drawing, ink=Shapes.join(ink))
+def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
+    """Return the colour bar of all modes, symmetric about zero, by default in colours for values of both signs."""
+    most = float(np.abs(mesh.values).max())
+    cmap = "coolwarm" if look.cmap == Look.cmap else look.cmap
+    return make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
 
 
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
@@ -162,17 +163,15 @@ def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tup
     return values, make_bar(values, look.clim, look.cmap, label, look.unit)
 
 
-def shade(
-    drawing: Drawing, solution: SolutionRecord, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look
-) -> Floats:
+def shade(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, look: Look) -> Floats:
     """Return the image (rows, columns, 3), from 0 to 1, of a drawing with its values, isolines and arrows."""
     from cpmkit.view.raster import pixels  # numba is imported here
 
     ink = [drawing.ink]
     if look.isolines and bar is not None:
-        ink.append(marks.isolines(drawing, values[:, 0], look.levels(bar.ends.tolist()), bar))
+        ink.append(isolines(drawing, values[:, 0], look.levels(bar.ends.tolist()), bar))
     if look.vectors and bar is not None:
-        ink.append(marks.arrows(drawing, solution, mesh, mesh.values, bar))
+        ink.append(arrows(drawing, mesh, mesh.values, bar))
     return pixels(drawing, values, bar, Shapes.join(ink))
 
 
@@ -197,15 +196,97 @@ def check_channels(look: Look, channels: int, dim: int) -> None:
 def _sheet(solution: EigenRecord, look: Look) -> tuple[Any, str]:
     """Return the picture of all modes in the same colours, each under its eigenvalue, and the camera's description."""
     mesh = solution.display_mesh()
-    columns = min(SHEET_COLUMNS, solution.channels)
-    most = float(np.abs(mesh.values).max())
-    cmap = SIGNED_CMAP if look.cmap == Look.cmap else look.cmap
-    bar = make_bar(mesh.values, look.clim or (-most, most), cmap, look.label, look.unit)
-    width = model_width(look.width, True, bar.label)
-    drawing = _with_outlines(draw(solution, mesh, look, width // columns, look.light == "shaded"), look)
-    tiles = [
-        shade(drawing, solution, mesh, mesh.values[:, k : k + 1], bar, replace(look, vectors=False))
-        for k in range(solution.channels)
-    ]
+    bar, columns, plain = mode_bar(mesh, look), min(3, solution.channels), replace(look, vectors=False)
+    drawing = make_drawing(solution, mesh, look, bar, columns)
+    tiles = [shade(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
     sheet = picture_sheet(tiles, solution.titles, columns)
     return compose(sheet, bar, look.title, look.width), drawing.camera.description
+
+
+def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:
+    """Write the frames of a run in time as a film, and return its path.
+
+    Parameters
+    ----------
+    solution : EvolvedSolution
+        A solution with frames; request them from the problem, such as ``Heat(..., frames=40)``.
+    path : path
+        Ends in ``.gif`` or ``.mp4``. A GIF has 256 colours per frame; an MP4 needs imageio and imageio-ffmpeg.
+    fps : float
+        Frames per second.
+    **options
+        Options of :class:`~cpmkit.scenefile.look.Look`; the default width is 700 pixels. The colour bar spans the
+        values of all frames unless ``clim`` is given.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames, or an argument is not accepted.
+    MissingDependencyError
+        If the library that writes the film is not installed.
+    """
+    look = Look.of({"width": 700, **options}, "a film", ("fps",))
+    check_look(look)
+    path, fps = Path(path), positive(fps, "fps")
+    check_film(path)
+    images = frame_images(solution, look)
+    with written_whole(path) as unfinished:
+        (_write_gif if path.suffix.lower() == ".gif" else _write_mp4)(images, unfinished, fps)
+    return path
+
+
+def check_film(path: Path) -> None:
+    """Raise if a film cannot be written as ``path``.
+
+    Raises
+    ------
+    InputError
+        If it does not end in ``.gif`` or ``.mp4``.
+    MissingDependencyError
+        If the library that writes the film is not installed.
+    """
+    if path.suffix.lower() not in (".gif", ".mp4"):
+        raise InputError(f"A film must be a .gif or .mp4 file, got {shown(path.name)}.")
+    if path.suffix.lower() == ".mp4" and (find_spec("imageio") is None or find_spec("imageio_ffmpeg") is None):
+        raise MissingDependencyError(
+            f".mp4 films are written by imageio and imageio-ffmpeg; {install_command('view')} adds them."
+        )
+
+
+def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
+    """Yield the picture (rows, columns, 3) of each frame, as bytes, with its time in the title.
+
+    Raises
+    ------
+    InputError
+        If the solution has no frames.
+    """
+    frames = frames_of(solution, "a film")
+    evolved: EvolvedRecord = frames[0]
+    meshes = replace(evolved, frames=frames).frame_meshes()
+    every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
+    _, bar = shown_values(evolved, every, look)
+    drawing = make_drawing(evolved, meshes[0], look, bar)
+    for frame, mesh in zip(frames, meshes, strict=True):
+        values, _ = shown_values(frame, mesh, look)
+        title = f"{look.title}, t = {frame.time:.4g}" if look.title else f"t = {frame.time:.4g}"
+        yield compose(shade(drawing, mesh, values, bar, look), bar, title, look.width)
+
+
+def _write_gif(images: Iterator[Any], path: Path, fps: float) -> None:
+    """Write pictures (rows, columns, 3) as a GIF file that repeats for ever, without dithering."""
+    from PIL import Image
+
+    first, *others = [Image.fromarray(image).quantize(256, dither=Image.Dither.NONE) for image in images]
+    first.save(path, "GIF", save_all=True, append_images=others, duration=1000 / fps, loop=0)
+
+
+def _write_mp4(images: Iterator[Any], path: Path, fps: float) -> None:
+    """Write pictures (rows, columns, 3) as an MP4 file, padded to even numbers of rows and columns."""
+    import imageio.v2
+
+    opened: Any = imageio.v2.get_writer(path, format="FFMPEG", fps=fps, quality=8, macro_block_size=2)
+    with opened as writer:
+        for image in images:
+            rows, columns = image.shape[:2]  # both must be even
+            writer.append_data(np.pad(image, ((0, rows % 2), (0, columns % 2), (0, 0)), constant_values=255))

@@ -106,8 +106,6 @@ AMBIENT = 0.5
 LIGHT = np.array((-0.35, 0.5, 1.0)) / np.linalg.norm((-0.35, 0.5, 1.0))
 #: A pixel is the mean of SAMPLES by SAMPLES samples.
 SAMPLES = 3
-#: Rows of pixels that a thread fills at once.
-STRIP_ROWS = 48
 
 
 def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Floats:
@@ -147,7 +145,7 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
         fill(over, ink.triangles, ink.colours, table, none, none, LIGHT, AMBIENT, first, depth, image)
         picture[start:stop] = image.reshape(stop - start, SAMPLES, -1, SAMPLES, 3).mean(axis=(1, 3))
 
-    run_parcels(strip, len(picture), STRIP_ROWS)
+    run_parcels(strip, len(picture), 48)
     return picture
 
 

@@ -2,27 +2,121 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import json
+import re
 import sys
 import tempfile
 import webbrowser
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack
 
+import numpy as np
+
 from cpmkit.errors import InputError
 from cpmkit.scenefile.look import Look
-from cpmkit.view import picture
-from cpmkit.view.page import page_of
-from cpmkit.view.pictures import check_look, render
+from cpmkit.solution.frames import EvolvedRecord
+from cpmkit.solution.modes import EigenRecord
+from cpmkit.types import Floats
+from cpmkit.view.colours import Bar
+from cpmkit.view.drawing import fit_camera, in_space
+from cpmkit.view.pictures import check_look, mode_bar, picture, render, shown_values
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
+    from cpmkit.solution.display_mesh import DisplayMesh
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Height of the frame in a notebook, and width of a picture on axes, in pixels.
-NOTEBOOK_HEIGHT, PLOT_WIDTH = 520, 900
+def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
+    """Return the HTML page of a solution, with a slider over frames in time or over modes.
+
+    Parameters
+    ----------
+    solution : Solution
+    **options
+        Options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn.
+    """
+    look = Look.of(options, "a page")
+    check_look(look)
+    mesh, fields, bar = _slider_fields(solution, look)
+    camera, curves, pins = fit_camera(solution, mesh, look, 800)  # only the ratio of the width to the height matters
+    points, curves, pins = (each - camera.centre for each in (in_space(mesh.points), curves, pins))
+    every = np.concatenate([points, curves.reshape(-1, 3), pins])
+    data = {
+        "points": _as_base64(points, "<f4"),
+        "triangles": _as_base64(mesh.triangles, "<u4"),
+        "segments": _as_base64(mesh.segments, "<u4"),
+        "dots": _as_base64(mesh.dots, "<u4"),
+        "curves": _as_base64(curves, "<f4"),
+        "pins": _as_base64(pins, "<f4"),
+        "fields": [{"name": name, "values": _as_base64(values, "<f4")} for name, values in fields],
+        "rgb": bar is None,
+        "lit": look.light == "shaded" or (look.light is None and bar is None),
+        "ends": [0, 1] if bar is None else bar.ends.tolist(),
+        "ticks": [] if bar is None else _ticks(bar),
+        "label": "" if bar is None else bar.label,
+        "table": _as_base64(np.zeros((256, 3)) if bar is None else np.round(255 * bar.table), "u1"),
+        "axes": camera.axes.tolist(),
+        "middle": [0.0, 0.0, 0.0],
+        "half": camera.half.tolist(),
+        "radius": float(np.linalg.norm(every, axis=1).max()),
+    }
+    return _fill_template(look.title or f"{solution.scene.problem.kind}", data)
+
+
+def _fill_template(title: str, data: dict[str, Any]) -> str:
+    """Return the page's template with title and data filled in, in one pass, so that neither may hold a placeholder.
+
+    The content security policy allows only the page's own script and style, by their hashes.
+    """
+    template = files("cpmkit.view").joinpath("page.html").read_text(encoding="utf-8")
+    policy = []
+    for tag in ("script", "style"):  # the template has one of each
+        (content,) = re.findall(f"<{tag}>(.*?)</{tag}>", template, re.DOTALL)
+        digest = base64.b64encode(hashlib.sha256(content.encode()).digest()).decode("ascii")
+        policy.append(f"{tag}-src 'sha256-{digest}'")
+    texts = {
+        "POLICY": "; ".join(["default-src 'none'", *policy, "base-uri 'none'", "form-action 'none'"]),
+        "TITLE": escape(title),
+        "DATA": json.dumps(data).translate({ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&"}),
+    }
+    return re.sub("__(POLICY|TITLE|DATA)__", lambda place: texts[place[1]], template)
+
+
+def _slider_fields(solution: SolutionRecord, look: Look) -> tuple[DisplayMesh, list[tuple[str, Floats]], Bar | None]:
+    """Return the mesh, the (name, values) that the slider selects from, and their colour bar, None for colours."""
+    if isinstance(solution, EigenRecord) and look.channel is None:
+        mesh = solution.display_mesh()
+        return mesh, list(zip(solution.titles, mesh.values.T, strict=True)), mode_bar(mesh, look)
+    look = replace(look, vectors=False, isolines=Look.isolines)
+    if isinstance(solution, EvolvedRecord) and solution.frames and look.field != "error":
+        meshes = solution.frame_meshes()
+        every = replace(meshes[0], values=np.concatenate([mesh.values for mesh in meshes]))
+        values, bar = shown_values(solution, every, look)
+        names = [f"t = {frame.time:.4g}" for frame in solution.frames]
+        return meshes[0], list(zip(names, np.split(values, len(meshes)), strict=True)), bar
+    mesh = solution.display_mesh()
+    values, bar = shown_values(solution, mesh, look)
+    return mesh, [("", values)], bar
+
+
+def _ticks(bar: Bar) -> list[tuple[float, str]]:
+    """Return the ticks of a colour bar: the place of each from 0 to 1, and its text."""
+    from matplotlib.ticker import MaxNLocator
+
+    places = [tick for tick in MaxNLocator(7).tick_values(*bar.ends) if bar.ends[0] <= tick <= bar.ends[1]]
+    texts = [f"{place:.6g}" for place in places]
+    return list(zip(bar.shares(np.array(places)).tolist(), texts, strict=True))
+
+
+def _as_base64(array: Any, kind: str) -> str:
+    """Return the bytes of an array, converted to the type ``kind``, in base 64."""
+    return base64.b64encode(np.ascontiguousarray(array, dtype=kind).tobytes()).decode("ascii")
 
 
 @dataclass(frozen=True)
@@ -41,7 +135,7 @@ class Page:
 
     def _repr_html_(self) -> str:
         page = escape(self.html, quote=True)
-        return f'<iframe srcdoc="{page}" style="width: 100%; height: {NOTEBOOK_HEIGHT}px; border: 0"></iframe>'
+        return f'<iframe srcdoc="{page}" style="width: 100%; height: 520px; border: 0"></iframe>'
 
     def __repr__(self) -> str:
         return f"Page({'in a notebook' if self.file is None else str(self.file)!r})"
@@ -70,7 +164,7 @@ def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywo
     """Draw a solution on axes of matplotlib, by default those of a new figure, and return them."""
     from matplotlib import pyplot
 
-    look = Look.of({"width": PLOT_WIDTH, **options}, "a plot", ("axes",))
+    look = Look.of({"width": 900, **options}, "a plot", ("axes",))
     check_look(look)
     image, _ = render(solution, look)
     if axes is None:
@@ -88,17 +182,12 @@ def in_notebook() -> bool:
     return type(running).__name__ == "ZMQInteractiveShell"
 
 
-#: Width of a thumbnail in pixels, and the most unknowns of a solution that is drawn without request: larger ones take
-#: long.
-THUMBNAIL_PIXELS, MOST_DRAWN_UNKNOWNS = 400, 200_000
-
-
 def thumbnail(solution: SolutionRecord) -> bytes | None:
     """Return a PNG picture of a solution as bytes; None if it cannot be drawn, or is too large to be drawn quickly."""
-    if len(solution.values) > MOST_DRAWN_UNKNOWNS:
+    if len(solution.values) > 200_000:
         return None
     try:
         with tempfile.TemporaryDirectory() as folder:
-            return picture(solution, Path(folder, "solution.png"), width=THUMBNAIL_PIXELS).file.read_bytes()
+            return picture(solution, Path(folder, "solution.png"), width=400).file.read_bytes()
     except Exception:  # a notebook draws without request, which must not raise
         return None

@@ -44,18 +44,12 @@ def test_first_and_second_derivatives_agree_with_differences(text):
 
 @pytest.mark.parametrize("text", SMOOTH)
 def test_few_points_are_worked_out_like_many(text):
-    """Few are computed by compiled arithmetic and many by NumPy's: rows are the same, with NaN where they are NaN."""
+    """Points in one batch and in several have the same rows, with NaN where they are NaN."""
     made, some = jets(text), np.random.default_rng(1).uniform(-2, 2, (3, 2048))
     some[:, :9] = 0.0
     for order in range(3):
         few = [made.rows(order, part) for part in np.array_split(some, 30, axis=1)]
         np.testing.assert_allclose(np.concatenate(few, axis=1), made.rows(order, some), rtol=1e-14, atol=0)
-
-
-def test_arithmetic_of_few_points_is_that_of_many_to_the_bit():
-    made, some = jets("sqrt(x*y + 2)/(z - x**3) - (-y)**5 + z/(x - x)"), np.random.default_rng(1).normal(size=(3, 3000))
-    few = [made.rows(2, part) for part in np.array_split(some, 30, axis=1)]
-    np.testing.assert_array_equal(np.concatenate(few, axis=1), made.rows(2, some))
 
 
 def test_derivatives_are_right_to_rounding():
@@ -76,7 +70,7 @@ def test_arguments_that_are_not_chosen_play_no_part():
 
 
 def operations(text):
-    return len(jets(text).programs[2].instructions)
+    return jets(text).programs[2].operations
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from cpmkit.plugin import COORDINATES, FUNCTIONS, Expression, formula_jets, formula_tree
-from cpmkit.studies.named_formulas import expand_names
+from cpmkit.studies.studyfile import expand_names
 
 #: Of functions, in all that is done with one formula: some seconds.
 MOST_CALLS = 2_000_000

@@ -11,8 +11,7 @@ from cpmkit.errors import shown
 from cpmkit.forms import choice
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.runtime.options import DeclaredOptions, option
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import read_records
+from cpmkit.studies.records import gather, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.studies.checking import at_spacing
 from cpmkit.studies.reference_values import reference_of
+from cpmkit.studies.run_one import at_spacing
 from cpmkit.studies.studyfile import load_study
 
 STUDIES = Path(__file__).parents[2] / "examples" / "studies"

@@ -9,8 +9,7 @@ import numpy as np
 from click.testing import CliRunner
 
 from cpmkit.cli import main
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import read_records
+from cpmkit.studies.records import gather, read_records
 from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.run_one import make_run, run_study
 from cpmkit.studies.studyfile import load_study

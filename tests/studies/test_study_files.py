@@ -6,8 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import read_records
+from cpmkit.studies.records import gather, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 

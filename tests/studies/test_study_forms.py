@@ -8,8 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from cpmkit.cli import main
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import append_record, read_records
+from cpmkit.studies.records import append_record, gather, read_records
 from cpmkit.studies.run_one import run_study
 from cpmkit.studies.studyfile import load_study
 

@@ -11,14 +11,11 @@ from cpmkit.cli import main
 from cpmkit.errors import InputError, ResolutionError, SceneError
 from cpmkit.studies import figures
 from cpmkit.studies.baselines import solve_by_fixed_nodes
-from cpmkit.studies.checking import at_spacing
-from cpmkit.studies.named_formulas import expand_all, expand_names
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import append_record, drop_unfinished_line, read_records
+from cpmkit.studies.records import append_record, drop_unfinished_line, gather, read_records
 from cpmkit.studies.reference_values import sample_points
 from cpmkit.studies.report import write_report
-from cpmkit.studies.run_one import run_study
-from cpmkit.studies.studyfile import load_study
+from cpmkit.studies.run_one import at_spacing, run_study
+from cpmkit.studies.studyfile import expand_all, expand_names, load_study
 from cpmkit.studies.sweep import Run, Sweep
 
 TEXT = """

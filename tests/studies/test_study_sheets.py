@@ -14,8 +14,7 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, SceneError
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import append_record, read_records
+from cpmkit.studies.records import append_record, gather, read_records
 from cpmkit.studies.reference_values import reference_of
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import make_run, run_study

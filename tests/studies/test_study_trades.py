@@ -9,14 +9,13 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import SceneError
-from cpmkit.studies.pareto import Attempt, cheapest_by_decade, front
-from cpmkit.studies.record_series import gather
-from cpmkit.studies.records import read_records
-from cpmkit.studies.reference_values import RefinedMesh, solve_on_refined_mesh
+from cpmkit.studies.records import gather, read_records
+from cpmkit.studies.reference_values import refined_mesh, solve_on_refined_mesh
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import costs_in_memory, run_study
 from cpmkit.studies.studyfile import load_study
 from cpmkit.studies.sweep import Run, Sweep
+from cpmkit.studies.tables import Attempt, cheapest_by_decade, front
 
 TEXT = """
 [surface]
@@ -146,7 +145,7 @@ def test_a_refined_mesh_is_finer_and_the_error_on_it_falls_at_second_order():
     pytest.importorskip("cpmkit_fem")
     vertices, faces = ck.source("analytic.sphere").mesh(0.8)
     sphere = ck.source("mesh.triangles", vertices=vertices, faces=faces, closest="smooth")
-    points, cells = RefinedMesh(sphere).mesh(0.1)
+    points, cells = refined_mesh(sphere).mesh(0.1)
     edges = np.linalg.norm(points[cells] - points[np.roll(cells, 1, axis=1)], axis=2)
     assert edges.max() <= 0.1 + 1e-12
     assert np.array_equal(points[: len(vertices)], vertices)

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 from cpmkit_fem.assembly import stiffness_and_mass
+from exact_eigenvalues import sphere_eigenvalues, torus_eigenvalues
 from scipy.sparse.linalg import eigsh
 
 import cpmkit as ck
-from cpmkit.studies.eigenvalue_tables import sphere_eigenvalues, torus_eigenvalues
 
 SURFACES = {
     "sphere": (ck.source("analytic.sphere"), sphere_eigenvalues),
