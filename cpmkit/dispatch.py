@@ -62,22 +62,8 @@ def solve_discretized(
 ) -> SolutionRecord:
     """Solve a discretised scene by the solver of its equation's family, and return the solution.
 
-    Parameters
-    ----------
-    form : Discretized
-        The discretised scene.
-    options : SolverOptions
-        Options of the linear solver.
-    cache : OperatorCache
-        Operators and factors of earlier solves on the same tables.
-    progress : callable
-        ``progress(stage, fraction)``.
-    checkpointing : Checkpointing
-        Checkpoints of runs in time.
-    guess : (unknowns, channels) float64, optional
-        Initial guess of iterative solvers.
-    started : float, optional
-        ``time.perf_counter()`` at the start of the discretisation; now if not given.
+    ``cache`` has operators and factors of earlier solves on the same tables, ``guess`` (unknowns, channels) the first
+    iterate of iterative solvers, and ``started`` is ``time.perf_counter()`` at the start of the discretisation.
     """
     started = time.perf_counter() if started is None else started
     chosen = solver_of(form, options.solver)
@@ -117,14 +103,8 @@ def resolve_options(
 ) -> tuple[Callable[[], Discretized], SolverOptions, Options[Any] | None]:
     """Check all options of a solve, and return them divided by their use.
 
-    Returns
-    -------
-    discretize : callable
-        Function without arguments that discretises the scene.
-    solver : SolverOptions
-        Options of the linear solver.
-    target : Options or None
-        Options of the forms on a lattice; None for another back end.
+    These are a function without arguments that discretises the scene, the options of the linear solver, and those of
+    the forms on a lattice, or None for another back end.
 
     Raises
     ------

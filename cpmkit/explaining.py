@@ -27,11 +27,9 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress
 
-#: Factor within which unknowns and bytes are correct without a dry run (measured on ten scenes).
-OFF_BY = 2.0
-#: Approximate unknowns of the finer of the two timed solves, and the least ratio of its spacing to the given one.
-TIMED_UNKNOWNS, LEAST_RATIO = 8_000, 2.0
-#: Ratio of the spacings of the two timed solves.
+#: Approximate unknowns of the finer of the two timed solves.
+TIMED_UNKNOWNS = 8_000
+#: Ratio of the spacings of the two timed solves, and least ratio of the finer of them to the given one.
 TIMED_RATIO = 2.0
 
 
@@ -116,7 +114,7 @@ def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
         floor=model.source_error(),
         solver=chosen,
         exact=False,
-        off_by=OFF_BY,
+        off_by=2.0,  # measured on ten scenes
     )
 
 
@@ -147,18 +145,10 @@ def extrapolated_cost(
     """Return the cost of a solve with this number of unknowns, extrapolated linearly from two coarse solves.
 
     None if the scene cannot be solved on coarse lattices. The coarser solve is made twice, as the first includes the
-    cost of compiling and reading, which later solves do not have.
-
-    Parameters
-    ----------
-    solve : callable
-        Solves at a spacing; returns the solution and its cost.
-    spacing, unknowns : float, int
-        Spacing and number of unknowns of the solve whose cost is returned.
-    m : int
-        Dimension of the manifold.
+    cost of compiling and reading, which later solves do not have. ``solve`` returns the solution at a spacing and its
+    cost; ``spacing`` is that of the solve with ``unknowns``, and ``m`` the dimension of the manifold.
     """
-    fine = spacing * max((unknowns / TIMED_UNKNOWNS) ** (1 / max(m, 1)), LEAST_RATIO)
+    fine = spacing * max((unknowns / TIMED_UNKNOWNS) ** (1 / max(m, 1)), TIMED_RATIO)
     try:
         solve(TIMED_RATIO * fine)
         pairs = [solve(width) for width in (TIMED_RATIO * fine, fine)]

@@ -102,11 +102,8 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
         from cpmkit.scenefile.scene_files import load_scene
 
         scene = load_scene(scene).scene
-    return _mesh_alone(arrays, summary) if scene is None else _rebuilt(path, arrays, summary, scene)
-
-
-def _mesh_alone(arrays: Mapping[str, Any], summary: Mapping[str, Any]) -> SavedSolution:
-    """Return the mesh with values in the ``arrays`` of a file; empty arrays if the file has no mesh."""
+    if scene is not None:
+        return _rebuilt(path, arrays, summary, scene)
     channels = summary["discretization"].get("channels", 1)
     none = {"points": np.zeros((0, 0)), "cells": np.zeros((0, 0), dtype=np.int64), "values": np.zeros((0, channels))}
     return SavedSolution(**{name: arrays.get(name, none[name]) for name in none}, summary=summary, arrays=arrays)

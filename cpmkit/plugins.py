@@ -6,6 +6,7 @@ import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -39,16 +40,12 @@ class InstalledKind:
     module: str
 
 
+@cache
 def manager() -> pluggy.PluginManager:
-    """Return the plugin manager of the process, created at the first call."""
-    global _manager
-    if _manager is None:
-        _manager = pluggy.PluginManager("cpmkit")
-        _manager.add_hookspecs(hookspecs)
-    return _manager
-
-
-_manager: pluggy.PluginManager | None = None
+    """Return the plugin manager of the process."""
+    made = pluggy.PluginManager("cpmkit")
+    made.add_hookspecs(hookspecs)
+    return made
 
 
 def installed_kinds() -> list[InstalledKind]:
@@ -98,6 +95,7 @@ def load(kind: str) -> Any:
     return plugin
 
 
+@cache
 def _entry_point(kind: str) -> EntryPoint:
     """Return the entry point of ``kind``; the metadata are read at the first use of the kind only.
 
@@ -106,15 +104,9 @@ def _entry_point(kind: str) -> EntryPoint:
     PluginError
         If no installed distribution declares the kind.
     """
-    if kind not in _points:
-        point = next(iter(entry_points(group=KINDS_GROUP, name=kind)), None)
-        if point is None:
-            raise PluginError(_unknown_kind_message(kind))
-        _points[kind] = point
-    return _points[kind]
-
-
-_points: dict[str, EntryPoint] = {}
+    for point in entry_points(group=KINDS_GROUP, name=kind):
+        return point
+    raise PluginError(_unknown_kind_message(kind))
 
 
 def factory(kind: str, hook: str = "cpmkit_sources") -> Callable[..., Any]:

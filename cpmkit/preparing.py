@@ -121,8 +121,10 @@ class Prepared(Generic[Family]):
                 f"guess must be a solution on the same tables, ({self.discretized.size}, {scene.channels}) values, got "
                 f"{start.shape}."
             )
-        with explain_memory_error(scene, self.options, self.solver.solver):
-            solution = self._run(scene, checkpointing, start)
+        with explain_memory_error(scene, self.options, self.solver.solver), shown_progress(self.progress) as progress:
+            started = time.perf_counter()
+            form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
+            solution = solve_discretized(form, self.solver, self.cache, progress, checkpointing, start, started)
         warn_each(solution.warnings)
         return solution
 
@@ -175,13 +177,6 @@ class Prepared(Generic[Family]):
             interpolated if it is on the same discretisation.
         """
         return field_of(self.discretized, data)
-
-    def _run(self, scene: Scene, checkpointing: Checkpointing, guess: Floats | None) -> SolutionRecord:
-        """Return the solution of a scene that has another equation or other data than the prepared scene."""
-        started = time.perf_counter()
-        form = self.discretized if scene is self.discretized.scene else self.discretized.with_scene(scene)
-        with shown_progress(self.progress) as progress:
-            return solve_discretized(form, self.solver, self.cache, progress, checkpointing, guess, started)
 
 
 @overload

@@ -1,5 +1,6 @@
 """Plugins are found from metadata, imported when a kind is asked for, and held to the hooks."""
 
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,8 +35,8 @@ def install(monkeypatch):
         return [point for point in found if name is None or point.name == name]
 
     monkeypatch.setattr(plugins, "entry_points", entry_points)
-    monkeypatch.setattr(plugins, "_manager", None)
-    monkeypatch.setattr(plugins, "_points", {})
+    for name in ("manager", "_entry_point"):  # with empty caches
+        monkeypatch.setattr(plugins, name, cache(getattr(plugins, name).__wrapped__))
     return lambda kind, plugin: fake.append(FakeEntryPoint(kind, plugin))
 
 

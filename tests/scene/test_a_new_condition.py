@@ -1,6 +1,7 @@
 """A new kind of condition is one class, wherever it is defined: it tells which of the standard laws it is."""
 
 from dataclasses import dataclass
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
@@ -162,8 +163,8 @@ def _installed(monkeypatch):
         return [*real(group=group, name=name), *(point for point in points if point.name == name)]
 
     monkeypatch.setattr(plugins, "entry_points", entry_points)
-    monkeypatch.setattr(plugins, "_manager", None)
-    monkeypatch.setattr(plugins, "_points", {})
+    for name in ("manager", "_entry_point"):  # with empty caches
+        monkeypatch.setattr(plugins, name, cache(getattr(plugins, name).__wrapped__))
 
 
 @pytest.mark.usefixtures("_installed")
