@@ -7,9 +7,8 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import positive
-from cpmkit.runtime.options import DeclaredOptions, option
+from cpmkit.runtime.options import DeclaredOptions, one_of, option
 
-NORMS = ("rms", "max")
 #: Bytes of the units in which a memory may be written.
 MEMORY_UNITS = {"kib": 2**10, "mib": 2**20, "gib": 2**30, "kb": 10**3, "mb": 10**6, "gb": 10**9}
 
@@ -26,13 +25,6 @@ def _tolerance(value: Any, label: str) -> float | None:
             f"{label} is an error as a share of the solution's range and must be below 1, got {value:g}; use 1e-3."
         )
     return None if value is None else float(value)
-
-
-def _norm(value: Any, label: str) -> str:
-    """Return the name of a norm, or raise an InputError."""
-    if not isinstance(value, str) or value not in NORMS:
-        raise InputError(f"{label} must be {' or '.join(map(repr, NORMS))}, got {shown(value)}.")
-    return value
 
 
 def _estimate(value: Any, label: str) -> Any:
@@ -79,7 +71,9 @@ class AccuracyTarget(DeclaredOptions):
         _tolerance,
     )
     norm: str = option(
-        "rms", "Norm of ``tolerance``: ``rms``, the root mean square, or ``max``, the largest error.", _norm
+        "rms",
+        "Norm of ``tolerance``: ``rms``, the root mean square, or ``max``, the largest error.",
+        one_of("rms", "max"),
     )
     seconds: float | None = option(
         None,

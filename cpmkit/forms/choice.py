@@ -197,7 +197,7 @@ def _memory_sentence(scene: Scene, options: Options[Any] | None, solver: str, li
     spacing, needed, hint, fits = options.spacing, "", "", 0.0
     with suppress(MemoryError, ValueError, ArithmeticError):
         model = cost_model(scene, options)
-        unknowns = model.expected_unknowns()
+        unknowns = model.band_unknowns(model.surface)
         chosen = model.choose_solver(solver, unknowns)
         size, fits = model.peak_bytes(unknowns, chosen), model.fitting_spacing(chosen, limit.bytes)
         hint = other_solver_hint(chosen, model.smaller_solver)

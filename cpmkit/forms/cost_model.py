@@ -5,6 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, ClassVar, Generic
 
 import numpy as np
@@ -14,6 +15,7 @@ from cpmkit.forms.options import Options, Own
 from cpmkit.grid.band import stencil_codes
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import Codes
+from cpmkit.grid.spacings import check_memory
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.scene.scene import Scene
@@ -55,7 +57,6 @@ class CostModel(ABC, Generic[Own]):
     def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
         """Return the bytes at the peak of a solve; ``work`` are the measures of a coarser solve, None without one."""
 
-    @abstractmethod
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Raise if a solve needs more memory than this process may have.
 
@@ -64,10 +65,8 @@ class CostModel(ABC, Generic[Own]):
         ResolutionError
             If it does; the message has a spacing that would fit.
         """
-
-    @abstractmethod
-    def expected_unknowns(self) -> float:
-        """Return the approximate number of unknowns at the spacing of the options, from blocks around the manifold."""
+        needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
+        check_memory(needed, unknowns, self.options.spacing, fitting, solver, self.smaller_solver)
 
     @abstractmethod
     def fitting_spacing(self, solver: str, available: int) -> float:

@@ -140,7 +140,9 @@ class Field:
             if self.columns.shape[1] != onto.dim:
                 raise InputError(f"points of the target have {onto.dim} channels, got {self.columns.shape[1]}.")
             return replace(self, values=onto.closest_point(self.columns).points, unknowns=None)
-        return replace(self, values=tangential(self.form, self.points, self.values), unknowns=None)
+        surface = LocalSource(self.form.scene.surface, np.zeros(self.points.shape[1]))
+        feet, step = surface.closest_point(self.points), DIFFERENCE_SPACINGS * self.form.spacing
+        return replace(self, values=project_tangent(surface, feet, self.values, step), unknowns=None)
 
     def projected(self) -> Field:
         """Return the field, at the same points, of the values' projection on the functions of the form."""
@@ -174,13 +176,6 @@ class Field:
     def __repr__(self) -> str:
         count, channels = self.columns.shape
         return f"Field of {channels} channel{'s' * (channels > 1)} at {count} points of the form {self.form.form!r}"
-
-
-def tangential(form: Discretized, points: Floats, vectors: Floats) -> Floats:
-    """Return the tangential part (k, d) of ``vectors`` (k, d) at ``points`` (k, d) of the manifold."""
-    surface = LocalSource(form.scene.surface, np.zeros(points.shape[1]))
-    feet = surface.closest_point(points)
-    return project_tangent(surface, feet, vectors, DIFFERENCE_SPACINGS * form.spacing)
 
 
 def field_of(form: Discretized, data: Any) -> Field:

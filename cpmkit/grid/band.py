@@ -16,14 +16,12 @@ import numpy as np
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import Codes, find_codes
-from cpmkit.grid.spacings import check_fits
+from cpmkit.grid.spacings import COUNTED_BLOCKS, check_fits
 from cpmkit.grid.stencils import base_offset, stencil_range, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.types import Floats, Ints, Progress, no_progress
 
-#: Number of blocks from which the size of the band can be estimated.
-ESTIMATION_BLOCKS = 20_000
 #: Number of nodes in one batch of closest point queries: it bounds temporary memory.
 BATCH_NODES = 1 << 17
 
@@ -121,7 +119,7 @@ def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
         unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
-        if side == 1 or len(blocks) > ESTIMATION_BLOCKS:
+        if side == 1 or len(blocks) > COUNTED_BLOCKS:
             # Coarse blocks overestimate thin parts: only a clear excess is refused early.
             check_fits(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
     return blocks

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -50,41 +51,51 @@ def suggest_spacing(surface: ClosestPointSource) -> float:
     return float(f"{spacing:.2g}")
 
 
-def check_fits(
-    source: LocalSource,
-    unknowns: float,
-    spacing: float,
-    degree: int,
-    solver: str = "reference",
-    excess: float = 1.0,
-) -> None:
-    """Raise if a band with this number of unknowns does not fit into the memory of this process.
+def check_fits(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
+    """Raise if a band of ``source`` with this number of unknowns does not fit into the memory of this process.
 
-    Parameters
-    ----------
-    source : LocalSource
-        The manifold.
-    unknowns : float
-        Estimated number of unknowns of the band.
-    spacing, degree : float, int
-        Spacing of the lattice and degree of the interpolation.
-    solver : str
-        Name of the linear solver.
-    excess : float
-        Factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
+    ``excess`` is the factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
 
     Raises
     ------
     ResolutionError
         If it does not fit; the message states a spacing that does.
     """
-    needed, limit = unknowns * bytes_per_unknown(source.dim, degree, solver), memory.memory_limit()
-    if needed > excess * limit.bytes:
-        fits = fitting_spacing(source, degree, limit.bytes, solver)
+    needed = unknowns * bytes_per_unknown(source.dim, degree)
+    if needed > excess * memory.memory_limit().bytes:
+        check_memory(needed, unknowns, spacing, lambda available: fitting_spacing(source, degree, available))
+
+
+def check_memory(
+    needed: float,
+    unknowns: float,
+    spacing: float,
+    fitting: Callable[[int], float],
+    solver: str = "reference",
+    smaller_solver: str = "reference",
+) -> None:
+    """Raise if a solve of this number of unknowns, with ``needed`` bytes, does not fit into the memory of this process.
+
+    Parameters
+    ----------
+    needed, unknowns, spacing : float
+        Bytes and unknowns of the solve, and the spacing.
+    fitting : callable
+        Returns the spacing that fits into a number of bytes.
+    solver, smaller_solver : str
+        Name of the solver, and of one that is recommended in place of a factorisation.
+
+    Raises
+    ------
+    ResolutionError
+        If it does not fit; the message states a spacing that does.
+    """
+    limit = memory.memory_limit()
+    if needed > limit.bytes:
+        named = f" with the solver {solver!r}" if solver == "direct" else ""
         raise ResolutionError(
-            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
-            f"{' with the solver ' + repr(solver) if solver != 'reference' else ''}, and {limit}; "
-            f"spacing={fits:g} or more would fit{other_solver_hint(solver)}."
+            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB{named}, and "
+            f"{limit}; spacing={fitting(limit.bytes):g} or more would fit{other_solver_hint(solver, smaller_solver)}."
         )
 
 

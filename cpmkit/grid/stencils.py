@@ -64,44 +64,33 @@ def lagrange_weights(fractions: Floats, degree: int) -> Floats:
     return weights
 
 
-def tensor_weights(fractions: Floats, degree: int) -> Floats:
+def tensor_weights(fractions: Floats, degree: int, along: int | None = None) -> Floats:
     """Return the weights (n, (degree + 1)^d) of tensor-product interpolation at ``fractions`` (n, d).
 
-    The last axis varies fastest.
+    The last axis varies fastest. With an axis ``along``, the derivatives of the weights with respect to the fractions
+    along it, per cell.
     """
     # King et al. (2024), eq. 1: the weights of the closest point extension.
     lines = lagrange_weights(fractions, degree)
+    if along is not None:
+        lines[:, along] = _lagrange_slopes(fractions[:, along], degree)
     weights = lines[:, 0]
     for axis in range(1, lines.shape[1]):
         weights = (weights[:, :, None] * lines[:, axis, None, :]).reshape(len(weights), -1)
     return weights
 
 
-def lagrange_slopes(fractions: Floats, degree: int) -> Floats:
-    """Return the derivatives (n, d, degree + 1) of :func:`lagrange_weights` with respect to the fractions, per cell."""
+def _lagrange_slopes(fractions: Floats, degree: int) -> Floats:
+    """Return the derivatives (n, degree + 1) of :func:`lagrange_weights` along one axis with ``fractions`` (n,)."""
     nodes = np.array(stencil_range(degree), dtype=np.float64) + base_offset(degree)
-    differences = fractions[..., None] - nodes
+    differences = fractions[:, None] - nodes
     slopes = np.zeros_like(differences)
     for k in range(degree + 1):
         others = [j for j in range(degree + 1) if j != k]
         for omitted in others:
-            slopes[..., k] += np.prod(differences[..., [j for j in others if j != omitted]], axis=-1)
-        slopes[..., k] /= np.prod(nodes[k] - nodes[others])
+            slopes[:, k] += np.prod(differences[:, [j for j in others if j != omitted]], axis=-1)
+        slopes[:, k] /= np.prod(nodes[k] - nodes[others])
     return slopes
-
-
-def tensor_slopes(fractions: Floats, degree: int) -> Floats:
-    """Return the derivatives (n, d, (degree + 1)^d) of :func:`tensor_weights` with respect to fractions, per cell."""
-    lines, slopes = lagrange_weights(fractions, degree), lagrange_slopes(fractions, degree)
-    dim = lines.shape[1]
-    derivatives = np.empty((len(lines), dim, (degree + 1) ** dim))
-    for axis in range(dim):
-        factors = [slopes[:, k] if k == axis else lines[:, k] for k in range(dim)]
-        product = factors[0]
-        for factor in factors[1:]:
-            product = (product[:, :, None] * factor[:, None, :]).reshape(len(product), product.shape[1] * (degree + 1))
-        derivatives[:, axis] = product
-    return derivatives
 
 
 def tensor_offsets(degree: int, dim: int) -> Ints:

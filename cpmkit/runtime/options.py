@@ -171,3 +171,15 @@ def _has_type(value: Any, kind: type) -> bool:
     if kind is float:
         return isinstance(value, (int, float, np.integer, np.floating))
     return isinstance(value, (int, np.integer) if kind is int else kind)
+
+
+def one_of(*names: str) -> Callable[[Any, str], str]:
+    """Return a function that checks an option whose value must be one of ``names``."""
+
+    def check(value: Any, label: str) -> str:
+        if not isinstance(value, str) or value not in names:
+            listed = f"{', '.join(map(repr, names[:-1]))} or {names[-1]!r}"
+            raise InputError(f"{label} must be {listed}, got {shown(value)}.")
+        return value
+
+    return check

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.pointwise import call_pointwise, central_difference, difference_step
-from cpmkit.types import Bools, Floats
+from cpmkit.types import Floats
 
 
 class _Law:
@@ -241,10 +241,3 @@ def beta_at(law: OneSided, points: Floats, label: str) -> Floats:
     ``label`` is the name of the condition in error messages.
     """
     return evaluate_data(law.beta, points, 1, f"beta of {label}")[:, 0]
-
-
-def fixes_constant(law: Law, points: Floats, label: str) -> Bools:
-    """Return for each of ``points`` (n, d) on a boundary whether the law there determines the constant part of u."""
-    if isinstance(law, (Interface, Nonlinear)):
-        return np.full(len(points), isinstance(law, Nonlinear))
-    return np.asarray(beta_at(law, points, label) != 0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache, partial, wraps
 from typing import Any, Literal
@@ -95,16 +95,6 @@ class Subject:
             self.answers[key] = self.source.closest_point(x.copy())
         return self.answers[key]
 
-    def query_together(self, batches: Sequence[Floats]) -> None:
-        """Store the answers to all ``batches`` from one call, which is faster.
-
-        Another law checks that answers do not depend on the batch.
-        """
-        rows = np.split(np.arange(sum(map(len, batches))), np.cumsum([len(x) for x in batches])[:-1])
-        together = np.concatenate(batches)
-        self.answers[together.tobytes()] = feet = self.source.closest_point(together.copy())
-        self.answers.update({x.tobytes(): feet.take(chosen) for x, chosen in zip(batches, rows, strict=True)})
-
     @cached_property
     def known_points(self) -> Floats:
         """(k, d) points of the manifold from the case's ``samples``; none if it has no samples."""
@@ -140,10 +130,9 @@ def _check_queries(subject: Subject, check: Callable[[Floats], None], near: bool
 
 @lru_cache(maxsize=2)
 def _batches(subject: Subject, near: bool) -> tuple[Floats, ...]:
-    """Return the batches (n, d) that hypothesis draws if none fails; cached, since drawing and querying take long."""
+    """Return the batches (n, d) that hypothesis draws if none fails; cached, since drawing takes long."""
     drawn: list[Floats] = []
     _generate(subject, near, drawn.append)
-    subject.query_together(drawn)
     return tuple(drawn)
 
 

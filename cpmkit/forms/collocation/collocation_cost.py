@@ -16,7 +16,7 @@ from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, lattice_of
-from cpmkit.grid.spacings import bytes_per_unknown, check_fits, fitting_spacing, unknowns_at_unit_spacing
+from cpmkit.grid.spacings import bytes_per_unknown, check_fits, fitting_spacing
 from cpmkit.grid.stencils import base_offset
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
@@ -56,21 +56,6 @@ class CollocationCost(CostModel[CollocationOptions]):
         dim, degree = self.scene.surface.dim, self.options.own.degree
         per_unknown = None if rows is None else rows / unknowns
         return unknowns * bytes_per_unknown(dim, degree, solver, self.scene.channels, per_unknown)
-
-    def check_fits(self, unknowns: float, solver: str) -> None:
-        """Raise if a solve needs more memory than this process may have.
-
-        Raises
-        ------
-        ResolutionError
-            With a spacing at which it fits.
-        """
-        check_fits(self.surface, unknowns, self.options.spacing, self.options.own.degree, solver)
-
-    def expected_unknowns(self) -> float:
-        """Return the approximate number of unknowns."""
-        surface = self.surface
-        return unknowns_at_unit_spacing(surface, self.options.own.degree) / self.options.spacing**surface.largest_dim
 
     def fitting_spacing(self, solver: str, available: int) -> float:
         """Return the smallest spacing at which a solve fits into ``available`` bytes."""

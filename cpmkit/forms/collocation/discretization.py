@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +17,7 @@ from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula, sum_of_data
 from cpmkit.forms.collocation.selection import Centres, Unknowns
+from cpmkit.forms.form_records import PlainWork
 from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
@@ -240,23 +241,19 @@ def _laws(scene: Scene) -> list[tuple[str, Law]]:
 
 
 @dataclass(frozen=True)
-class Work:
+class Work(PlainWork):
     """Machine-independent measures of the cost of a solve.
 
     Attributes
     ----------
-    unknowns : int
-        Number of inner nodes and of ghosts that are unknowns.
+    unknowns, nonzeros, operator_applications : int
+        As of :class:`PlainWork`: unknowns are inner nodes and ghosts, entries those of E and N.
     nodes : int
         Number of nodes of the band, outer nodes included.
     ghosts : int
         Number of unknowns that are ghosts.
     first_order_ghosts : int
         Number of ghosts of order 1, by request or because their mirror point lies beyond another boundary.
-    nonzeros : int
-        Number of stored entries of E and N.
-    operator_applications : int
-        Number of products with A, all channels together.
     closest_point_queries : int
         Number of closest point queries of the surface and of all boundaries.
     table_bytes : int
@@ -265,19 +262,12 @@ class Work:
         The closest point queries of the surface and of each boundary, by name.
     """
 
-    unknowns: int
     nodes: int
     ghosts: int
     first_order_ghosts: int
-    nonzeros: int
-    operator_applications: int
     closest_point_queries: int
     table_bytes: int
     queries: Mapping[str, int] = field(default_factory=dict)
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the measures as a dictionary of plain values."""
-        return asdict(self)
 
 
 def measure_work(tables: Discretization, operator: Operator, report: SolveReport | None) -> Work:

@@ -10,7 +10,10 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import ALONGSIDE_COSINE
 from cpmkit.forms.collocation.side_view import BoundaryOnLattice
 from cpmkit.forms.collocation.unresolved_places import (
     BRIDGED_GAP_SPACINGS,
+    SAME_PLACE_SAMPLES,
+    SAME_PLACE_SPACINGS,
     STRIP_SPACINGS,
+    WIDE_GAP_SPACINGS,
     UnresolvedPlace,
 )
 from cpmkit.grid.band import Band
@@ -27,11 +30,6 @@ RIM_SAMPLE_SPACINGS = 1.5
 AHEAD_COSINE, FACING_COSINE = 0.5, 0.8
 #: Step, in spacings, of the differences that give a rim's conormal: across a narrower gap they are wrong.
 CONORMAL_STEP_SPACINGS = 0.005
-#: Rims that face each other so narrowly along this many spacings form a slit, not the tip of a notch or a small hole.
-SLIT_LENGTH_SPACINGS = 6.0
-#: A boundary nearer to a rim than this many spacings is on it, and runs along it if this many samples do; a curve that
-#: ends at a rim has one or two there.
-ON_RIM_SPACINGS, RIM_RUN_SAMPLES = 1e-3, 3
 #: The closest point on a rim near a boundary is found from a point this many spacings past the rim.
 PAST_RIM_SPACINGS = 0.05
 
@@ -124,7 +122,7 @@ def _on_long_stretch(rim: Floats, loop: Ints, spacing: float) -> Bools:
     low, high = np.full((count, rim.shape[1]), np.inf), np.full((count, rim.shape[1]), -np.inf)
     np.minimum.at(low, label, rim)
     np.maximum.at(high, label, rim)
-    return np.asarray(np.linalg.norm(high - low, axis=1)[label] >= SLIT_LENGTH_SPACINGS * spacing)
+    return np.asarray(np.linalg.norm(high - low, axis=1)[label] >= WIDE_GAP_SPACINGS * spacing)
 
 
 # Boundaries along a rim of the manifold, less than a spacing from it or on it
@@ -156,8 +154,8 @@ def find_rim_strips(
         rows = seen.rows[beside]
         rows = rows[np.argsort(width[rows], kind="stable")]
         if len(rows):
-            on_rim = width[rows] < ON_RIM_SPACINGS * h
-            kind = "on rim" if on_rim.all() or on_rim.sum() >= RIM_RUN_SAMPLES else "rim strip"
+            on_rim = width[rows] < SAME_PLACE_SPACINGS * h  # a curve that ends at a rim has one or two samples there
+            kind = "on rim" if on_rim.sum() >= min(SAME_PLACE_SAMPLES, len(rows)) else "rim strip"
             point, least = lattice.to_scene(points[rows[:1]])[0], float(width[rows[0]])
             strips.append(UnresolvedPlace(kind, (number,), point, least, loop=int(foot.edge[rows[0]])))
     return strips

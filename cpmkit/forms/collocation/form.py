@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
+from cpmkit.forms.collocation.collocation_cost import CollocationCost
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
 from cpmkit.forms.collocation.layout_warnings import layout_warnings, sharp_bends
@@ -30,7 +31,6 @@ from cpmkit.forms.form_records import Diagnosis, FormTraits
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
-from cpmkit.grid.spacings import check_fits
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
@@ -109,7 +109,7 @@ class Collocation(Reader):
         """
         layout = self.tables.layout
         if solver == "direct":  # the memory of other solvers was checked before the tables
-            check_fits(layout.surface, self.size, self.spacing, layout.band.degree, solver)
+            CollocationCost(self.scene, self.options).check_fits(self.size, solver)
         check_waves(self.scene, layout)
 
     def with_scene(self, scene: Scene) -> Collocation:
@@ -139,25 +139,14 @@ class Collocation(Reader):
         With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u.
         """
         assert isinstance(stiffness, ExtensionOperator)
+        data: Iterable[BoundaryData] = self.tables.data
         if of == "laplacian":  # with the signs that v = -Lap u has
-            second = (
+            data = [
                 replace(datum, data=datum.law.laplacian, factor=-datum.factor, label=f"the Laplacian of {datum.label}")
-                for datum in self.tables.data
+                for datum in data
                 if isinstance(datum.law, Support)
-            )
-            return stiffness.spread(self._sum_of(second, time))
-        if time is None or not any(datum.takes_time for datum in self.tables.data):
-            return stiffness.spread(self.tables.datum(time))
-        return stiffness.spread(self._steady_data + self._time_dependent_data(time))
-
-    @cached_property
-    def _steady_data(self) -> Floats:
-        """(rows, channels) the sum of the boundary data that do not change in time."""
-        return self._sum_of(datum for datum in self.tables.data if not datum.takes_time)
-
-    def _time_dependent_data(self, time: float) -> Floats:
-        """Return the sum (rows, channels) of the boundary data that change in time, at ``time``."""
-        return self._sum_of((datum for datum in self.tables.data if datum.takes_time), time)
+            ]
+        return stiffness.spread(self._sum_of(data, time))
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
         """Return the sum (rows, channels) of ``data`` in each row of E."""
@@ -218,10 +207,10 @@ class Collocation(Reader):
         start with the data at their closest points: these would be wrong by the order of the spacing until diffusion
         over one spacing has corrected them, with very short steps until the end of the run.
         """
+        datum = self.tables.datum(time)
         if step:
-            datum = (self._time_dependent_data(time + step) - self._time_dependent_data(time)) / step
-        else:
-            datum = self.tables.datum(time)
+            in_time = [one for one in self.tables.data if one.takes_time]
+            datum = (self._sum_of(in_time, time + step) - self._sum_of(in_time, time)) / step
         return self._apply_formulas(self.tables.read_sources(data, label, time), datum)
 
     def _apply_formulas(self, u: Floats, datum: Floats) -> Floats:

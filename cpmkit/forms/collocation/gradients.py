@@ -22,7 +22,7 @@ from cpmkit.forms.collocation.row_formula import extrapolation_weights
 from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.band import stencil_nodes
-from cpmkit.grid.stencils import stencil_cells, tensor_slopes
+from cpmkit.grid.stencils import stencil_cells, tensor_weights
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.scene.edge_conditions import edge_condition
@@ -86,7 +86,8 @@ def _interpolant_gradient(
     unknowns = reader.tables.unknowns
     cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
     columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))
-    slopes = tensor_slopes(fractions, unknowns.band.degree) / unknowns.band.spacing
+    axes, degree = range(unknowns.band.dim), unknowns.band.degree
+    slopes = np.stack([tensor_weights(fractions, degree, axis) for axis in axes], axis=1) / unknowns.band.spacing
     return _tangential(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
 
 

@@ -21,21 +21,21 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.types import SIDES, Bools, Floats
 
-#: Pairs of boundaries are examined where they are within this many spacings.
-MEETING_SPACINGS = 4.0
 #: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil.
 STRIP_SPACINGS = 1.0
-#: Around a crossing of four different values the solution is off within this many spacings (by the jump; outside twice
-#: that it is of order 1 to 2).
+#: Boundaries meet where they are within this many spacings, and around a crossing of four different values the solution
+#: is off within as many (by the jump; outside twice that it is of order 1 to 2).
 DISTURBED_SPACINGS = 4.0
 #: Largest share of the difference of the values on both sides of a gap that leaks across two spacings; half of it
 #: for each further one (a slit in a sphere: 0.45 at 2, 0.11 at 4, 0.055 at 5 spacings; in the plane a tenth of that).
 LEAK_AT_TWO_SPACINGS = 0.45
 #: In a gap of at most this many spacings there are hardly any nodes past either rim.
 BRIDGED_GAP_SPACINGS = 1.5
-#: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it.
+#: Hardly any value leaks across a gap of this many spacings: a spacing of the gap over this number resolves it. Rims
+#: that face each other along as many spacings form a slit, not the tip of a notch or a small hole.
 WIDE_GAP_SPACINGS = 6.0
-#: Boundaries nearer than this many spacings, for curves at this many points, are at the same place.
+#: Boundaries nearer to each other or to a rim than this many spacings, for curves at this many points, are at the same
+#: place.
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
 DIFFERENT_DATA_SHARE = 1e-6
@@ -145,7 +145,7 @@ def find_meetings(
         thinned[number] = view.take(np.sort(np.unique(cells, axis=0, return_index=True)[1]))
     for first, second in combinations(with_sides, 2):
         view, other = thinned[first], boundaries.on_lattice[second]
-        seen = other.side_view(view.foot, MEETING_SPACINGS * lattice.spacing, lattice.spacing)
+        seen = other.side_view(view.foot, DISTURBED_SPACINGS * lattice.spacing, lattice.spacing)
         seen = seen.take(~seen.end & ~view.end[seen.rows])
         if not len(seen.rows):
             continue

@@ -15,8 +15,6 @@ from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.solve_memory import (
     SAMPLES_PER_UNKNOWN,
     check_samples_fit,
-    check_unknowns_fit,
-    expected_unknowns,
     factorised_share,
     fitting_spacing,
     peak_bytes,
@@ -85,15 +83,6 @@ class GalerkinCost(CostModel[GalerkinOptions]):
     def stored_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, samples included, from the measures of ``work`` of its solve."""
         return super().stored_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
-
-    def check_fits(self, unknowns: float, solver: str) -> None:
-        """Raise a ResolutionError if a solve needs more memory than this process may have."""
-        factors = factorised_share(self.scene, solver)
-        check_unknowns_fit(self.surface, unknowns, self.options.spacing, solver, factors, self.options.own.degree)
-
-    def expected_unknowns(self) -> float:
-        """Return the approximate number of unknowns at the spacing of the options."""
-        return expected_unknowns(self.surface, self.options.spacing, self.options.own.degree)
 
     def fitting_spacing(self, solver: str, available: int) -> float:
         """Return the smallest spacing, rounded up, at which a solve fits into ``available`` bytes."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,24 +12,12 @@ from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.runtime.arrays import whole
-from cpmkit.runtime.options import DeclaredOptions, option
+from cpmkit.runtime.options import DeclaredOptions, one_of, option
 
 #: The families of equations that the form solves.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
 #: Largest number of times that ``refine`` may halve the spacing.
 MOST_LEVELS = 4
-
-
-def _one_of(*names: str) -> Callable[[Any, str], str]:
-    """Return a function that checks an option whose value must be one of ``names``."""
-
-    def check(value: Any, label: str) -> str:
-        if not isinstance(value, str) or value not in names:
-            listed = f"{', '.join(map(repr, names[:-1]))} or {names[-1]!r}"
-            raise InputError(f"{label} must be {listed}, got {shown(value)}.")
-        return value
-
-    return check
 
 
 def _check_degree(degree: Any, label: str) -> int:
@@ -75,7 +62,7 @@ class GalerkinOptions(DeclaredOptions):
         "``accurate`` takes 1.4 to 2 times the iterations of ``default`` and gains on coarse lattices alone: on smooth "
         "sources of degree 2 it leaves .8 of the error at five spacings a radius, .93 at ten and .98 at twenty, where "
         "a smaller spacing buys more; of degree 1 it leaves .4 to .9.",
-        _one_of(*STABILISATIONS),
+        one_of(*STABILISATIONS),
     )
     samples: str = option(
         "auto",
@@ -83,21 +70,21 @@ class GalerkinOptions(DeclaredOptions):
         "them: ``plain`` does not, ``clipped`` does, ``auto`` where the triangles are bent to follow the surface, or "
         "longer than half a spacing: half the error at h = 0.1 of a unit sphere, a sixth at 0.05, for half as many "
         "samples more.",
-        _one_of(*SAMPLINGS),
+        one_of(*SAMPLINGS),
     )
     tips: str = option(
         "extended",
         "What the Galerkin form does where a boundary ends inside a surface: ``extended`` lets u go on across its "
         "straight continuation; ``singular`` gives each end an unknown of its own besides, the root of the distance "
         "from it that u behaves like there.",
-        _one_of("extended", "singular"),
+        one_of("extended", "singular"),
     )
     refine: str = option(
         "off",
         "Whether the Galerkin form takes finer splines where the solution of a steady problem on a surface asks for "
         "them: ``auto`` solves, and parts lattice cells where the residual is large, as at the ends of boundaries, at "
         "spikes and in layers, if that is expected to save unknowns; ``off`` does not.",
-        _one_of("off", "auto"),
+        one_of("off", "auto"),
     )
     refine_levels: int = option(
         3,

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from cpmkit.errors import ResolutionError
 from cpmkit.forms.galerkin.space.projection import MOST_FACTORISED_PROJECTION
 from cpmkit.grid.blocks import check_numbered
 from cpmkit.grid.spacings import (
     COUNTED_BLOCKS,
     SPARE_MEMORY_SHARE,
-    other_solver_hint,
+    check_memory,
     rounded_up,
     unknowns_at_unit_spacing,
 )
@@ -155,15 +155,9 @@ def check_unknowns_fit(
     ResolutionError
         If it does; the message has a spacing that would fit, and the solver that needs less.
     """
-    needed, limit = peak_bytes(unknowns, surface.largest_dim, factors, degree=degree), memory.memory_limit()
-    if needed > limit.bytes:
-        fits = fitting_spacing(surface, limit.bytes, factors, degree)
-        direct = solver == "direct"
-        raise ResolutionError(
-            f"spacing={spacing:g} needs about {unknowns:.2g} unknowns and {needed / 2**30:.3g} GiB"
-            f"{' with the solver ' + repr(solver) if direct else ''}, and {limit}; spacing={fits:g} or more would fit"
-            f"{other_solver_hint(solver, 'multigrid')}."
-        )
+    needed = peak_bytes(unknowns, surface.largest_dim, factors, degree=degree)
+    fitting = partial(fitting_spacing, surface, factors=factors, degree=degree)
+    check_memory(needed, unknowns, spacing, fitting, solver, "multigrid")
 
 
 def expected_unknowns(surface: LocalSource, spacing: float, degree: int = 2, counted: int = COUNTED_BLOCKS) -> float:

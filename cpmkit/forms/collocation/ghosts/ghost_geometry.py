@@ -247,10 +247,10 @@ def ghost_sources(geometry: GhostGeometry) -> RowFormula:
     just_inside = seen.foot + INSIDE_SIDE_SPACINGS * spacing * geometry.direction
     if not boundary.has_sides or not len(just_inside):
         return RowFormula(just_inside, np.ones(len(just_inside)))
-    points, complete = _points_within(boundary, seen.foot, geometry.start, geometry.direction)
+    step = SIDE_READING_SPACINGS * spacing
+    points, complete = points_inside(boundary, seen.foot, geometry.start, geometry.direction, step)
     rows = np.flatnonzero(complete)
-    reach = 2 * len(points) * SIDE_READING_SPACINGS * spacing
-    complete[rows[beyond_another(geometry, rows, points[-1][rows], reach)]] = False
+    complete[rows[beyond_another(geometry, rows, points[-1].points[rows], 2 * len(points) * step)]] = False
     return _extrapolation(just_inside, points, complete, np.zeros(len(just_inside)))
 
 
@@ -266,29 +266,30 @@ def node_sources(
     on_boundary = np.abs(side_view.signed)[:, None] < INSIDE_SIDE_SPACINGS * spacing
     just_inside = np.where(on_boundary, feet + sign * INSIDE_SIDE_SPACINGS * spacing * side_view.conormal, feet)
     start = None if boundary.sheets is None else boundary.surface.closest_point(side_view.foot)
-    points, complete = _points_within(boundary, side_view.foot, start, sign * side_view.conormal)
-    reach = 2 * len(points) * SIDE_READING_SPACINGS * spacing
+    step = SIDE_READING_SPACINGS * spacing
+    points, complete = points_inside(boundary, side_view.foot, start, sign * side_view.conormal, step)
+    reach = 2 * len(points) * step
     for other in others:
         complete &= other.source.closest_point(side_view.foot).distance > reach
-    return _extrapolation(just_inside, points, complete, np.abs(side_view.signed) / (SIDE_READING_SPACINGS * spacing))
+    return _extrapolation(just_inside, points, complete, np.abs(side_view.signed) / step)
 
 
-def _points_within(
-    boundary: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats
-) -> tuple[list[Floats], Bools]:
-    """Return two arrays of points (n, d) of the surface, 1 and 2 steps from each foot, and whether (n,) both exist.
+def points_inside(
+    boundary: BoundaryOnLattice, foot: Floats, start: ClosestPoints | None, direction: Floats, step: float
+) -> tuple[list[ClosestPoints], Bools]:
+    """Return n points of the surface at one ``step`` from each foot, n at two steps, and whether (n,) both exist.
 
     ``foot`` (n, d) are points of a boundary, ``direction`` (n, d) unit vectors.
     """
-    points, complete, step = [], np.ones(len(foot), dtype=bool), SIDE_READING_SPACINGS * boundary.spacing
+    points, complete = [], np.ones(len(foot), dtype=bool)
     for k in (1, 2):
         on = nearest_on_sheet(boundary.surface, start, foot + k * step * direction, boundary.spacing)
         complete &= (np.linalg.norm(on.points - foot, axis=1) > LEAST_INSIDE_SHARE * k * step) & (on.edge < 0)
-        points.append(on.points)
+        points.append(on)
     return points, complete
 
 
-def _extrapolation(just_inside: Floats, points: list[Floats], complete: Bools, at: Floats) -> RowFormula:
+def _extrapolation(just_inside: Floats, points: list[ClosestPoints], complete: Bools, at: Floats) -> RowFormula:
     """Return the formula that extrapolates data linearly from ``points`` at 1 and 2 steps to ``at`` (n,) steps.
 
     Rows that are not ``complete`` read the single point ``just_inside``.
@@ -296,5 +297,5 @@ def _extrapolation(just_inside: Floats, points: list[Floats], complete: Bools, a
     rows = np.flatnonzero(complete)
     weights = extrapolation_weights(np.tile([1.0, 2.0], (len(rows), 1)), at[rows])
     first, coefficient = just_inside.copy(), np.ones(len(just_inside))
-    first[rows], coefficient[rows] = points[0][rows], weights[:, 0]
-    return RowFormula(first, coefficient, (), [ExtraPoint(rows, points[1][rows], weights[:, 1])])
+    first[rows], coefficient[rows] = points[0].points[rows], weights[:, 0]
+    return RowFormula(first, coefficient, (), [ExtraPoint(rows, points[1].points[rows], weights[:, 1])])

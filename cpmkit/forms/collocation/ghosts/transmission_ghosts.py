@@ -1,8 +1,9 @@
 """Ghosts of a transmission condition, whose values depend on both sides through the jumps of value and flux.
 
 With A the side of a ghost's node and B the side whose solution it continues, ``u_A - u_B = jump + R (mean flow)``
-and ``k_A u_A' - k_B u_B' = -flux`` at the boundary, derivatives along the arc from B to A. A ghost of order 2 reads two
-points on each side; where there is no room for them, it is of order 1 and reads its own node and its mirror point.
+and ``k_A u_A' - k_B u_B' = -flux`` at the boundary, derivatives along the arc from B to A. A ghost of order 2 reads
+points at one and two spacings on each side; where there is no room for them, it is of order 1 and reads its own node
+and its mirror point.
 King et al. (2024), section 8, leaves such conditions open.
 """
 
@@ -13,23 +14,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, place
-from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, beyond_another
+from cpmkit.forms.collocation.ghosts.ghost_geometry import GhostGeometry, beyond_another, points_inside
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, extrapolation_weights
 from cpmkit.forms.collocation.side_view import SideView
 from cpmkit.grid.lattice import Lattice
-from cpmkit.manifold.source import ClosestPoints, Rows
-from cpmkit.manifold.walking import nearest_on_sheet
+from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.scene.data import Data, evaluate_data
 from cpmkit.scene.laws import Interface
 from cpmkit.types import Bools, Floats, Ints
 
-#: Points that a ghost of order 2 reads on each side, a spacing apart. (1.25 and 1.5 spacings have 1.2 to 5 times the
-#: error on arcs, caps and circles on the sphere, and vary more with the position of the lattice.)
-POINTS_EACH_SIDE = 2
-#: Where points are nearer to each other than this share of a spacing, there is an edge or a fold.
-CROWDED_STEP_SHARE = 0.5
-#: An arc of a smaller angle (radians) is as long as its chord.
-STRAIGHT_ARC_RADIANS = 1e-7
 #: A diffusivity is read at these distances from the boundary, in spacings: a curve that is snapped to the surface
 #: is nearer than that to the place where the materials meet.
 READ_BESIDE_SPACINGS = (0.25, 0.5)
@@ -38,35 +32,6 @@ SAME_MATERIAL_LOG_RATIO = 0.4
 #: A condition's conductivity may differ from the problem's diffusivity by this share of it, and by more at this share
 #: of the boundary's points, which may be misread where it meets other boundaries.
 DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class PointsInside(Rows):
-    """Two points of the manifold on one side of a boundary, at one and two spacings from each of n points on it.
-
-    Attributes
-    ----------
-    points : (n, 2, d) float64
-        The points, nearest first.
-    positions : (n, 2) float64
-        Arc lengths from the boundary.
-    curvature : (n,) float64
-        Curvature of the arc at the boundary, in one over the unit of length.
-    complete : (n,) bool
-        False if a point is not at its intended distance: the manifold ends or folds before.
-    feet : list of ClosestPoints
-        The surface's records of the first points, and of the second.
-    """
-
-    points: Floats
-    positions: Floats
-    curvature: Floats
-    complete: Bools
-    feet: list[ClosestPoints]
-
-    def terms(self, rows: Ints, weights: Floats) -> list[ExtraPoint]:
-        """Return the points as further points that ``rows`` (n,) read with ``weights`` (n, 2)."""
-        return [ExtraPoint(rows, self.points[:, j], weights[:, j], feet=self.feet[j]) for j in range(POINTS_EACH_SIDE)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,28 +62,47 @@ class CoupledGhosts:
 
 def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> CoupledGhosts | None:
     """Return those of the ghosts ``rows`` with room for two points on each side of the boundary; None if none has."""
-    inside, has_room = _points_inside(geometry, rows, geometry.direction[rows])
-    behind, has_room_behind = _points_inside(geometry, rows, -geometry.direction[rows])
+    (inside, has_room), (behind, has_room_behind) = (_points_beside(geometry, rows, sign) for sign in (1.0, -1.0))
     chosen = np.flatnonzero(has_room & has_room_behind)
     if not len(chosen):
         return None
-    rows, inside, behind = rows[chosen], inside.take(chosen), behind.take(chosen)
-    seen = geometry.seen.take(rows)
+    rows, seen = rows[chosen], geometry.seen.take(rows[chosen])
+    inside, behind = ([on.take(chosen) for on in points] for points in (inside, behind))
+    beyond_at, own_at = (np.stack([norms(on.points - seen.foot) for on in points], 1) for points in (inside, behind))
     materials = conductivities(law, geometry.boundaries.diffusivity, seen, geometry.lattice)
-    at = arc_length(seen.distance, behind.curvature)
     own, beyond, jump, flux = second_order_weights(
-        law, materials, behind.positions, inside.positions, at, seen.signed < 0, geometry.spacing
+        law, materials, own_at, beyond_at, seen.distance, seen.signed < 0, geometry.spacing
     )
-    nodes = np.concatenate([np.zeros((len(rows), 1)), -inside.positions], axis=1)
-    source_weights = extrapolation_weights(nodes, at)
+    nodes = np.concatenate([np.zeros((len(rows), 1)), -beyond_at], axis=1)
+    source_weights = extrapolation_weights(nodes, seen.distance)
     return CoupledGhosts(
         rows,
-        inside.terms(rows, beyond),
-        behind.terms(rows, own),
+        _terms(rows, inside, beyond),
+        _terms(rows, behind, own),
         _data(geometry, law, rows, jump, flux),
         source_weights[:, 0],
-        inside.terms(rows, source_weights[:, 1:]),
+        _terms(rows, inside, source_weights[:, 1:]),
     )
+
+
+def _points_beside(geometry: GhostGeometry, rows: Ints, sign: float) -> tuple[list[ClosestPoints], Bools]:
+    """Return the points at one and two spacings beyond the boundary from the ghosts ``rows``, or on their own side.
+
+    ``sign`` is 1 beyond the boundary and -1 on the ghosts' own side. Whether (k,) the ghosts may read both is also
+    returned.
+    """
+    boundary, spacing = geometry.boundary, geometry.spacing
+    start = None if geometry.start is None else geometry.start.take(rows)
+    points, complete = points_inside(
+        boundary, geometry.seen.foot[rows], start, sign * geometry.direction[rows], spacing
+    )
+    blocked = beyond_another(geometry, rows, points[-1].points, 2 * len(points) * spacing)
+    return points, complete & ~blocked & boundary.has_sides
+
+
+def _terms(rows: Ints, points: list[ClosestPoints], weights: Floats) -> list[ExtraPoint]:
+    """Return the ``points`` as further points that ``rows`` (k,) read with ``weights`` (k, 2)."""
+    return [ExtraPoint(rows, on.points, weights[:, j], feet=on) for j, on in enumerate(points)]
 
 
 def first_order_ghosts(
@@ -184,9 +168,9 @@ def second_order_weights(
     materials : two (n,) float64
         Conductivities on the ghost's own side, and on the side that it continues.
     own, beyond : (n, k) float64
-        Arc lengths from the boundary to the points on these sides.
+        Distances of the points on these sides from the boundary.
     at : (n,) float64
-        Arc length from the boundary to the ghost.
+        Distance of the ghost from the boundary.
     carries_left : (n,) bool
         Whether the ghost continues the left side.
     spacing : float
@@ -209,55 +193,6 @@ def second_order_weights(
     weights = np.linalg.solve(system.transpose(0, 2, 1), value)[:, :, 0]
     jump = np.where(carries_left, -1.0, 1.0) * unit * weights[:, 2 * k]
     return weights[:, :k], weights[:, k : 2 * k], jump, -spacing / largest * weights[:, 2 * k + 1]
-
-
-# Points on either side
-
-
-def _points_inside(geometry: GhostGeometry, rows: Ints, direction: Floats) -> tuple[PointsInside, Bools]:
-    """Return two points on one side of the boundary for each ghost of ``rows`` (k,), and whether (k,) it may read both.
-
-    They are one and two spacings from the boundary along ``direction`` (k, d).
-    """
-    foot, boundary = geometry.seen.foot[rows], geometry.boundary
-    start = None if geometry.start is None else geometry.start.take(rows)
-    steps = geometry.spacing * np.arange(1, POINTS_EACH_SIDE + 1)
-    ahead = foot[:, None] + steps[:, None] * direction[:, None]
-    start = None if start is None else start.take(np.repeat(np.arange(len(foot)), POINTS_EACH_SIDE))
-    feet = nearest_on_sheet(boundary.surface, start, ahead.reshape(-1, foot.shape[1]), geometry.spacing)
-    points = feet.points.reshape(ahead.shape)
-    chords = np.linalg.norm(points - foot[:, None], axis=2)
-    complete = (np.diff(chords, axis=1, prepend=0.0) > CROWDED_STEP_SHARE * geometry.spacing).all(axis=1)
-    complete &= (feet.edge.reshape(chords.shape) < 0).all(axis=1)
-    curvature = _curvature(points - foot[:, None], np.where(complete[:, None], chords, steps))
-    positions = arc_length(chords, curvature[:, None])
-    records = [feet.take(np.arange(j, len(feet), POINTS_EACH_SIDE)) for j in range(POINTS_EACH_SIDE)]
-    inside = PointsInside(points, positions, curvature, complete, records)
-    blocked = beyond_another(geometry, rows, points[:, -1], 2 * float(chords.max(initial=0.0)))
-    return inside, complete & ~blocked & boundary.has_sides
-
-
-def _curvature(chords: Floats, lengths: Floats) -> Floats:
-    """Return the curvatures (n,) of parabolas through a point and two points at ``chords`` (n, 2, d) from it.
-
-    ``lengths`` (n, 2) are the parameters of the latter two.
-    """
-    slopes = chords / lengths[:, :, None]
-    bend = 2 * (slopes[:, 1] - slopes[:, 0]) / (lengths[:, 1] - lengths[:, 0])[:, None]
-    along = slopes[:, 0] / np.linalg.norm(slopes[:, 0], axis=1, keepdims=True)
-    tangent = along - 0.5 * lengths[:, :1] * bend
-    tangent /= np.linalg.norm(tangent, axis=1, keepdims=True)
-    return np.asarray(np.linalg.norm(bend - np.sum(bend * tangent, axis=1, keepdims=True) * tangent, axis=1))
-
-
-def arc_length(chords: Floats, curvature: Floats) -> Floats:
-    """Return the lengths of arcs with these ``chords`` and ``curvature``: ``(2 / kappa) arcsin(kappa chord / 2)``.
-
-    A chord is shorter than its arc by ``kappa^2 s^3 / 24``, a term of third order.
-    """
-    angle = np.minimum(0.5 * curvature * chords, 1.0)
-    small = angle < STRAIGHT_ARC_RADIANS
-    return np.where(small, chords, chords * np.arcsin(angle) / np.where(small, 1.0, angle))
 
 
 # Conductivities

@@ -193,8 +193,8 @@ class Sheets:
 #: Below this cosine of their normals, height does not decide whether two points are on one sheet, unless they are
 #: within ``NEAR_BOUNDARY_SPACINGS`` spacings, on both sides of a crease.
 LEVEL_NORMALS_COSINE, NEAR_BOUNDARY_SPACINGS = 0.5, 4.0
-#: Number of nearest samples of a boundary that are tested for a point's own sheet; number of points at a time.
-NEAREST_SAMPLES, SEARCH_CHUNK_POINTS = 64, 4096
+#: Number of nearest samples of a boundary that are tested for a point's own sheet.
+NEAREST_SAMPLES = 64
 #: A point is on another sheet if its height above a boundary's point exceeds this share of the chord. A smaller share
 #: would misjudge points of a rough surface and let values leak across the boundary.
 STEEP_CHORD_SHARE = 0.5
@@ -280,22 +280,10 @@ class BoundaryOnSheets:
         rows = rows[has_sample]
         if not len(rows):
             return nearest, offset, on_sheet
-        feet, offset[rows], on_sheet[rows] = self._from_samples(start.take(has_sample), targets.take(rows))
+        feet = start.take(has_sample)
+        samples = SurfacePoints.on(self.surface, feet.points, self.spacing)
+        offset[rows], on_sheet[rows] = self._offsets(samples, targets.take(rows))
         return nearest.replace_rows(rows, feet), offset, on_sheet
-
-    def _from_samples(self, start: ClosestPoints, targets: SurfacePoints) -> tuple[ClosestPoints, Floats, Bools]:
-        """Return points of the boundary found by walks along it from the samples ``start``, with offsets and sheets.
-
-        The results are those of :meth:`relative_to`. Where a walk leads to another sheet, over a sharp rim, the result
-        is the sample.
-        """
-        feet = walk(self.source, targets.points, start, self.spacing, lengthened=False).feet
-        offset, on_sheet = self._offsets(SurfacePoints.on(self.surface, feet.points, self.spacing), targets)
-        strayed = np.flatnonzero(~on_sheet)
-        samples = start.take(strayed)
-        from_samples = SurfacePoints.on(self.surface, samples.points, self.spacing)
-        offset[strayed], on_sheet[strayed] = self._offsets(from_samples, targets.take(strayed))
-        return feet.replace_rows(strayed, samples), offset, on_sheet
 
     def _offsets(self, base: SurfacePoints, targets: SurfacePoints) -> tuple[Floats, Bools]:
         """Return the vectors (n, d) from boundary points ``base`` to ``targets``, and whether (n,) they share a sheet.
@@ -340,20 +328,14 @@ class BoundaryOnSheets:
         """
         from scipy.spatial import cKDTree
 
-        tree, count = cKDTree(self.samples.points), min(NEAREST_SAMPLES, len(self.samples.points))
-        best, has_sample = np.zeros(len(targets.points), dtype=np.int64), np.zeros(len(targets.points), dtype=bool)
-        for begin in range(0, len(best), SEARCH_CHUNK_POINTS):
-            rows = np.arange(begin, min(begin + SEARCH_CHUNK_POINTS, len(best)))
-            query = tree.query(targets.points[rows], k=np.arange(1, count + 1))
-            distance, nearest = query[0], query[1].astype(np.int64)
-            row, column = np.nonzero(distance <= radius)
-            sample, target = self.samples.take(nearest[row, column]), targets.take(rows[row])
-            up_to_bend = same_sheet(
-                sample.points, sample.normals, target.points, target.normals, self.spacing, self.signed
-            )
-            rank = np.full(nearest.shape, np.inf)
-            level_first = column + np.where(self._is_level(sample, target), 0, count)
-            rank[row, column] = np.where(up_to_bend, level_first, np.inf)
-            choice = rank.argmin(axis=1)
-            best[rows], has_sample[rows] = nearest[rows - begin, choice], np.isfinite(rank[rows - begin, choice])
-        return self.source.closest_point(self.samples.points[best]), has_sample
+        count = min(NEAREST_SAMPLES, len(self.samples.points))
+        query = cKDTree(self.samples.points).query(targets.points, k=np.arange(1, count + 1))
+        distance, nearest = query[0], query[1].astype(np.int64)
+        row, column = np.nonzero(distance <= radius)
+        sample, target = self.samples.take(nearest[row, column]), targets.take(row)
+        up_to_bend = same_sheet(sample.points, sample.normals, target.points, target.normals, self.spacing, self.signed)
+        rank = np.full(nearest.shape, np.inf)
+        level_first = column + np.where(self._is_level(sample, target), 0, count)
+        rank[row, column] = np.where(up_to_bend, level_first, np.inf)
+        best = np.take_along_axis(nearest, rank.argmin(axis=1)[:, None], axis=1)[:, 0]
+        return self.source.closest_point(self.samples.points[best]), np.isfinite(rank.min(axis=1))
