@@ -5,22 +5,22 @@ from __future__ import annotations
 import io
 import json
 import sys
-from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 import click
 
-from cpmkit.commands.applications import map_to_target, paint, vectors
-from cpmkit.commands.distance import distance
+from cpmkit.commands.applications import distance, map_to_target, paint, vectors
 from cpmkit.commands.group import CommandGroup, progress_callback, traceback_option
 from cpmkit.commands.options import (
     accuracy_options,
     as_shown,
     how_fine,
     json_option,
+    output_option,
+    print_outcome,
     scene_argument,
     spacing_option,
+    warn,
     with_error,
 )
 from cpmkit.commands.scaffolding import examples, new, schema
@@ -57,12 +57,7 @@ def main() -> None:
     "[discretization] and [solver], another back end takes the spacing and the tolerance, fem the degree too.",
 )
 @click.option("--degree", type=int, metavar="NUMBER", help="Degree of the polynomials; overrides the file's.")
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    metavar="FOLDER",
-    help="Where results go; overrides the file's folder, which counts from the working directory.",
-)
+@output_option
 @click.option(
     "--checkpoint",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -134,42 +129,15 @@ def solve(
             solution = solve_scene(loaded.scene, spacing=spacing, progress=progress, **options)
             solution = with_error(solution, estimate, request.wants_error)
         except Exception:
-            _warn(issued, err=True)
+            warn(issued, err=True)
             raise
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings)
-    if as_json:
-        click.echo(json.dumps(written.summary, indent=2))
-    elif quiet:
-        _warn(warnings, err=True)
-    else:
-        click.echo(_summary_text(solution, written.summary))
-        _warn(warnings)
-    written.check()
-
-
-def _warn(sentences: Iterable[str], err: bool = False) -> None:
-    """Print each sentence as a warning, to standard error if ``err``."""
-    for sentence in sentences:
-        click.echo(f"warning    {sentence}", err=err)
-
-
-def _summary_text(solution: Any, summary: Mapping[str, Any]) -> str:
-    """Return the text of the summary that is printed after a solve."""
-    work, report, seconds = solution.work, solution.report, summary["seconds"]
-    stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
+    work, report = solution.work, solution.report
     ghosts = f", of which ghosts {work.ghosts:,}" if hasattr(work, "ghosts") else ""
-    lines = [
-        f"unknowns   {work.unknowns:,}{ghosts}",
-        f"solver     {report.solver}: {report.reason}",
-        f"seconds    {sum(seconds.values()):.1f} ({stages})",
-    ]
-    lines += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
-    lines += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
-    lines += [f"written    {Path(summary['folder'], file)}" for file in summary["files"]]
-    if picture := summary["picture"]:
-        lines.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")
-    return "\n".join(lines)
+    head = [f"unknowns   {work.unknowns:,}{ghosts}", f"solver     {report.solver}: {report.reason}"]
+    print_outcome(solution, written.summary, warnings, head, [], as_json, quiet)
+    written.check()
 
 
 @main.command()
@@ -198,10 +166,10 @@ def explain(scene: Path, spacing: float | None, dry_run: bool, rehearse: bool, s
             options |= {"dry_run": dry_run or rehearse, "seconds": seconds}
             explanation = explain_scene(loaded.scene, spacing=spacing, progress=progress, **options)
         except Exception:
-            _warn(issued, err=True)
+            warn(issued, err=True)
             raise
     click.echo(json.dumps(explanation.as_dict(), indent=2) if as_json else str(explanation))
-    _warn(issued, err=as_json)
+    warn(issued, err=as_json)
 
 
 @main.command()

@@ -85,6 +85,7 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vector_algebra import norms as norms
     from cpmkit.manifold.vector_algebra import rotate as rotate
     from cpmkit.manifold.vector_algebra import unit as unit
+    from cpmkit.mesh.mesh import Mesh as Mesh
     from cpmkit.mesh.mixed_cells import Polyline as Polyline
     from cpmkit.mesh.mixed_cells import chain_segments as chain_segments
     from cpmkit.mesh.mixed_cells import number_edges as number_edges
@@ -237,6 +238,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "number_edges": "mesh.mixed_cells",
         "rotate_triangles": "mesh.mixed_cells",
         "Polyline": "mesh.mixed_cells",
+        "Mesh": "mesh.mesh",
         "chain_segments": "mesh.mixed_cells",
     },
     "Closest points seen from a place": {

@@ -7,24 +7,220 @@ the prescribed ones.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coloured_meshes import with_colours
-from cpmkit.applications.curve_colours import ArcLengthShare, colour_data, prescribed_range
-from cpmkit.applications.result import Result
+from cpmkit.applications.heat import scene_of
+from cpmkit.applications.result import Result, with_colours
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource
+from cpmkit.files.array_files import read_array
+from cpmkit.files.data_files import find_file
+from cpmkit.plugin import ClosestPointSource, HasMesh, HasTangents, chain_segments, dots, norms
+from cpmkit.runtime.arrays import as_colour, as_colours
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.types import Floats
 
-#: Keys of the colours of a curve.
-SIDES = {"left", "right"}
+#: The accepted forms of the colours of a side, in words.
+ACCEPTED = (
+    "a colour (a name, '#rrggbb' or three numbers from 0 to 1), colours along the curve as (k, 3), or (k, 4) with the "
+    "share of the length first, the name of a .npy or .csv file of these, a function of points, or None where nothing "
+    "passes"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class ArcLengthShare:
+    """Position of points along the curves of a boundary, as a share of each curve's length.
+
+    Attributes
+    ----------
+    curve : ClosestPointSource
+        A curve whose mesh does not branch.
+    """
+
+    curve: ClosestPointSource
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the shares (n,), from 0 to 1, of the points of the curve nearest to ``points`` (n, d).
+
+        A closed curve begins where its own mesh does, at a polyline's first point.
+        """
+        feet = self.curve.closest_point(np.ascontiguousarray(points, dtype=np.float64)).points
+        pieces = self._pieces
+        row = np.asarray(self._tree.query(feet)[1])
+        step = pieces.ends[row] - pieces.starts[row]
+        length = np.maximum(norms(step), np.finfo(float).tiny)
+        ahead = np.clip(dots(feet - pieces.starts[row], step) / length, 0, length)
+        return np.asarray((pieces.before[row] + ahead) / pieces.totals[row])
+
+    @cached_property
+    def _pieces(self) -> _Pieces:
+        """Short pieces of the curves, in the direction of each.
+
+        Raises
+        ------
+        InputError
+            If the source is no curve with a mesh, or branches.
+        """
+        if not isinstance(self.curve, HasMesh) or self.curve.manifold_dim != 1:
+            raise InputError(
+                f"colours along a curve need its mesh, and {type(self.curve).__name__} is no curve with one; give a "
+                "function of points."
+            )
+        longest = float(np.ptp(self.curve.bounds, axis=0).max()) / 2000
+        vertices, segments = self.curve.mesh(longest)
+        if isinstance(self.curve, HasTangents):
+            middle = self.curve.closest_point(vertices[segments].mean(axis=1))
+            ahead = dots(self.curve.tangents(middle), np.diff(vertices[segments], axis=1)[:, 0])
+            segments = np.where(ahead[:, None] < 0, segments[:, ::-1], segments)
+        if max(np.bincount(column).max() for column in segments.T) > 1:
+            raise InputError("colours along a curve need one that does not branch; give a function of points.")
+        parts = []
+        for line in chain_segments(vertices, segments):
+            points = np.concatenate([line.points, line.points[: int(line.closed)]])
+            arc = np.concatenate([[0.0], np.cumsum(norms(np.diff(points, axis=0)))])
+            ends = np.cumsum(
+                [0, *np.maximum(np.ceil(np.diff(arc) / longest), 1)]
+            )  # numbers of pieces up to each vertex
+            at = np.interp(np.arange(ends[-1] + 1), ends, arc)
+            points = np.stack([np.interp(at, arc, axis) for axis in points.T], axis=1)
+            parts.append(_Pieces(points[:-1], points[1:], at[:-1], np.full(len(at) - 1, at[-1])))
+        return _Pieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+
+    @cached_property
+    def _tree(self) -> Any:
+        """Search tree of the middles of the pieces."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(0.5 * (self._pieces.starts + self._pieces.ends))
+
+
+class _Pieces(NamedTuple):
+    """Short pieces of curves: starts and ends (p, d), arc lengths at starts (p,), and lengths of their curves (p,)."""
+
+    starts: Floats
+    ends: Floats
+    before: Floats
+    totals: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class Ramp:
+    """Colours (k, 3) at ascending ``shares`` (k,) of a curve's length, as a function of its points, linear between."""
+
+    along: ArcLengthShare
+    shares: Floats
+    colours: Floats
+
+    def __call__(self, points: Floats) -> Floats:
+        """Return the colours (n, 3) at ``points`` (n, d)."""
+        share = self.along(points)
+        return np.stack([np.interp(share, self.shares, channel) for channel in self.colours.T], axis=1)
+
+
+def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
+    """Return the Dirichlet datum with three channels for the colours of a side; ``label`` names them in errors.
+
+    Raises
+    ------
+    InputError
+        If the colours are not accepted.
+    """
+    if callable(colours):
+        return _check_colours(colours, label)
+    if isinstance(colours, (str, Path)) and Path(colours).suffix.lower() in (".npy", ".csv"):
+        colours = _read_colours(Path(colours), label)
+    if isinstance(colours, str):
+        return as_colour(colours, label).tolist()
+    try:
+        array = np.asarray(colours, dtype=np.float64)
+    except (TypeError, ValueError) as error:  # names
+        if not isinstance(colours, (list, tuple)) or not colours:
+            raise InputError(f"{label} must be {ACCEPTED}; got {shown(colours)}.") from error
+        array = np.array([as_colour(entry, f"entry {number} of {label}") for number, entry in enumerate(colours)])
+    if array.shape == (3,):
+        return as_colour(array, label).tolist()
+    if array.ndim != 2 or array.shape[1] not in (3, 4) or not len(array):
+        raise InputError(f"{label} must be {ACCEPTED}; got shape {array.shape}.")
+    shares = np.linspace(0, 1, len(array)) if array.shape[1] == 3 else array[:, 0]
+    if not (np.isfinite(shares).all() and (np.diff(shares) >= 0).all() and shares[0] >= 0 and shares[-1] <= 1):
+        raise InputError(f"{label} must begin its rows with shares of the length from 0 to 1 that do not go back.")
+    return Ramp(along, shares, as_colours(array[:, -3:], label))
+
+
+def _check_colours(function: Callable[..., Any], label: str) -> Callable[[Floats], Floats]:
+    """Return a function of points whose values are checked to be colours."""
+
+    def colours(points: Floats) -> Floats:
+        values = np.asarray(function(points), dtype=np.float64)
+        if values.shape != (len(points), 3):
+            raise InputError(f"{label} must return colours of shape ({len(points)}, 3), got {values.shape}.")
+        return as_colours(values, label)
+
+    return colours
+
+
+def _read_colours(name: Path, label: str) -> Floats:
+    """Return the rows (k, 3) or (k, 4) of a .npy or .csv file of colours; raise InputError if it holds other data."""
+    file = find_file(name)
+    if file.suffix.lower() == ".npy":
+        return np.asarray(read_array(file, "an array of colours"), dtype=np.float64)
+    try:
+        return np.loadtxt(file, delimiter=",", ndmin=2)
+    except (ValueError, OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            f"{label}: {shown(file.name)} must hold lines of three numbers, or of four that begin with a share of the "
+            f"length, separated by commas: {shown(str(error))}."
+        ) from error
+
+
+def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
+    """Return the least and the largest value of three channels that Dirichlet conditions prescribe, (2, 3), in [0, 1].
+
+    By the maximum principle a harmonic function stays between them if all other conditions are zero fluxes. The result
+    is 0 and 1 if another condition is no zero flux, or if a function is prescribed on a curve without a mesh. Functions
+    are sampled ``spacing`` apart.
+    """
+    conditions: list[tuple[Any, Any]] = [(condition, None) for condition in scene.edge_conditions]
+    for boundary in scene.boundaries:
+        conditions += [(boundary.condition(side), boundary.source) for side in ("left", "right")]
+    samples = [np.clip(_values_of(condition, curve, spacing), 0.0, 1.0) for condition, curve in conditions]
+    values = np.concatenate(samples)
+    return np.stack([values.min(axis=0), values.max(axis=0)])
+
+
+def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
+    """Return the values (k, 3) that a condition prescribes, none for zero flux.
+
+    They are rows of 0 and of 1 where they are not known. A function is evaluated at the vertices of the mesh of
+    ``curve``.
+    """
+    unknown = np.array([[0.0] * 3, [1.0] * 3])
+    datum = condition.data()[0][1] if len(condition.data()) == 1 else None
+    if condition.kind == "neumann":
+        return unknown[:0] if np.isscalar(datum) and datum == 0 else unknown
+    if condition.kind != "dirichlet":
+        return unknown
+    if isinstance(datum, Ramp):
+        return datum.colours
+    if callable(datum):
+        if not isinstance(curve, HasMesh):
+            return unknown
+        datum = datum(curve.mesh(spacing)[0])
+    else:
+        datum = [datum]
+    try:
+        values = np.asarray(datum, dtype=np.float64)
+    except (TypeError, ValueError):  # a formula, or a list of them
+        return unknown
+    return np.broadcast_to(values.reshape(len(values), -1), (len(values), 3))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -104,19 +300,13 @@ def diffusion_curves(
     >>> (found.evaluate([[0, 0, 1], [0, 0, -1]]) + 1e-6).round(2).tolist()
     [[1.0, 1.0, 1.0], [0.0, 0.5, 0.5]]
     """
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
+    scene = scene_of(surface)
     named = curves if isinstance(curves, Mapping) else {f"curve {number}": pair for number, pair in enumerate(curves)}
     boundaries = [_boundary(name, pair) for name, pair in named.items()]
     if not any(curve.condition(side).kind == "dirichlet" for curve in boundaries for side in ("left", "right")):
         raise InputError("no side of a curve has a colour; give one at least.")
     whole = ck.Scene(scene.surface, ck.Laplace(), [*scene.boundaries, *boundaries], scene.edge)
     solution = ck.solve(whole, spacing, **options)
-    _check_every_piece_coloured(solution)
-    return ColouredSurface(solution, prescribed_range(whole, 0.25 * solution.spacing))
-
-
-def _check_every_piece_coloured(solution: Solution) -> None:
-    """Raise SceneError if colours are undetermined on a piece of the manifold: no side of a curve there has one."""
     free = [imbalance for imbalance in solution.imbalances if imbalance.of == "data"]
     if free:
         where, share = ", ".join(f"{x:.3g}" for x in free[0].near), 100 * free[0].share
@@ -124,6 +314,7 @@ def _check_every_piece_coloured(solution: Solution) -> None:
             f"a piece of the manifold about ({where}), {share:.0f} percent of it, touches no side of "
             "a curve that has a colour; give it one."
         )
+    return ColouredSurface(solution, prescribed_range(whole, 0.25 * solution.spacing))
 
 
 def _boundary(name: str, pair: Any) -> ck.Boundary:
@@ -134,7 +325,7 @@ def _boundary(name: str, pair: Any) -> ck.Boundary:
     along = ArcLengthShare(curve)
     if not isinstance(colours, Mapping):
         return ck.Boundary(name, curve, both=_condition(colours, along, f"the colour of {name}"))
-    if set(colours) != SIDES:
+    if set(colours) != {"left", "right"}:
         raise InputError(
             f"colours of {name} are given as left and right, with None for a barrier, got "
             f"{', '.join(map(str, colours)) or 'none'}."

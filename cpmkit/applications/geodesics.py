@@ -15,31 +15,24 @@ its gradient is the next X.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.heat import DISTANCE_RESIDUAL, heat_directions, heat_solver, manifold_of
+from cpmkit.applications.heat import DISTANCE_RESIDUAL, heat_directions, heat_solver, scene_of
 from cpmkit.applications.origins import Origins, Pieces, origins_of, pieces_of
-from cpmkit.applications.result import Measured, measure_to_target
-from cpmkit.errors import InputError, ResolutionError, SceneError, place, shown
+from cpmkit.applications.result import Measured, count_rounds, measure_to_target
+from cpmkit.errors import ResolutionError, place
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, unit
 from cpmkit.preparing import Prepared
-from cpmkit.runtime.arrays import as_points, whole
+from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.messages import warn_each
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Bools, Floats
 
-#: Artificial diffusion of the transport over the spacing, for a cell Peclet number just below one.
-DIFFUSION_SPACINGS = 1.05
-#: Within so many spacings of an origin the straight distance is prescribed, by a penalty of PENALTY over the spacing.
-PRESCRIBED_SPACINGS, PENALTY = 3.0, 10.0
-#: Step of the descent of a path, and the distance at which the rest of a path is straight; both in spacings.
-STEP_SPACINGS, ARRIVED_SPACINGS = 0.5, 1.0
-#: Limit of the steps of a path, over those of a straight descent.
-STEPS_OVER_LEAST = 4.0
-METHODS = ("transport", "heat")
+#: Within so many spacings of an origin the straight distance is prescribed.
+PRESCRIBED_SPACINGS = 3.0
 
 
 def transport_solver(prepared: Prepared) -> Prepared:
@@ -76,8 +69,8 @@ def transport_distance(
         Initial guess of iterative solvers.
     """
     h = prepared.discretized.spacing
-    penalty = prescribed * (PENALTY / h)
-    e = DIFFUSION_SPACINGS * h
+    penalty = prescribed * (10 / h)
+    e = 1.05 * h  # for a cell Peclet number just below one
     velocity = field.map(lambda _, vectors: (sign * vectors.T).T)
     f = ck.Divergence(field, -e, beside=prepared.field(sign + penalty * target))
     problem = ck.Elliptic(f, diffusivity=e, velocity=velocity, c=prepared.field(penalty))
@@ -126,13 +119,40 @@ class Distance(Measured):
     def path(self, start: Any) -> list[Floats]:
         """Return the shortest path (m, d) to the origins from each of the points ``start`` (k, d) or (d,), by descent.
 
+        All paths descend at once by the midpoint rule, in steps of half a spacing.
+
         Raises
         ------
         ResolutionError
             If a point is on a piece without an origin, or a path is caught at a barrier.
         """
-        points = np.atleast_2d(np.asarray(start, dtype=np.float64))
-        return descend(self, as_points(points, self.solution.scene.surface.dim))
+        surface, h = self.solution.scene.surface, self.solution.spacing
+        start = as_points(np.atleast_2d(np.asarray(start, dtype=np.float64)), surface.dim)
+        at = surface.closest_point(start).points
+        paths, step = [[point.copy()] for point in at], 0.5 * h
+        left = self.evaluate(at) if len(at) else np.zeros(0)
+        if not np.isfinite(left).all():
+            lost = place(start[int(np.argmin(np.isfinite(left)))])
+            raise ResolutionError(f"no path leads from {lost} to an origin: its piece of the manifold has none.")
+        moving = np.flatnonzero(left > h)  # the rest of a path is straight
+        most = int(4 * (left.max(initial=0.0) / step + 10))
+        for _ in range(most):
+            if not len(moving):
+                break
+            here = at[moving]
+            middle = surface.closest_point(here - 0.5 * step * unit(self.gradient(here))).points
+            at[moving] = surface.closest_point(here - step * unit(self.gradient(middle))).points
+            for number in moving:
+                paths[number].append(at[number].copy())
+            moving = moving[self.evaluate(at[moving]) > h]
+        if len(moving):
+            raise ResolutionError(
+                f"{len(moving)} of {len(start)} paths did not arrive within {most} steps, the first from "
+                f"{start[moving[0]]}; they are caught at a barrier, or where the distance is not resolved: use a "
+                "smaller spacing."
+            )
+        ends = self.origins.closest(at)[1]
+        return [np.array([*path, end]) for path, end in zip(paths, ends, strict=True)]
 
 
 def geodesic_distance(
@@ -188,10 +208,8 @@ def geodesic_distance(
     >>> bool(abs(distance.evaluate([[1, 0, 0]])[0] - 1.5708) < 0.01)
     True
     """
-    if method not in METHODS:
-        raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
-    rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    sources = origins_of(origins, manifold_of(surface))
+    rounds = count_rounds(method, rounds)
+    sources = origins_of(origins, scene_of(surface).surface)
     return measure_to_target(surface, spacing, options, lambda prepared: _measure(prepared, sources, rounds))
 
 
@@ -199,56 +217,40 @@ def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
     """Return the distance on a prepared scene: by heat, then by ``rounds`` of transport."""
     points = prepared.discretized.points  # a local, so that all fields below share the array
     pieces = pieces_of(prepared)
-    nearest, reached = _nearest_origins(prepared, origins, pieces, points)
-    field, phi = _distance_by_heat(prepared, origins, nearest, pieces)
-    transport = transport_solver(prepared)
-    unreached = ~reached[pieces.of_point]
+    straight, reached = _nearest_origins(prepared, origins, pieces, points)
+    field, phi = _distance_by_heat(prepared, origins, straight, pieces)
+    transport, unreached = transport_solver(prepared), ~reached[pieces.of_point]
     for _ in range(rounds):
-        phi = _transport_round(transport, nearest, unreached, field, phi)
+        # The previous distance must be small, too: the opposite side of a thin part is not prescribed.
+        beside = np.maximum(prepared.field(phi).values, straight) < PRESCRIBED_SPACINGS * phi.spacing
+        target = np.where(beside, straight, 0.0)
+        phi = transport_distance(transport, field, beside | unreached, target, guess=phi)
         field = prepared.field(phi).gradient().map(lambda _, slopes: np.where(unreached[:, None], 0.0, unit(slopes)))
-    return Distance(
-        solution=_warn_unreached(phi, reached), origins=origins, rounds=rounds, pieces=pieces, reached=reached
-    )
+    if not reached.all():
+        text = (
+            f"{np.count_nonzero(~reached)} of {len(reached)} pieces of the {type(origins.surface).__name__} have no "
+            "origin: distances are infinite there, and the solution, which is saved and drawn, is zero."
+        )
+        warn_each([text])
+        phi = replace(phi, warnings=(*phi.warnings, text))
+    return Distance(solution=phi, origins=origins, rounds=rounds, pieces=pieces, reached=reached)
 
 
-class _Nearest(NamedTuple):
-    """Straight distances (p,) from the points of a prepared scene to the nearest origins, and their numbers (p,)."""
+def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[Floats, Bools]:
+    """Return straight distances (p,) from the points of a prepared scene to origins, and which pieces have an origin.
 
-    straight: Floats
-    number: Ints
-
-
-def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[_Nearest, Bools]:
-    """Return the nearest origin of each of ``points`` (p, d), and which pieces (count,) have an origin.
-
-    An origin on another piece than the point is infinitely far.
+    An origin on another piece than the point is infinitely far; the pieces (count,) are those of ``pieces``.
     """
     form = prepared.discretized
-    straight, number = origins.distances(points)
-    if pieces.count == 1:
-        return _Nearest(straight, number), np.ones(1, dtype=bool)
+    straight, _, number = origins.closest(points)
     places, owner = origins.samples(form.spacing)
-    piece = pieces.numbers_at(form, places)
     lies_on = np.zeros((owner.max() + 1, pieces.count), dtype=bool)
-    lies_on[owner, piece] = True
-    straight = np.where(lies_on[number, pieces.of_point], straight, np.inf)
-    return _Nearest(straight, number), np.asarray(lies_on.any(axis=0))
-
-
-def _warn_unreached(phi: Solution, reached: Bools) -> Solution:
-    """Return ``phi`` with a warning, which is also issued, if pieces have no origin; else ``phi`` unchanged."""
-    if reached.all():
-        return phi
-    text = (
-        f"{np.count_nonzero(~reached)} of {len(reached)} pieces of the {type(phi.scene.surface).__name__} have no "
-        "origin: distances are infinite there, and the solution, which is saved and drawn, is zero."
-    )
-    warn_each([text])
-    return replace(phi, warnings=(*phi.warnings, text))
+    lies_on[owner, pieces.numbers_at(form, places)] = True
+    return np.where(lies_on[number, pieces.of_point], straight, np.inf), np.asarray(lies_on.any(axis=0))
 
 
 def _distance_by_heat(
-    prepared: Prepared, origins: Origins, nearest: _Nearest, pieces: Pieces
+    prepared: Prepared, origins: Origins, straight: Floats, pieces: Pieces
 ) -> tuple[ck.Field, Solution]:
     """Return X (p, d), the unit directions away from the origins, and the distance by the heat method.
 
@@ -256,84 +258,11 @@ def _distance_by_heat(
     """
     field = heat_directions(prepared, origins, everywhere=False)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
-    shifts = np.zeros(pieces.count)
+    h, shifts = phi.spacing, np.zeros(pieces.count)
     for piece in range(pieces.count):
-        rows = np.flatnonzero(pieces.of_point == piece)
-        if np.isfinite(nearest.straight[rows]).any():
-            shifts[piece] = _shift_at_origins(phi, nearest, rows)
+        of_piece = pieces.of_point == piece
+        beside = of_piece & (straight > h) & (straight < PRESCRIBED_SPACINGS * h)
+        rows = np.flatnonzero(beside if beside.any() else of_piece & (straight <= straight[of_piece].min() + h))
+        if np.isfinite(straight[rows]).any():
+            shifts[piece] = np.median(straight[rows] - phi.discretized.at_points(phi.values, rows)[:, 0])
     return field, replace(phi, values=phi.values + shifts[pieces.of_unknown][:, None])
-
-
-def _shift_at_origins(phi: Solution, nearest: _Nearest, piece: Ints) -> float:
-    """Return the constant by which ``phi`` differs from the straight distance beside the origins of a piece.
-
-    ``piece`` (k,) are the indices of its points.
-
-    Raises
-    ------
-    SceneError
-        If origins need different constants, as on pieces that are not connected.
-    """
-    h, straight = phi.spacing, nearest.straight[piece]
-    near_origin = (straight > h) & (straight < PRESCRIBED_SPACINGS * h)
-    near_origin = near_origin if near_origin.any() else straight <= straight.min() + h
-    rows = piece[near_origin]
-    difference = nearest.straight[rows] - phi.discretized.at_points(phi.values, rows)[:, 0]
-    numbers, label = np.unique(nearest.number[rows], return_inverse=True)
-    constants = np.bincount(label, difference) / np.bincount(label)
-    if len(numbers) > 1 and np.ptp(constants) > PRESCRIBED_SPACINGS * h:
-        raise SceneError(
-            f"distances beside {len(numbers)} origins differ by {np.ptp(constants):.3g}: they lie on pieces of the "
-            "manifold that are not connected; measure piece by piece."
-        )
-    return float(np.median(difference))
-
-
-def _transport_round(
-    prepared: Prepared, nearest: _Nearest, unreached: Bools, field: ck.Field, previous: Solution
-) -> Solution:
-    """Return the distance after one round of transport along ``field``.
-
-    Near the origins, it is the straight distance, and zero at the points that are ``unreached`` (p,).
-    """
-    h = prepared.discretized.spacing
-    # The previous distance along the manifold must be small, too: the opposite side of a thin part is not prescribed.
-    near_origin = np.maximum(prepared.field(previous).values, nearest.straight) < PRESCRIBED_SPACINGS * h
-    target = np.where(near_origin, nearest.straight, 0.0)
-    return transport_distance(prepared, field, near_origin | unreached, target, guess=previous)
-
-
-def descend(distance: Distance, start: Floats) -> list[Floats]:
-    """Return the path (m, d) from each of ``start`` (k, d) down to the origins, by the midpoint rule for all at once.
-
-    Raises
-    ------
-    ResolutionError
-        If a point lies on a piece without an origin, or a path does not arrive.
-    """
-    surface, h = distance.solution.scene.surface, distance.solution.spacing
-    at = surface.closest_point(start).points
-    paths, step = [[point.copy()] for point in at], STEP_SPACINGS * h
-    left = distance.evaluate(at) if len(at) else np.zeros(0)
-    if not np.isfinite(left).all():
-        lost = place(start[int(np.argmin(np.isfinite(left)))])
-        raise ResolutionError(f"no path leads from {lost} to an origin: its piece of the manifold has none.")
-    moving = np.flatnonzero(left > ARRIVED_SPACINGS * h)
-    most = int(STEPS_OVER_LEAST * (left.max(initial=0.0) / step + 10))
-    for _ in range(most):
-        if not len(moving):
-            break
-        here = at[moving]
-        middle = surface.closest_point(here - 0.5 * step * unit(distance.gradient(here))).points
-        at[moving] = surface.closest_point(here - step * unit(distance.gradient(middle))).points
-        for number in moving:
-            paths[number].append(at[number].copy())
-        moving = moving[distance.evaluate(at[moving]) > ARRIVED_SPACINGS * h]
-    if len(moving):
-        raise ResolutionError(
-            f"{len(moving)} of {len(start)} paths did not arrive within {most} steps, the first from "
-            f"{start[moving[0]]}; they are caught at a barrier, or where the distance is not resolved: use a smaller "
-            "spacing."
-        )
-    ends = distance.origins.closest(at)[1]
-    return [np.array([*path, end]) for path, end in zip(paths, ends, strict=True)]

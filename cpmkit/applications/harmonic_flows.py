@@ -11,35 +11,19 @@ longer than about a third of the square of half the manifold's size oscillate.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.errors import InputError
+from cpmkit.errors import InputError, ResolutionError
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource
+from cpmkit.plugin import ClosestPointSource, HasMesh, vertex_normals
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import warn_each
-from cpmkit.types import Floats
-
-#: A step is refused if it raises the energy by more than this share: rounding and projections raise it less.
-RISING_SHARE = 1e-6
-#: Ratio of the energies after and before a projection above which images jump between parts of the target, as between
-#: legs that are thin for the step; and the ratio below which steps are doubled.
-TORN_RATIO, SMOOTH_RATIO = 1.1, 1.01
-#: A map that covers a closed target has at least its area as energy, up to this share for the error of the lattice.
-COVERING_SHARE = 0.99
-#: Shortest step over the first one, which is the spacing squared.
-LEAST_SHARE = 0.01
-UNCOVERED = (
-    "The next step would lower the energy to {:.4g}, below the area {:.4g} that the map covers: the lattice is too "
-    "coarse for thin parts of the target, and the map would slip off them. The map before it is returned; fix the "
-    "ends of thin parts by landmarks, or use a smaller spacing."
-)
-#: Step of the differences of closest points that give tangential parts, over the target's size.
-DIFFERENCE_SHARE = 1e-4
+from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,21 +89,30 @@ def implicit_flow(
     """
     points = prepared.field(start).projected().project(target)
     state = _State(points, np.zeros_like(start), points.energy())
-    length = min(step, prepared.discretized.spacing**2)
-    least, energy, rests = LEAST_SHARE * length, [state.energy], False
+    first = min(step, prepared.discretized.spacing**2)
+    length, energy, rests = first, [state.energy], False
     while len(energy) <= most_steps and not rests:
         later = _step(prepared, target, state, length)
         unchecked = state.solution is None and bool(prepared.scene.boundaries)
         fall = 1.0 if unchecked or state.energy == 0 else 1 - later.energy / state.energy
-        if (fall < -RISING_SHARE or (later.projection_ratio > TORN_RATIO and not unchecked)) and length > least:
+        # The energy rises by more than rounding, or images jump between parts of the target that are thin for the step.
+        refused = fall < -1e-6 or (later.projection_ratio > 1.1 and not unchecked)
+        if refused and length > 0.01 * first:
             length *= 0.5
             continue
-        if later.energy < COVERING_SHARE * covering and state.solution is not None:
-            warn_each([UNCOVERED.format(later.energy, covering)])
+        if later.energy < 0.99 * covering and state.solution is not None:
+            warn_each(
+                [
+                    f"The next step would lower the energy to {later.energy:.4g}, below the area {covering:.4g} that "
+                    "the map covers: the lattice is too coarse for thin parts of the target, and the map would slip "
+                    "off them. The map before it is returned; fix the ends of thin parts by landmarks, or use a "
+                    "smaller spacing."
+                ]
+            )
             return state.solution, energy, False
-        state, rests = later, abs(fall) < rest and length >= min(step, prepared.discretized.spacing**2)
+        state, rests = later, abs(fall) < rest and length >= first
         energy.append(state.energy)
-        if later.projection_ratio < SMOOTH_RATIO:
+        if later.projection_ratio < 1.01:
             length = min(2 * length, step)
     assert state.solution is not None
     return state.solution, energy, rests
@@ -139,7 +132,7 @@ def _step(prepared: Prepared, target: ClosestPointSource, state: _State, step: f
 
 def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
     """Return the tangential parts of ``vectors`` (p, k) at points of the target, by differences of closest points."""
-    step = DIFFERENCE_SHARE * float(np.ptp(target.bounds, axis=0).max())
+    step = 1e-4 * float(np.ptp(target.bounds, axis=0).max())
     longest = float(np.linalg.norm(vectors, axis=1).max(initial=0.0))
     if longest == 0.0:
         return np.zeros_like(vectors)
@@ -148,18 +141,13 @@ def _tangential(target: ClosestPointSource, points: Floats, vectors: Floats) -> 
     return np.asarray((ahead - behind) * (longest / (2 * step)))
 
 
-#: The explicit step over the spacing squared, and the largest stable one.
-EXPLICIT_STEP_SHARE, LARGEST_STEP_SHARE = 0.1, 1 / 6
-#: The energy is integrated after so many explicit steps, and its mean decrease per step is compared with ``rest``.
-STEPS_PER_ENERGY = 50
-
-
 def explicit_flow(
     prepared: Prepared, target: ClosestPointSource, start: Floats, step: float | None, most_steps: int, rest: float
 ) -> tuple[Solution, list[float], bool]:
     """Take the explicit steps u_next = cp(u + step Lap u) of King et al. (2024), eq. 24, until the energy is at rest.
 
-    Arguments and results are those of :func:`implicit_flow`. Stable steps are bounded by the spacing squared.
+    Arguments and results are those of :func:`implicit_flow`. Stable steps are at most a sixth of the spacing squared.
+    The energy is integrated after each 50 steps, and its mean decrease per step is compared with ``rest``.
 
     Raises
     ------
@@ -167,21 +155,21 @@ def explicit_flow(
         If the form is not ``collocation``, or the step too long.
     """
     h = prepared.discretized.spacing
-    step = EXPLICIT_STEP_SHARE * h * h if step is None else positive(step, "step")
+    step = 0.1 * h * h if step is None else positive(step, "step")
     if prepared.discretized.form != "collocation":
         raise InputError("explicit steps are taken in the form 'collocation'; use method='implicit' in others.")
-    if step > LARGEST_STEP_SHARE * h * h:
-        raise InputError(f"explicit steps are at most {LARGEST_STEP_SHARE * h * h:.3g} here, got {step:.3g}.")
+    if step > h * h / 6:
+        raise InputError(f"explicit steps are at most {h * h / 6:.3g} here, got {step:.3g}.")
     system = ck.assemble(prepared.discretized)  # u - Lap u, and the data of boundaries
     solution = prepared.solve(problem=ck.ScreenedPoisson(prepared.field(start)))
     u = prepared.discretized.project(start)
     energy, rests = [_energy(replace(solution, values=u))], False
     for done in range(1, most_steps + 1):
         u = target.closest_point(u + step * (u - system.operator.apply(u) + system.right_side)).points
-        if done % STEPS_PER_ENERGY and done < most_steps:
+        if done % 50 and done < most_steps:
             continue
         energy.append(_energy(replace(solution, values=u)))
-        if energy[-2] - energy[-1] < rest * STEPS_PER_ENERGY * energy[-2]:
+        if energy[-2] - energy[-1] < rest * 50 * energy[-2]:
             rests = True
             break
     return replace(solution, values=u), energy, rests
@@ -191,3 +179,52 @@ def _energy(solution: Solution) -> float:
     """Return the Dirichlet energy, the integral of |grad u|^2 / 2 over all channels."""
     integral = solution.integrate(lambda points, _: 0.5 * (solution.gradient(points) ** 2).sum(axis=(1, 2)))
     return float(np.sum(integral))
+
+
+def degree_and_area(
+    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
+) -> tuple[int, float]:
+    """Return the degree of a map, the signed area of a surface's images over the target's area, and that area.
+
+    Raises
+    ------
+    InputError
+        If one of the surfaces has no closed oriented mesh.
+    ResolutionError
+        If the quotient is no whole number.
+    """
+    from scipy.spatial import cKDTree
+
+    vertices, faces = _closed_mesh(surface, 0.5 * spacing)
+    goals, cells = _closed_mesh(target, 0.5 * spacing)
+    vertex_images = images(vertices)
+    image_areas = _area_vectors(vertex_images, faces)
+    centres = target.closest_point(vertex_images[faces].mean(axis=1)).points
+    normals = vertex_normals(goals, cells)[cKDTree(goals).query(centres)[1]]
+    area = float(np.linalg.norm(_area_vectors(goals, cells), axis=1).sum())
+    degree = float(np.einsum("fd,fd->", image_areas, normals) / area)
+    if abs(degree - round(degree)) > 0.3:
+        raise ResolutionError(f"the map covers {degree:.2f} of the target, no whole number; use a smaller spacing.")
+    return round(degree), area
+
+
+def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
+    """Return normals (f, 3) of triangles, as long as the areas of the triangles."""
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.asarray(0.5 * np.cross(b - a, c - a))
+
+
+def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
+    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; raise InputError if it is not closed."""
+    if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
+        raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
+    vertices, faces = surface.mesh(spacing)
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if faces.shape[1] == 3 else np.zeros((1, 2))
+    ahead, back = ({*map(tuple, pairs.tolist())} for pairs in (edges, edges[:, ::-1]))
+    if len(ahead) < len(edges) or ahead != back:
+        raise InputError(
+            f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none."
+        )
+    corners = vertices[faces]
+    volume = np.einsum("fd,fd->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
+    return vertices, faces if volume > 0 else faces[:, ::-1]

@@ -14,94 +14,20 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coloured_meshes import with_colours
-from cpmkit.applications.curve_colours import dirichlet_along_curve, dirichlet_at_points
-from cpmkit.applications.harmonic_flows import explicit_flow, implicit_flow
-from cpmkit.applications.result import Result
+from cpmkit.applications.harmonic_flows import degree_and_area, explicit_flow, implicit_flow
+from cpmkit.applications.heat import scene_of
+from cpmkit.applications.result import Result, dirichlet_at_points, one_of, with_colours
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource, HasMesh, vertex_normals
+from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, positive, whole
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import warn_each
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
-
-
-#: Largest distance of a computed degree from a whole number.
-WHOLE_TOLERANCE = 0.3
-
-
-def degree_of_map(
-    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
-) -> int:
-    """Return the degree of a map: the signed area of the images of a surface's triangles over the target's area.
-
-    Raises
-    ------
-    InputError
-        If one of the surfaces has no closed oriented mesh.
-    ResolutionError
-        If the quotient is no whole number.
-    """
-    return _degree_and_area(surface, target, images, spacing)[0]
-
-
-def covered_area(
-    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
-) -> float:
-    """Return the target's area times the absolute degree; arguments and errors as of :func:`degree_of_map`."""
-    degree, area = _degree_and_area(surface, target, images, spacing)
-    return abs(degree) * area
-
-
-def _degree_and_area(
-    surface: ClosestPointSource, target: ClosestPointSource, images: Callable[[Floats], Floats], spacing: float
-) -> tuple[int, float]:
-    """Return the degree of a map and the area of the target; arguments and errors as of :func:`degree_of_map`."""
-    from scipy.spatial import cKDTree
-
-    vertices, faces = _closed_mesh(surface, 0.5 * spacing)
-    goals, cells = _closed_mesh(target, 0.5 * spacing)
-    vertex_images = images(vertices)
-    image_areas = _area_vectors(vertex_images, faces)
-    centres = target.closest_point(vertex_images[faces].mean(axis=1)).points
-    normals = vertex_normals(goals, cells)[cKDTree(goals).query(centres)[1]]
-    area = float(np.linalg.norm(_area_vectors(goals, cells), axis=1).sum())
-    degree = float(np.einsum("fd,fd->", image_areas, normals) / area)
-    if abs(degree - round(degree)) > WHOLE_TOLERANCE:
-        raise ResolutionError(f"the map covers {degree:.2f} of the target, no whole number; use a smaller spacing.")
-    return round(degree), area
-
-
-def _area_vectors(vertices: Floats, faces: Ints) -> Floats:
-    """Return normals (f, 3) of triangles, as long as the areas of the triangles."""
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    return np.asarray(0.5 * np.cross(b - a, c - a))
-
-
-def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, Ints]:
-    """Return vertices (v, 3) and outward triangles (f, 3) of a closed surface; raise InputError if it is not closed."""
-    if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
-        raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
-    vertices, faces = surface.mesh(spacing)
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if faces.shape[1] == 3 else np.zeros((1, 2))
-    ahead, back = ({*map(tuple, pairs.tolist())} for pairs in (edges, edges[:, ::-1]))
-    if len(ahead) < len(edges) or ahead != back:
-        raise InputError(
-            f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none."
-        )
-    corners = vertices[faces]
-    volume = np.einsum("fd,fd->", np.cross(corners[:, 0], corners[:, 1]), corners[:, 2])
-    return vertices, faces if volume > 0 else faces[:, ::-1]
-
-
-METHODS = ("implicit", "explicit")
-#: Default step over the square of half the manifold's size: 0.1 on a sphere of radius one.
-STEP_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -138,7 +64,7 @@ class SurfaceMap(Result):
         InputError
             If one of the surfaces is not closed or has no mesh.
         """
-        return degree_of_map(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)
+        return degree_and_area(self.solution.scene.surface, self.target, self.evaluate, self.solution.spacing)[0]
 
     def pull_back(self, values: Any) -> Callable[[Any], Floats]:
         """Return a function of the source's points (n, d): the target's ``values`` at their images.
@@ -172,20 +98,18 @@ class SurfaceMap(Result):
 
     def drawable(self, texture: Any = None) -> Solution:
         """Return the source with the target's colours; ``texture`` as for :meth:`picture`."""
-        colours = self._coordinates_as_colours if texture is None else texture
-        return self.with_colours(self.pull_back(colours)(self.solution.display_mesh().points))
+        if texture is None:
+            low, high = self.target.bounds
+            images = self.evaluate(self.solution.display_mesh().points)
+            share = (images - low) / np.where(high > low, high - low, 1.0)
+            return self.with_colours(np.pad(share, ((0, 0), (0, 3 - share.shape[1])), constant_values=0.5))
+        return self.with_colours(self.pull_back(texture)(self.solution.display_mesh().points))
 
     drawn_with = DeprecatedMember("with_colours")
 
     def with_colours(self, colours: Any) -> Solution:
         """Return the source with ``colours`` (v, 3) at the vertices of ``solution.display_mesh()``."""
         return with_colours(self.solution, colours)
-
-    def _coordinates_as_colours(self, points: Floats) -> Floats:
-        """Return colours (n, 3) from 0 to 1: the coordinates of the target's points, relative to its bounds."""
-        low, high = self.target.bounds
-        share = (points - low) / np.where(high > low, high - low, 1.0)
-        return np.pad(share, ((0, 0), (0, 3 - share.shape[1])), constant_values=0.5)
 
 
 def harmonic_map(
@@ -251,8 +175,7 @@ def harmonic_map(
     >>> bool(abs(found.energy[-1] - 7.9327**2 / 2 / 6.2832) < 0.01)
     True
     """
-    if method not in METHODS:
-        raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
+    one_of(method, ("implicit", "explicit"), "method")
     rest, most_steps = positive(rest, "rest"), whole(most_steps, "most_steps", 1, 1_000_000)
     scene = _scene(surface, target, landmarks)
     prepared = ck.prepare(scene, spacing, **{"form": "galerkin" if method == "implicit" else "collocation", **options})
@@ -261,7 +184,7 @@ def harmonic_map(
         result = explicit_flow(prepared, target, start, step, most_steps, rest)
     else:
         half = 0.5 * float(np.ptp(scene.surface.bounds, axis=0).max())
-        first = STEP_SHARE * half**2 if step is None else positive(step, "step")
+        first = 0.1 * half**2 if step is None else positive(step, "step")
         covering = _initially_covered_area(prepared, target, initial)
         result = implicit_flow(prepared, target, start, first, most_steps, rest, covering)
     solution, energy, at_rest = result
@@ -273,10 +196,10 @@ def harmonic_map(
 def _initially_covered_area(prepared: Prepared, target: ClosestPointSource, initial: Any) -> float:
     """Return the area that the initial map covers, a lower bound of its homotopy class's energy; 0 if unknown."""
     images = target.closest_point if not callable(initial) else lambda points: target.closest_point(initial(points))
+    surface, spacing = prepared.scene.surface, prepared.discretized.spacing
     try:
-        return covered_area(
-            prepared.scene.surface, target, lambda points: images(points).points, prepared.discretized.spacing
-        )
+        degree, area = degree_and_area(surface, target, lambda points: images(points).points, spacing)
+        return abs(degree) * area
     except (InputError, ResolutionError):
         return 0.0
 
@@ -298,7 +221,7 @@ def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
     """Return the scene of the flow, with landmarks as boundaries; raise InputError if landmarks are not accepted."""
     problem = ck.ScreenedPoisson([0.0] * target.dim)
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, problem)
+    scene = scene_of(surface)
     if target.manifold_dim not in (1, 2):
         raise InputError("maps go to curves and surfaces; the target is neither.")
     boundaries = list(scene.boundaries)
@@ -308,7 +231,9 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
         place, image = pair
         name = f"landmark {number}"
         if isinstance(place, ClosestPointSource) and place.manifold_dim:
-            boundaries.append(dirichlet_along_curve(name, place, _on_target(target, image)))
+            if not callable(image):
+                raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
+            boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_on_target(target, image))))
             continue
         at = scene.surface.closest_point(as_points(np.atleast_2d(place), scene.surface.dim)).points
         goals = as_points(np.atleast_2d(image), target.dim)
@@ -318,8 +243,6 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
     return ck.Scene(scene.surface, problem, boundaries, scene.edge)
 
 
-def _on_target(target: ClosestPointSource, image: Any) -> Callable[[Floats], Floats]:
+def _on_target(target: ClosestPointSource, image: Callable[[Floats], Any]) -> Callable[[Floats], Floats]:
     """Return a function of points (n, d) of a curve: the values of ``image`` there, projected on the target."""
-    if not callable(image):
-        raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
     return lambda points: np.asarray(target.closest_point(np.asarray(image(points), dtype=np.float64)).points)

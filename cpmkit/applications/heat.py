@@ -21,28 +21,19 @@ from cpmkit.types import Bools, Floats
 
 #: Relative residual at which solves stop: distances are exact to 1e-3, so that a direct solve need not be refined.
 DISTANCE_RESIDUAL = 1e-7
-#: Relative residual of the heat of vectors, well below NOISE_SHARE.
-VECTOR_HEAT_RESIDUAL = 1e-12
-#: Unknowns up to which the heat step is solved directly: its solution then decays without noise.
-MOST_FACTORISED = 60_000
 #: Time of the heat step over the spacing squared, and the factor by which it grows until heat arrives everywhere.
 HEAT_TIME, TIME_GROWTH = 0.5, 4.0
 #: Heat below this share of its largest value is noise if an iterative solver computed it.
 NOISE_SHARE = 1e-9
 #: Share of points that may remain without a direction where heat underflows; a longer time would blur all directions.
 UNDERFLOW_SHARE = 1e-2
-#: Penalty of normal components, times h^2: with 1, directions are 18 times less exact on a sphere; with 100, twice as
-#: many iterations are needed.
-TANGENTIAL_PENALTY = 25.0
 
 
-def manifold_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ClosestPointSource:
-    """Return the manifold of a source, a scene or a prepared scene."""
+def scene_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
+    """Return the scene of a source, with the equation Laplace; a scene, or that of a prepared scene, as it is."""
     if isinstance(surface, Prepared):
-        return surface.scene.surface
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
-    manifold: ClosestPointSource = scene.surface
-    return manifold
+        return surface.scene
+    return surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
 
 
 def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
@@ -53,41 +44,39 @@ def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any
     InputError
         If a boundary is no barrier, or a spacing or options are given beside a prepared scene.
     """
-    if isinstance(surface, Prepared):
-        if spacing is not None or options:
-            raise InputError("spacing and options are those of the prepared scene; leave them out.")
-        _check_barriers(surface.scene)
-        return surface
-    prepared: Prepared = ck.prepare(barriers(surface), spacing, **{"form": "galerkin", **options})
-    return prepared
+    scene = barriers(surface)
+    if not isinstance(surface, Prepared):
+        prepared: Prepared = ck.prepare(scene, spacing, **{"form": "galerkin", **options})
+        return prepared
+    if spacing is not None or options:
+        raise InputError("spacing and options are those of the prepared scene; leave them out.")
+    return surface
 
 
-def barriers(surface: ClosestPointSource | ck.Scene) -> ck.Scene:
+def barriers(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
     """Return the scene of a manifold with its barriers and with f = 0.
 
     Raises
     ------
     InputError
-        If a boundary is no barrier.
+        If a condition of a boundary or the edge is not of the kind Neumann.
     """
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
-    _check_barriers(scene)
-    return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
-
-
-def _check_barriers(scene: ck.Scene) -> None:
-    """Raise an InputError if a condition of a boundary or the edge is not of the kind Neumann."""
+    scene = scene_of(surface)
     for condition in scene.conditions:
         if condition.kind != "neumann":
             raise InputError(
                 f"boundaries of a scene are barriers, with the condition Neumann(0), got {condition.kind!r}; curves "
                 "that distances are measured from are origins."
             )
+    return ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
 
 
 def heat_solver(prepared: Prepared) -> Prepared:
-    """Return the prepared scene with the solver of the heat step: direct up to MOST_FACTORISED unknowns."""
-    if prepared.discretized.size > MOST_FACTORISED:
+    """Return the prepared scene with the solver of the heat step: direct up to 60,000 unknowns.
+
+    A direct solution decays without noise.
+    """
+    if prepared.discretized.size > 60_000:
         return prepared
     return prepared.solved_by("direct", solver_tolerance=DISTANCE_RESIDUAL)
 
@@ -116,7 +105,8 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
         cold = heat.values <= share * heat.values.max()
         if not everywhere:
             pieces = pieces_of(prepared)
-            cold &= pieces.any_of(heat.values > 0.0)[pieces.of_point]
+            warm = np.bincount(pieces.of_point, heat.values > 0.0, pieces.count) > 0  # pieces with an origin
+            cold &= warm[pieces.of_point]
         underflow = is_only_underflow(heat.values, cold)
         if underflow or time > longest_time(prepared):
             break
@@ -177,7 +167,7 @@ def vector_heat_directions(
         If no vector arrives somewhere.
     """
     h = prepared.discretized.spacing
-    heated = prepared.solved_by("jacobi", solver_tolerance=VECTOR_HEAT_RESIDUAL)
+    heated = prepared.solved_by("jacobi", solver_tolerance=1e-12)  # well below NOISE_SHARE
     directions = np.zeros_like(prepared.points)
     cold, time = np.ones(len(directions), dtype=bool), shortest * h * h
     while cold.any() and time < TIME_GROWTH * longest_time(prepared):
@@ -195,13 +185,13 @@ def vector_heat_directions(
 def tangential_coupling(prepared: Prepared, parallel: bool) -> ck.Field:
     """Return the zeroth-order coefficient of the system for the components of tangential vectors.
 
-    It is (s / h^2) n n', with the normal n and s = TANGENTIAL_PENALTY, which penalises normal components; less S^2,
-    with the shape operator S, if vectors are transported in ``parallel``. The field has nine channels, a 3 x 3 matrix
-    per point.
+    It is (25 / h^2) n n', with the normal n, which penalises normal components; less S^2, with the shape operator S, if
+    vectors are transported in ``parallel``. With 1 in place of 25 directions are 18 times less exact on a sphere; with
+    100 twice as many iterations are needed. The field has nine channels, a 3 x 3 matrix per point.
     """
     normals = ck.normals_at(prepared.scene.surface, prepared.points)
     projector = np.einsum("pi,pj->pij", normals, normals)
-    coupling = TANGENTIAL_PENALTY / prepared.discretized.spacing**2 * projector
+    coupling = 25.0 / prepared.discretized.spacing**2 * projector
     if parallel:
         shape = _shape_operator(prepared, projector)
         coupling = coupling - np.einsum("pik,pjk->pij", shape, shape)

@@ -12,12 +12,9 @@ import numpy as np
 
 import cpmkit as ck
 from cpmkit.errors import InputError, shown
-from cpmkit.plugin import ClosestPointSource, Discretized, HasGivenMesh, Terms, norms
+from cpmkit.plugin import ClosestPointSource, Discretized, HasGivenMesh, Terms
 from cpmkit.preparing import Prepared
-from cpmkit.types import Bools, Floats, Ints
-
-#: Up to so many points are searched one after the other, which is five times as fast as a tree.
-MOST_SEARCHED_POINTS = 4
+from cpmkit.types import Floats, Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +42,9 @@ class Origins:
         Origins that are points are numbered first, then curves.
         """
         count = len(self.points)
-        best, number = self._nearest_point(points)
+        best, number = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
+        if count:
+            best, number = self._tree.query(points)
         places = self.points[number] if count else np.zeros_like(points)
         for k, curve in enumerate(self.curves):
             feet = curve.closest_point(points)
@@ -53,25 +52,6 @@ class Origins:
             best, places = np.where(nearer, feet.distance, best), np.where(nearer[:, None], feet.points, places)
             number = np.where(nearer, count + k, number)
         return best, places, number
-
-    def distances(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return only the distances (n,) and the numbers (n,) of :meth:`closest`, which is faster."""
-        if self.curves:
-            best, _, number = self.closest(points)
-            return best, number
-        return self._nearest_point(points)
-
-    def _nearest_point(self, points: Floats) -> tuple[Floats, Ints]:
-        """Return the distances (n,) from the nearest of the points, infinite if there are none, and its number (n,)."""
-        if len(self.points) > MOST_SEARCHED_POINTS:
-            best, number = self._tree.query(points)
-            return best, number
-        best, number = np.full(len(points), np.inf), np.zeros(len(points), dtype=np.int64)
-        for k, point in enumerate(self.points):
-            distance = norms(points - point)
-            number[distance < best] = k
-            best = np.minimum(best, distance)
-        return best, number
 
     def samples(self, spacing: float) -> tuple[Floats, Ints]:
         """Return points (k, d) on all origins, about a ``spacing`` apart on curves, and their origins' numbers (k,)."""
@@ -116,7 +96,8 @@ def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     """
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
-    for entry in _as_list(origins):
+    several = isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins)
+    for entry in origins if several else [origins]:
         if _are_vertices(entry, surface):
             entry = ck.Boundary("origins", entry, both=ck.Neumann(0.0)).on(surface).source
         if isinstance(entry, ClosestPointSource):
@@ -151,13 +132,6 @@ def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
     return whole and (isinstance(surface, HasGivenMesh) or array.size != surface.dim)
 
 
-def _as_list(origins: Any) -> list[Any]:
-    """Return the entries of a sequence that has sources among them; other origins as a single entry."""
-    if isinstance(origins, Sequence) and any(isinstance(entry, ClosestPointSource) for entry in origins):
-        return list(origins)
-    return [origins]
-
-
 @dataclass(frozen=True, eq=False)
 class Pieces:
     """The connected pieces of a prepared manifold with barriers.
@@ -182,10 +156,6 @@ class Pieces:
             return np.zeros(len(points), dtype=np.int64)
         numbers: Ints = np.rint(form.rows(points) @ self.of_unknown.astype(np.float64)).astype(np.int64)
         return numbers
-
-    def any_of(self, at_point: Bools) -> Bools:
-        """Return for each piece (count,) whether ``at_point`` (p,) is true at any of its points."""
-        return np.bincount(self.of_point, at_point, self.count) > 0
 
 
 #: Cache of :func:`pieces_of` by discretised scene.

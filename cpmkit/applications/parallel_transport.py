@@ -19,9 +19,9 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coloured_meshes import with_colours
 from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, Distance, geodesic_distance
-from cpmkit.applications.heat import tangential_coupling, vector_heat_directions
+from cpmkit.applications.heat import prepare_manifold, scene_of, tangential_coupling, vector_heat_directions
+from cpmkit.applications.result import with_colours
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
@@ -32,16 +32,6 @@ from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.scenefile.look import LookKeywords
-
-#: Time of the heat of vectors over the spacing squared: with 16, directions are half as exact on Spot; with 1, they are
-#: a tenth more exact there, and less exact on a sphere.
-HEAT_TIME = 2.0
-#: Time of the heat of lengths over the spacing squared: lengths are averaged over its square root, in spacings.
-AVERAGING_TIME = 16.0
-#: Within so many spacings of the point the logarithm is the straight difference.
-STRAIGHT_SPACINGS = 2.0
-#: Numbers of rings and of rays in a picture of a logarithmic map.
-RINGS, RAYS = 16, 24
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -99,7 +89,7 @@ class LogarithmicMap:
             second = second_field.evaluate(at, normalized=True)
         direction = np.stack([np.einsum("nd,nd->n", away, axis) for axis in (first, second)], axis=1)
         straight = (at - self.point) @ self.axes.T
-        close = np.linalg.norm(at - self.point, axis=1) < STRAIGHT_SPACINGS * h
+        close = np.linalg.norm(at - self.point, axis=1) < 2 * h
         close &= length < PRESCRIBED_SPACINGS * h
         return np.asarray(length[:, None] * unit(np.where(close[:, None], straight, direction)))
 
@@ -119,7 +109,7 @@ class LogarithmicMap:
         solution = self.distance.solution
         x, y = self.evaluate(solution.display_mesh().points).T
         length = np.hypot(x, y)
-        ring, ray = np.floor(RINGS * length / length.max()), np.floor(RAYS * np.arctan2(y, x) / (2 * np.pi))
+        ring, ray = np.floor(16 * length / length.max()), np.floor(24 * np.arctan2(y, x) / (2 * np.pi))
         light = np.where((ring + ray) % 2, 1.0, 0.72)[:, None]
         turn = np.arctan2(y, x)[:, None] + 2 * np.pi / 3 * np.arange(3)
         return with_colours(solution, light * (0.6 + 0.35 * np.cos(turn))).picture(path, **options)
@@ -167,7 +157,8 @@ def transport_vector(
     array([[ 0.,  0., -2.],
            [ 2.,  0.,  0.]])
     """
-    prepared = _prepare(surface, spacing, options)
+    check_surface(scene_of(surface).surface)
+    prepared = prepare_manifold(surface, spacing, options)
     at = as_points(np.atleast_2d(points), 3)
     at = prepared.scene.surface.closest_point(at).points
     projected = tangential(prepared.scene.surface, at, np.broadcast_to(np.atleast_2d(vectors), at.shape))
@@ -221,7 +212,8 @@ def logarithmic_map(
     array([[ 0. ,  1.6],
            [-1.6,  0. ]])
     """
-    prepared = _prepare(surface, spacing, options)
+    check_surface(scene_of(surface).surface)
+    prepared = prepare_manifold(surface, spacing, options)
     source = prepared.scene.surface
     at = source.closest_point(as_vector(point, 3, "point")[None]).points
     normal = ck.normals_at(source, at)[0]
@@ -238,25 +230,16 @@ def logarithmic_map(
     return LogarithmicMap(at[0], axes, distance, (first_field, second_field))
 
 
-def _prepare(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
-    """Return the prepared scene of a surface with barriers; raise InputError if the manifold is no surface in space."""
-    if isinstance(surface, Prepared):
-        if spacing is not None or options:
-            raise InputError("spacing and options are those of the prepared scene; leave them out.")
-        check_surface(surface.scene.surface)
-        return surface
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Poisson(0.0))
-    check_surface(scene.surface)
-    scene = ck.Scene(scene.surface, ck.Poisson(0.0), scene.boundaries, scene.edge)
-    prepared: Prepared = ck.prepare(scene, spacing, **{"form": "galerkin", **options})
-    return prepared
-
-
 def _transport(
     prepared: Prepared, coupling: ck.Field, at: Floats, vectors: Floats, lengths: Floats
 ) -> TransportedField:
-    """Return the transport of ``vectors`` (k, 3) with ``lengths`` (k,) from the points ``at`` (k, 3) to everywhere."""
-    directions = vector_heat_directions(prepared, coupling, ck.PointSource(at, vectors), HEAT_TIME)[1]
+    """Return the transport of ``vectors`` (k, 3) with ``lengths`` (k,) from the points ``at`` (k, 3) to everywhere.
+
+    The time of the heat of vectors is twice the spacing squared: with 16, directions are half as exact on Spot; with 1,
+    they are a tenth more exact there, and less exact on a sphere. Lengths are averaged over four spacings, the root of
+    the time of their heat.
+    """
+    directions = vector_heat_directions(prepared, coupling, ck.PointSource(at, vectors), 2.0)[1]
     numbers = ck.PointSource(at, np.stack([lengths, np.ones(len(at))], axis=1))
-    c = 1 / (AVERAGING_TIME * prepared.discretized.spacing**2)
+    c = 1 / (16 * prepared.discretized.spacing**2)
     return TransportedField(directions, "parallel", prepared.solve(problem=ck.ScreenedPoisson(numbers, c=c)))

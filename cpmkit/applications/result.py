@@ -3,23 +3,113 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self, TypeVar, Unpack
+from typing import TYPE_CHECKING, Any, TypeVar, Unpack
+
+import numpy as np
 
 import cpmkit as ck
 from cpmkit.applications.heat import barriers, prepare_manifold
+from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
+from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
+from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
     from cpmkit.scenefile.look import LookKeywords
 
-#: Order at which errors of distances are assumed to fall: the order on ridges and meshes; smooth surfaces have more.
-ORDER = 1.0
+
+@dataclass(frozen=True, eq=False)
+class ColouredSolution(Solution):
+    """A solution that is drawn with other colours.
+
+    Attributes
+    ----------
+    mesh : DisplayMesh
+        The display mesh with the colours as values.
+    """
+
+    mesh: Any = field(kw_only=True)
+
+    def display_mesh(self) -> Any:
+        """Return the display mesh with the colours as values."""
+        return self.mesh
+
+
+def with_colours(solution: Solution, colours: Floats) -> ColouredSolution:
+    """Return ``solution`` with ``colours`` (v,) or (v, channels) at the vertices of its display mesh."""
+    attributes = {entry.name: getattr(solution, entry.name) for entry in fields(Solution)}
+    values = np.asarray(colours, dtype=np.float64).reshape(len(colours), -1)
+    return ColouredSolution(**attributes, mesh=replace(solution.display_mesh(), values=values))
+
+
+def with_triangles(
+    solution: ColouredSolution, points: Floats, triangles: Ints, normals: Floats, colour: Any
+) -> ColouredSolution:
+    """Return ``solution`` with ``triangles`` (t, 3) of ``points`` (v, 3) added to its display mesh.
+
+    They have one colour (3,) and are shaded by ``normals`` (v, 3).
+    """
+    mesh = solution.mesh
+    count, corners = len(mesh.points), max(mesh.cells.shape[1], 3)
+    cells = np.full((len(mesh.cells) + len(triangles), corners), -1)
+    cells[: len(mesh.cells), : mesh.cells.shape[1]] = mesh.cells
+    cells[len(mesh.cells) :, :3] = triangles + count
+    more = replace(
+        mesh,
+        points=np.concatenate([mesh.points, points]),
+        cells=cells,
+        values=np.concatenate([mesh.values, np.broadcast_to(colour, (len(points), mesh.values.shape[1]))]),
+        normals=np.concatenate([mesh.normals, normals]),
+        sides=None,
+    )
+    return replace(solution, mesh=more)
+
+
+#: Corners of an arrow of length one about its centre: coordinates along it and across.
+OUTLINE = np.array(
+    [[-0.5, -0.05], [0.0, -0.05], [0.15, -0.05], [0.15, -0.18], [0.5, 0.0], [0.15, 0.18], [0.15, 0.05], [0.0, 0.05]]
+    + [[-0.5, 0.05]]
+)
+TRIANGLES = np.array([[0, 1, 8], [8, 1, 7], [1, 2, 7], [7, 2, 6], [3, 4, 5]])
+
+
+def spread_points(points: Floats, distance: float) -> Ints:
+    """Return the indices of randomly chosen points, no two of which are nearer to each other than ``distance``."""
+    from scipy.spatial import cKDTree
+
+    neighbours = cKDTree(points).query_ball_point(points, distance)
+    free, chosen = np.ones(len(points), dtype=bool), []
+    for number in np.random.default_rng(0).permutation(len(points)):
+        if free[number]:
+            chosen.append(number)
+            free[neighbours[number]] = False
+    return np.array(chosen, dtype=np.int64)
+
+
+def arrow_triangles(
+    surface: ClosestPointSource, centres: Floats, directions: Floats, length: float
+) -> tuple[Floats, Ints, Floats]:
+    """Return vertices (v, 3), triangles (t, 3) and normals (v, 3) of arrows along a surface, on both its sides.
+
+    Each corner is projected on the surface and then moved off it along the normal.
+    """
+    normals = ck.normals_at(surface, centres)
+    across = np.cross(normals, directions)
+    corners = centres[:, None] + length * (OUTLINE[:, :1] * directions[:, None] + OUTLINE[:, 1:] * across[:, None])
+    on = surface.closest_point(corners.reshape(-1, 3)).points
+    corner_normals = ck.normals_at(surface, on).reshape(corners.shape)
+    corner_normals *= np.where(np.einsum("mcd,md->mc", corner_normals, normals) < 0, -1.0, 1.0)[:, :, None]
+    lift = 0.08 * length * corner_normals.reshape(-1, 3)
+    faces = (len(OUTLINE) * np.arange(len(centres))[:, None, None] + TRIANGLES).reshape(-1, 3)
+    facing = corner_normals.reshape(-1, 3)
+    both = np.concatenate([on + lift, on - lift])
+    return both, np.concatenate([faces, faces[:, ::-1] + len(on)]), np.concatenate([facing, -facing])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,39 +162,25 @@ class Measured(Result):
 
     recompute: Callable[[float, Any], Solution] | None = None
 
-    @property
+    @cached_property
     def error(self) -> ErrorEstimate:
         """An estimate of the error, computed on first use from the result at twice the spacing.
 
-        Errors are assumed to be proportional to the spacing. On smooth surfaces they fall faster, and the estimate is
-        up to ten times too large.
+        Errors are assumed to be proportional to the spacing, as on ridges and meshes. On smooth surfaces they fall
+        faster, and the estimate is up to ten times too large.
 
         Raises
         ------
         CpmkitError
             If the quantity cannot be computed at twice the spacing.
         """
-        return self.solution.estimated or self._error
-
-    @cached_property
-    def _error(self) -> ErrorEstimate:
-        """The error estimate of :attr:`error`, computed from the result at twice the spacing."""
         assert self.recompute is not None
-        estimate: ErrorEstimate = ck.estimate_error_by(self.recompute, self.solution, order=ORDER)
-        return estimate
+        return self.solution.estimated or ck.estimate_error_by(self.recompute, self.solution, order=1.0)
 
     def gradient(self, points: Any) -> Floats:
         """Return the tangential gradient (n, d), of length one except at ridges, ends and gaps."""
         gradient: Floats = self.solution.gradient(points)
         return gradient
-
-    def with_recompute(self, recompute: Callable[[float, Any], Solution], solution: Solution | None = None) -> Self:
-        """Return the result with another function ``recompute`` and, if given, another ``solution``.
-
-        ``recompute`` returns the solution at a spacing and an origin of the lattice. Without a ``solution`` the present
-        one is kept, marked so that it makes no error estimate of its own, which would be that of only the last solve.
-        """
-        return replace(self, recompute=recompute, solution=solution or replace(self.solution, estimated=False))
 
 
 MeasuredResult = TypeVar("MeasuredResult", bound=Measured)
@@ -132,32 +208,41 @@ def measure_to_target(
         If an option is not accepted, or ``measure`` raises it.
     """
     target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
+    last: list[MeasuredResult] = []
     if not target or spacing is not None or isinstance(surface, Prepared):
         prepared = prepare_manifold(surface, spacing, options)
-        return measure(prepared).with_recompute(_recompute_like(prepared, measure))
-    scene = barriers(surface)
-    others = {name: value for name, value in options.items() if name not in target}
-    last: list[MeasuredResult] = []
+        last.append(measure(prepared))
+        scene, every = prepared.scene, prepared.options.as_dict() if prepared.options else {}
+        others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
+        others |= {"form": prepared.discretized.form}
+    else:
+        scene, others = barriers(surface), {name: value for name, value in options.items() if name not in target}
 
     def recompute(spacing: float, origin: Any) -> Solution:
-        last[:] = [measure(prepare_manifold(scene, spacing, {**others, "origin": others.get("origin", origin)}))]
+        last[:] = [measure(prepare_manifold(scene, spacing, {"origin": origin, **others}))]
         return last[0].solution
 
-    solution = ck.solve_by(recompute, scene, order=ORDER, **target)
-    return last[0].with_recompute(recompute, solution)
+    if last:  # an estimate that the solution made of itself would be that of only the last solve
+        return replace(last[0], recompute=recompute, solution=replace(last[0].solution, estimated=False))
+    solution = ck.solve_by(recompute, scene, order=1.0, **target)
+    return replace(last[0], recompute=recompute, solution=solution)
 
 
-def _recompute_like(prepared: Prepared, measure: Callable[[Prepared], Measured]) -> Callable[[float, Any], Solution]:
-    """Return a function of a spacing and an origin that measures there and returns the solution.
+def one_of(value: Any, accepted: tuple[str, str], label: str) -> str:
+    """Return ``value`` if it is one of the ``accepted``; raise InputError, which names it as ``label``, if not."""
+    if value not in accepted:
+        raise InputError(f"{label} must be {' or '.join(accepted)}, got {shown(value)}.")
+    return str(value)
 
-    It uses the options with which ``prepared`` was prepared.
-    """
-    options = prepared.options
-    every = {} if options is None else options.as_dict()
-    others = {name: value for name, value in every.items() if name not in ("spacing", "origin")}
 
-    def recompute(spacing: float, origin: Any) -> Solution:
-        options = {**others, "origin": origin, "form": prepared.discretized.form}
-        return measure(prepare_manifold(prepared.scene, spacing, options)).solution
+def count_rounds(method: Any, rounds: Any) -> int:
+    """Return the number of rounds of transport by a method of distances, none by ``heat``; raise InputError else."""
+    return whole(rounds, "rounds", 1, 100) if one_of(method, ("transport", "heat"), "method") == "transport" else 0
 
-    return recompute
+
+def dirichlet_at_points(name: str, points: Floats, values: Floats) -> list[ck.Boundary]:
+    """Return a boundary for each of ``points`` (k, d), with its row of ``values`` (k, channels) as Dirichlet value."""
+    return [
+        ck.Boundary(f"{name}.{k}", ck.source("analytic.point", at=at), both=ck.Dirichlet(value.tolist()))
+        for k, (at, value) in enumerate(zip(points, values, strict=True))
+    ]

@@ -19,27 +19,24 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.geodesics import METHODS, PRESCRIBED_SPACINGS, transport_distance, transport_solver
+from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, transport_distance, transport_solver
 from cpmkit.applications.heat import (
     HEAT_TIME,
     heat_directions,
     heat_solver,
-    manifold_of,
+    scene_of,
     tangential_coupling,
     vector_heat_directions,
 )
 from cpmkit.applications.origins import Origins, origins_of
-from cpmkit.applications.result import Measured, measure_to_target
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.applications.result import Measured, count_rounds, measure_to_target
+from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, dots, unit
 from cpmkit.preparing import Prepared
-from cpmkit.runtime.arrays import as_points, whole
+from cpmkit.runtime.arrays import as_points
 from cpmkit.solution.boundary_points import BoundaryPoints
 from cpmkit.types import Floats
-
-#: A point lies across a curve if its offset has at most this share along the tangent; else the foot is an end.
-ALONG_SHARE = 0.3
 
 
 @dataclass(frozen=True, eq=False, repr=False, kw_only=True)
@@ -113,10 +110,7 @@ def signed_distance(
     >>> distance.evaluate([[0.6, 0, 0.8], [0.6, 0, -0.8]]).round(2)
     array([ 0.93, -0.93])
     """
-    if method not in METHODS:
-        raise InputError(f"method must be {' or '.join(METHODS)}, got {shown(method)}.")
-    rounds = whole(rounds, "rounds", 1, 100) if method == "transport" else 0
-    manifold = manifold_of(surface)
+    rounds, manifold = count_rounds(method, rounds), scene_of(surface).surface
     if manifold.dim != 3 or manifold.manifold_dim != 2:
         raise InputError("signed distances are measured on surfaces in space.")
     sources = origins_of(curves, manifold)
@@ -184,7 +178,7 @@ def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, 
         rows = np.flatnonzero(number == k)
         tangents, conormals = ck.directions_along(curve, curves.surface)(places[rows])
         offset = points[rows] - places[rows]
-        across = np.abs(dots(offset, tangents)) <= ALONG_SHARE * straight[rows]
+        across = np.abs(dots(offset, tangents)) <= 0.3 * straight[rows]  # else the nearest point is an end
         signed[rows[across]] = (np.sign(dots(offset, conormals)) * straight[rows])[across]
     return straight, signed
 

@@ -12,35 +12,34 @@ from cpmkit.applications.colouring import ColouredSurface
 from cpmkit.errors import InputError
 from cpmkit.facade import Solution
 from cpmkit.files.whole_files import write_png
+from cpmkit.plugin import Mesh
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.messages import warn_each
 from cpmkit.types import Bools, Floats, Ints
 
-#: Pixels that are processed at once.
-PARCEL_PIXELS = 2_000_000
-#: Largest distance of texture coordinates from the image, as a share of it.
-OUTSIDE_SHARE = 1e-6
-#: Two triangles overlap at a pixel if all barycentric coordinates exceed this; else it is on their common edge.
-INSIDE_COORDINATE = 1e-9
 
-
-@dataclass(frozen=True, eq=False)
-class TexturedMesh:
+class TexturedMesh(Mesh):
     """A mesh with texture coordinates at the corners of its triangles.
 
-    Attributes
+    Parameters
     ----------
-    vertices, faces : (n, 3) float64 and (m, 3) int64
+    vertices, faces : (v, 3) float64 and (m, 3) int64
     coordinates : (k, 2) float64
         From 0 to 1, u to the right and v upwards.
     corners : (m, 3) int64
         Numbers of the texture coordinates of each triangle's corners.
     """
 
-    vertices: Floats
-    faces: Ints
     coordinates: Floats
     corners: Ints
+
+    def __init__(self, vertices: Floats, faces: Ints, coordinates: Floats, corners: Ints) -> None:
+        self.__dict__.update(vars(Mesh.of(vertices, faces)), coordinates=coordinates, corners=corners)
+
+    @property
+    def faces(self) -> Ints:
+        """(m, 3) the corners of each triangle."""
+        return self.cells
 
     def __repr__(self) -> str:
         return f"TexturedMesh of {len(self.vertices):,} vertices and {len(self.faces):,} triangles"
@@ -133,7 +132,7 @@ def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
     outside = np.abs(mesh.coordinates - 0.5).max(initial=0.0) - 0.5
     if len(mesh.corners) != len(mesh.faces):
         raise InputError(f"a textured mesh has corners for each of {len(mesh.faces)} faces, got {len(mesh.corners)}.")
-    if not outside <= OUTSIDE_SHARE:
+    if not outside <= 1e-6:
         raise InputError(
             f"texture coordinates must be from 0 to 1, and exceed that by {outside:.3g}; tiles and "
             "repeated images are not baked."
@@ -145,38 +144,26 @@ def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
 def _rasterise(triangles: Floats, width: int, height: int) -> tuple[Ints, Floats, int]:
     """Return the triangle (n,) at each pixel or -1, its barycentric coordinates (n, 3), and the number of overlaps.
 
-    Pixels are numbered line by line; an overlap is a pixel that is inside of several triangles.
+    Pixels are numbered line by line; an overlap is a pixel that is inside of several triangles, not on a common edge.
     """
     shown, local = np.full(height * width, -1), np.zeros((height * width, 3))
     times = np.zeros(height * width, dtype=np.int64)
     limit = np.array([width, height]) - 1
     low = np.clip(np.ceil(triangles.min(axis=1)), 0, limit + 1).astype(np.int64)
-    high = np.clip(np.floor(triangles.max(axis=1)), -1, limit).astype(np.int64)
-    size = np.maximum(high - low + 1, 0)
-    ends = np.cumsum(size.prod(axis=1))
-    parcel = (ends - 1) // PARCEL_PIXELS
-    for number in np.unique(parcel[size.prod(axis=1) > 0]):
+    size = np.maximum(np.clip(np.floor(triangles.max(axis=1)), -1, limit).astype(np.int64) - low + 1, 0)
+    count = size.prod(axis=1)
+    parcel = (np.cumsum(count) - 1) // 2_000_000  # pixels of bounding boxes at once
+    for number in np.unique(parcel[count > 0]):
         rows = np.flatnonzero(parcel == number)
-        row, column, line = _pixels_in_boxes(rows, low[rows], size[rows])
+        row, begin = np.repeat(rows, count[rows]), np.cumsum(count[rows]) - count[rows]
+        line, column = np.divmod(np.arange(len(row)) - np.repeat(begin, count[rows]), np.maximum(size[row, 0], 1))
+        column, line = low[row, 0] + column, low[row, 1] + line
         weight = _barycentric(triangles[row], np.stack([column, line], axis=1))
         inside = (weight >= 0).all(axis=1)
         pixel = line[inside] * width + column[inside]
         shown[pixel], local[pixel] = row[inside], weight[inside]
-        times += np.bincount(pixel[(weight[inside] > INSIDE_COORDINATE).all(axis=1)], minlength=len(times))
+        times += np.bincount(pixel[(weight[inside] > 1e-9).all(axis=1)], minlength=len(times))
     return shown, local, int(np.count_nonzero(times > 1))
-
-
-def _pixels_in_boxes(rows: Ints, low: Ints, size: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return the triangle (n,), the column (n,) and the line (n,) of all pixels in the bounding boxes of triangles.
-
-    ``rows`` (r,) are the triangles, ``low`` (r, 2) the first column and line of each box, and ``size`` (r, 2) its width
-    and height.
-    """
-    count = size.prod(axis=1)
-    which = np.repeat(np.arange(len(rows)), count)
-    place = np.arange(len(which)) - np.repeat(np.cumsum(count) - count, count)
-    line, column = np.divmod(place, np.maximum(size[which, 0], 1))
-    return rows[which], low[which, 0] + column, low[which, 1] + line
 
 
 def _barycentric(triangles: Floats, points: Ints) -> Floats:

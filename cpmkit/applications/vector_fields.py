@@ -23,19 +23,19 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.coloured_meshes import (
-    APART_LENGTHS,
+from cpmkit.applications.heat import scene_of, tangential_coupling
+from cpmkit.applications.result import (
+    Result,
     arrow_triangles,
+    dirichlet_at_points,
+    one_of,
     spread_points,
     with_colours,
     with_triangles,
 )
-from cpmkit.applications.curve_colours import dirichlet_along_curve, dirichlet_at_points
-from cpmkit.applications.heat import tangential_coupling
-from cpmkit.applications.result import Result
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource, unit, vertex_normals
+from cpmkit.plugin import ClosestPointSource, dots, norms, unit, vertex_normals
 from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.types import Floats, Ints
 
@@ -80,16 +80,16 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    if _consistently_oriented(faces):  # the sign of the normals is trusted, also against that of a sliver
+    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
+    if len(np.unique(edges, axis=0)) == len(edges):  # oriented: the normals are trusted, also against those of slivers
         normals = vertex_normals(vertices, faces) if normals is None else normals
         signs = np.ones(faces.shape)
     else:
         normals = _normals_of_any_sign(len(vertices), faces, across)
         signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
-    planes = (
-        normals[faces] * signs[:, :, None]
-    )  # (f, 3, 3): normals at corners, with the sign of the triangle's own normal
-    first = _perpendicular(planes)
+    planes = normals[faces] * signs[:, :, None]  # (f, 3, 3): with the sign of the triangle's own normal
+    first = np.cross(planes, np.eye(3)[np.abs(planes).argmin(axis=2)])  # equal up to the sign where the normals are
+    first /= np.linalg.norm(first, axis=2, keepdims=True)
     second = np.cross(planes, first)
     at_corners = vectors[faces]
     angle = np.arctan2(np.einsum("fcd,fcd->fc", at_corners, second), np.einsum("fcd,fcd->fc", at_corners, first))
@@ -100,25 +100,12 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     return [Singularity(corners[face].mean(axis=0), int(index[face])) for face in np.flatnonzero(index)]
 
 
-def _consistently_oriented(faces: Ints) -> bool:
-    """Return whether all neighbouring triangles have opposite directions along their common edge."""
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    return len(np.unique(edges, axis=0)) == len(edges)
-
-
 def _normals_of_any_sign(count: int, faces: Ints, across: Floats) -> Floats:
     """Return unit normals (count, 3) at vertices, of either sign, from the normals ``across`` (f, 3) of triangles."""
     squares = np.zeros((count, 3, 3))
     area = np.linalg.norm(across, axis=1)[:, None, None]
     np.add.at(squares, faces.ravel(), np.repeat(across[:, :, None] * across[:, None] / (area + (area == 0)), 3, axis=0))
     return np.asarray(np.linalg.eigh(squares)[1][:, :, -1])
-
-
-def _perpendicular(normals: Floats) -> Floats:
-    """Return unit vectors (f, 3, 3) perpendicular to ``normals``; equal normals have the same vector up to its sign."""
-    axis = np.eye(3)[np.abs(normals).argmin(axis=2)]
-    vectors = np.cross(normals, axis)
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=2, keepdims=True))
 
 
 def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
@@ -140,15 +127,6 @@ def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int)
 def _wrap(angles: Floats) -> Floats:
     """Return angles modulo 2 pi, between -pi and pi."""
     return np.asarray((angles + np.pi) % (2 * np.pi) - np.pi)
-
-
-TRANSPORTS = ("parallel", "paper")
-#: Vectors with a smaller tangential part, as a share of their length, are normal to the surface and refused.
-LEAST_TANGENTIAL_SHARE = 1e-6
-#: Length of an arrow over the surface's size; colours of the surface and of arrows, red, green and blue.
-ARROW_SHARE, IVORY, INDIGO = 0.045, (0.93, 0.92, 0.9), (0.10, 0.25, 0.55)
-#: Directions along a curve by name: 0 the tangent or 1 the conormal, and the sign.
-NAMED = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -195,11 +173,11 @@ class TangentField(Result):
         """Return the surface with arrows of one ``length`` on it; by default a share of the surface's size."""
         surface, mesh = self.solution.scene.surface, self.solution.display_mesh()
         size = float(np.ptp(surface.bounds, axis=0).max())
-        length = ARROW_SHARE * size if length is None else positive(length, "length")
-        centres = mesh.points[spread_points(mesh.points, APART_LENGTHS * length)]
+        length = 0.045 * size if length is None else positive(length, "length")
+        centres = mesh.points[spread_points(mesh.points, 0.95 * length)]
         arrows = arrow_triangles(surface, centres, self.evaluate(centres, normalized=True), length)
-        plain = with_colours(self.solution, np.broadcast_to(IVORY, mesh.points.shape))
-        return with_triangles(plain, *arrows, INDIGO)
+        plain = with_colours(self.solution, np.broadcast_to((0.93, 0.92, 0.9), mesh.points.shape))
+        return with_triangles(plain, *arrows, (0.10, 0.25, 0.55))
 
     def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw arrows of one length on the surface, as :meth:`cpmkit.Solution.picture` draws.
@@ -263,9 +241,8 @@ def vector_field(
     >>> sum(one.index for one in field.singularities)
     2
     """
-    if transport not in TRANSPORTS:
-        raise InputError(f"transport must be {' or '.join(TRANSPORTS)}, got {shown(transport)}.")
-    scene = surface if isinstance(surface, ck.Scene) else ck.Scene(surface, ck.Laplace())
+    one_of(transport, ("parallel", "paper"), "transport")
+    scene = scene_of(surface)
     check_surface(scene.surface)
     if not directions:
         raise InputError("give a direction at one point or along one curve at least.")
@@ -309,11 +286,11 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
             if set(sides) != {"left", "right"}:
                 raise InputError(f"directions of two sides are given as left and right, got {', '.join(sides)}.")
             return [ck.Boundary(name, where, **{side: ck.Dirichlet(direction) for side, direction in sides.items()})]
-        return [dirichlet_along_curve(name, where, _along(where, surface, which))]
+        return [ck.Boundary(name, where, both=ck.Dirichlet(_along(where, surface, which)))]
     points = surface.closest_point(np.atleast_2d(np.asarray(where, dtype=np.float64))).points
     directions = np.broadcast_to(np.asarray(which, dtype=np.float64), points.shape)
     vectors = tangential(surface, points, directions)
-    if not (np.linalg.norm(vectors, axis=1) > LEAST_TANGENTIAL_SHARE * np.linalg.norm(directions, axis=1)).all():
+    if not (norms(vectors) > 1e-6 * norms(directions)).all():
         raise InputError("a direction at a point must not be zero or normal to the surface.")
     return dirichlet_at_points(f"direction {number}", points, unit(vectors))
 
@@ -321,9 +298,10 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -> Callable[[Floats], Floats]:
     """Return a function of points (k, 3) of a curve: the unit directions (k, 3) there; raise InputError for others."""
     if isinstance(which, str):
-        if which not in NAMED:
-            raise InputError(f"a direction along a curve is {', '.join(NAMED)}, got {shown(which)}.")
-        (kind, sign), frame = NAMED[which], ck.directions_along(curve, surface)
+        named = {"tangent": (0, 1.0), "backwards": (0, -1.0), "left": (1, 1.0), "right": (1, -1.0)}
+        if which not in named:
+            raise InputError(f"a direction along a curve is {', '.join(named)}, got {shown(which)}.")
+        (kind, sign), frame = named[which], ck.directions_along(curve, surface)
         return lambda points: sign * frame(points)[kind]
     if callable(which):
         return lambda points: unit(tangential(surface, points, np.asarray(which(points), dtype=np.float64)))
@@ -336,4 +314,4 @@ def _along(curve: ClosestPointSource, surface: ClosestPointSource, which: Any) -
 def tangential(surface: ClosestPointSource, points: Floats, vectors: Floats) -> Floats:
     """Return the tangential parts (k, 3) of ``vectors`` (k, 3) at the points of a surface nearest to ``points``."""
     normals = ck.normals_at(surface, points)
-    return np.asarray(vectors - np.einsum("kd,kd->k", normals, vectors)[:, None] * normals)
+    return np.asarray(vectors - dots(normals, vectors)[:, None] * normals)

@@ -1,14 +1,13 @@
-"""The commands ``cpmkit vectors``, ``map`` and ``paint``; solvers are imported when a command runs."""
+"""The commands ``cpmkit vectors``, ``map``, ``paint`` and ``distance``; solvers are imported when a command runs."""
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -16,50 +15,38 @@ from cpmkit.commands.group import progress_callback, traceback_option
 from cpmkit.commands.options import (
     accuracy_options,
     as_shown,
+    combine,
     how_fine,
     json_option,
+    output_option,
+    print_outcome,
     scene_argument,
     spacing_option,
+    warn,
     with_error,
 )
 
 if TYPE_CHECKING:
     from cpmkit.facade import Solution
+    from cpmkit.scene.scene import Scene
+    from cpmkit.types import Floats
 
-
-Command = TypeVar("Command", bound=Callable[..., Any])
-
-
-@dataclass(frozen=True)
-class CommandArguments:
-    """The arguments that all commands of applications have.
-
-    Attributes
-    ----------
-    command : str
-        The name of the command, which determines how the scene file is read.
-    scene : Path
-        The scene file.
-    spacing : float or None
-        Spacing in place of that of the file.
-    output : Path or None
-        Folder of results in place of that of the file.
-    look : tuple of str
-        Options of the picture, KEY=VALUE each.
-    as_json, quiet : bool
-        Whether to print JSON, and whether to print no summary.
-    accuracy : dict
-        Accuracy target in place of a spacing.
-    """
-
-    command: str
-    scene: Path
-    spacing: float | None
-    output: Path | None
-    look: tuple[str, ...]
-    as_json: bool
-    quiet: bool
-    accuracy: dict[str, Any] = field(default_factory=dict)
+#: The scene as argument and the options that all commands of applications have.
+application_options = combine(
+    scene_argument,
+    spacing_option,
+    output_option,
+    click.option(
+        "--look",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="How the picture of the file looks, such as width=600, up=y; overrides the file's. May be given "
+        "several times.",
+    ),
+    json_option,
+    click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; warnings are still shown."),
+    traceback_option,
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,98 +57,78 @@ class ApplicationResult:
     ----------
     solution : Solution
         The solution that is saved.
-    picture : Solution
-        The solution that the picture shows.
+    picture : Solution or None
+        The solution that the picture shows, if it is another.
     values : dict
         Plain values for JSON, beside the summary of the solution.
     lines : list of str
         The same values as printed lines.
+    tables : dict
+        Names of further .csv files, and their rows.
     """
 
     solution: Solution
-    picture: Solution
-    values: dict[str, Any]
-    lines: list[str]
+    picture: Solution | None = None
+    values: dict[str, Any] = field(default_factory=dict)
+    lines: list[str] = field(default_factory=list)
+    tables: dict[str, Floats] = field(default_factory=dict)
 
 
-def application_options(command: Command) -> Command:
-    """Return the command with the scene as argument and the options that all commands of applications have."""
-    options: list[Callable[[Any], Any]] = [
-        scene_argument,
-        spacing_option,
-        click.option(
-            "--output",
-            type=click.Path(file_okay=False, path_type=Path),
-            metavar="FOLDER",
-            help="Where results go; overrides the file's folder.",
-        ),
-        click.option(
-            "--look",
-            multiple=True,
-            metavar="KEY=VALUE",
-            help="How the picture of the file looks, such as width=600, up=y; overrides the file's. May be given "
-            "several times.",
-        ),
-        json_option,
-        click.option("--quiet", is_flag=True, help="Show neither progress nor a summary; warnings are still shown."),
-        traceback_option,
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def run_application(target: CommandArguments, solve: Callable[[dict[str, Any]], ApplicationResult]) -> None:
+def run_application(
+    command: str,
+    solve: Callable[[dict[str, Any], bool], ApplicationResult],
+    *,
+    scene: Path,
+    spacing: float | None,
+    output: Path | None,
+    look: tuple[str, ...],
+    as_json: bool,
+    quiet: bool,
+    **accuracy: Any,
+) -> None:
     """Read the scene, run the application, write the files of [output], and print a summary.
 
-    ``solve`` gets the keyword arguments of the application's function, with ``surface``, ``spacing`` and ``progress``.
+    Parameters
+    ----------
+    command : str
+        The name of the command, which determines how the scene file is read.
+    solve : callable
+        Takes the keyword arguments of the application's function, with ``surface``, ``spacing`` and ``progress``, and
+        whether the picture shows the error.
+    **accuracy
+        Accuracy target in place of a spacing.
     """
+    import numpy as np
+
+    from cpmkit.files.whole_files import written_whole
     from cpmkit.runtime.messages import collected_warnings
     from cpmkit.saving.results import check_request, write_results
     from cpmkit.scenefile.application_files import load_application
+    from cpmkit.scenefile.scene_files import load_scene
 
-    with collected_warnings() as issued, progress_callback(target.scene, target.quiet) as progress:
+    with collected_warnings() as issued, progress_callback(scene, quiet) as progress:
         begun = time.perf_counter()
         try:
-            loaded = load_application(target.scene, target.command)
-            folder, request = target.output or loaded.output.folder, as_shown(loaded.output, None, target.look, None)
-            check_request(request, loaded.scene.surface, folder)
-            spacing, options = how_fine(loaded, target.spacing, **target.accuracy)
-            result = solve(
-                {**options, **loaded.arguments, "surface": loaded.scene, "spacing": spacing, "progress": progress}
-            )
+            loaded: Any = load_scene(scene) if command == "distance" else load_application(scene, command)
+            folder, request = output or loaded.output.folder, as_shown(loaded.output, None, look, None)
+            check_request(request, loaded.scene.surface, folder, 1 if command == "distance" else None)
+            decided, options = how_fine(loaded, spacing, **accuracy)
+            options |= {"surface": loaded.scene, "spacing": decided, "progress": progress}
+            result = solve(options | getattr(loaded, "arguments", {}), request.wants_error)
         except Exception:
-            _warn(issued, err=True)
+            warn(issued, err=True)
             raise
         solution = replace(result.solution, seconds={"make": time.perf_counter() - begun})  # of all its solves
         warnings = list(dict.fromkeys([*issued, *solution.warnings]))
         written = write_results(solution, request, folder, progress, warnings, result.picture)
-    if target.as_json:
-        click.echo(json.dumps({**written.summary, **result.values}, indent=2))
-    elif not target.quiet:
-        click.echo("\n".join(_lines(result, written.summary, folder)))
-    if not target.as_json:
-        _warn(warnings, err=target.quiet)
+    lines = list(result.lines)
+    for name, rows in result.tables.items():
+        with written_whole(folder / name) as unfinished:
+            np.savetxt(unfinished, rows, delimiter=",")
+        lines.append(f"written    {folder / name}")
+    head = [f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}"]
+    print_outcome(solution, written.summary | result.values, warnings, head, lines, as_json, quiet)
     written.check()
-
-
-def _lines(result: ApplicationResult, summary: dict[str, Any], folder: Path) -> Iterable[str]:
-    """Yield the printed lines of a result: unknowns, seconds, error, way to the accuracy target, values and files."""
-    solution, seconds = result.solution, summary["seconds"]
-    stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
-    files = [*summary["files"], *([summary["picture"]["file"]] if summary["picture"] else [])]
-    yield f"unknowns   {solution.discretized.size:,} at spacing {solution.spacing:.4g}"
-    yield f"seconds    {sum(seconds.values()):.1f} ({stages})"
-    yield from (f"error      {line}" for line in str(solution.estimated or "").splitlines())
-    yield from (f"way        {line}" for line in str(solution.solve_history or "").splitlines())
-    yield from result.lines
-    yield from (f"written    {Path(folder, file)}" for file in files)
-
-
-def _warn(sentences: Iterable[str], err: bool = False) -> None:
-    """Print sentences as warnings, on standard error if ``err``."""
-    for sentence in sentences:
-        click.echo(f"warning    {sentence}", err=err)
 
 
 @click.command("map")
@@ -173,10 +140,10 @@ def map_to_target(**keys: Any) -> None:
     Files hold the coordinates of the images; the picture shows the target's colours, or the texture of [map],
     on the surface.
     """
-    run_application(CommandArguments("map", **keys), _solve_map)
+    run_application("map", _solve_map, **keys)
 
 
-def _solve_map(arguments: dict[str, Any]) -> ApplicationResult:
+def _solve_map(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
     """Return the harmonic map that :func:`map_to_target` computes, with its energy and, if it has one, its degree."""
     from cpmkit.applications import harmonic_map
     from cpmkit.errors import CpmkitError
@@ -199,29 +166,19 @@ def _solve_map(arguments: dict[str, Any]) -> ApplicationResult:
 @click.command()
 @application_options
 @accuracy_options
-def paint(
-    tolerance: float | None,
-    norm: str | None,
-    seconds: float | None,
-    memory: str | None,
-    estimate: bool | None,
-    **keys: Any,
-) -> None:
+def paint(estimate: bool | None, **keys: Any) -> None:
     """Diffuse the colours of a scene's curves over its surface, and write the files of [output].
 
     Each [[curve]] has a colour on each side, or several along it. The conditions of the scene's boundaries and edge are
     kept.
     """
-    accuracy = {"tolerance": tolerance, "norm": norm, "seconds": seconds, "memory": memory}
-    run_application(CommandArguments("paint", **keys, accuracy=accuracy), partial(_solve_paint, estimate))
 
+    def solve(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
+        from cpmkit.applications import diffusion_curves
 
-def _solve_paint(estimate: bool | None, arguments: dict[str, Any]) -> ApplicationResult:
-    """Return the colours that :func:`paint` computes, with an error estimate as :func:`with_error` decides."""
-    from cpmkit.applications import diffusion_curves
+        return ApplicationResult(with_error(diffusion_curves(**arguments).solution, estimate))
 
-    solution = with_error(diffusion_curves(**arguments).solution, estimate)
-    return ApplicationResult(solution, solution, {}, [])
+    run_application("paint", solve, **keys)
 
 
 @click.command()
@@ -232,10 +189,10 @@ def vectors(**keys: Any) -> None:
     Each [[direction]] of the scene gives a direction at a point or along a curve. Its boundaries are barriers. The
     singularities of the field are printed with their indices, on surfaces that have triangles.
     """
-    run_application(CommandArguments("vectors", **keys), _solve_vectors)
+    run_application("vectors", _solve_vectors, **keys)
 
 
-def _solve_vectors(arguments: dict[str, Any]) -> ApplicationResult:
+def _solve_vectors(arguments: dict[str, Any], _wants_error: bool) -> ApplicationResult:
     """Return the field that :func:`vectors` computes, with its singularities on a surface with triangles."""
     from cpmkit.applications import vector_field
     from cpmkit.errors import CpmkitError
@@ -244,9 +201,109 @@ def _solve_vectors(arguments: dict[str, Any]) -> ApplicationResult:
     try:
         places = [{"index": point.index, "place": point.place.tolist()} for point in field.singularities]
     except CpmkitError:  # no triangles
-        return ApplicationResult(field.solution, field.drawable(), {}, [])
+        return ApplicationResult(field.solution, field.drawable())
     lines = [
         *(f"index      {point['index']:+d} at ({', '.join(f'{x:.3g}' for x in point['place'])})" for point in places),
         f"indices    {sum(point['index'] for point in places):+d} in all",
     ]
     return ApplicationResult(field.solution, field.drawable(), {"singularities": places}, lines)
+
+
+@click.command()
+@application_options
+@click.option(
+    "--from",
+    "origins",
+    multiple=True,
+    required=True,
+    metavar="X,Y,Z|NAME",
+    help="An origin of the distance: a point, or the name of a boundary; may be given several times.",
+)
+@click.option("--signed", is_flag=True, help="Signed distance to curves, positive to the left of their direction.")
+@click.option("--method", type=click.Choice(["transport", "heat"]), default="transport", show_default=True)
+@click.option(
+    "--tolerance",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    metavar="SHARE",
+    help="In place of a spacing: the accepted error, as a share of the largest distance.",
+)
+@click.option(
+    "--path-from",
+    "starts",
+    multiple=True,
+    metavar="X,Y,Z",
+    help="Also write the shortest path from this point, as path-1.csv; may be given several times.",
+)
+def distance(origins: tuple[str, ...], signed: bool, method: str, starts: tuple[str, ...], **keys: Any) -> None:
+    """Compute geodesic distances on a scene's surface, and write the files of [output].
+
+    Boundaries that are not named with --from are barriers, and have the condition neumann = 0. The scene's equation is
+    not used.
+    """
+    from cpmkit.errors import InputError
+
+    if signed and starts:
+        raise InputError("paths lead to the origins of a distance without a sign; leave out --signed or --path-from.")
+    run_application("distance", partial(_measure, origins, signed, method, starts), **keys)
+
+
+def _measure(
+    origins: tuple[str, ...],
+    signed: bool,
+    method: str,
+    starts: tuple[str, ...],
+    arguments: dict[str, Any],
+    wants_error: bool,
+) -> ApplicationResult:
+    """Return the distance that :func:`distance` computes, and the paths from ``starts``."""
+    import numpy as np
+
+    from cpmkit.applications import geodesic_distance, signed_distance
+    from cpmkit.errors import InputError
+
+    others = {name: value for name, value in arguments.items() if name not in ("surface", "progress", "estimate")}
+    barriers, sources = _split_origins(arguments["surface"], origins)
+    arguments["progress"]("distance", 0.0)
+    measured: Any = (signed_distance if signed else geodesic_distance)(barriers, sources, method=method, **others)
+    if not signed and not measured.reached.all():  # files hold no infinite distances
+        raise InputError(
+            f"{np.count_nonzero(~measured.reached)} of {len(measured.reached)} pieces of the surface have no "
+            "origin; give each an origin, or leave the piece out."
+        )
+    solution = replace(measured.solution, estimated=measured.error) if wants_error else measured.solution
+    paths = measured.path(np.array([_point(text, barriers.surface.dim) for text in starts])) if starts else []
+    lengths = [np.linalg.norm(np.diff(path, axis=0), axis=1).sum() for path in paths]
+    lines = [f"path       {length:.6g} long, from {start}" for start, length in zip(starts, lengths, strict=True)]
+    tables = {f"path-{number}.csv": path for number, path in enumerate(paths, start=1)}
+    return ApplicationResult(solution, lines=lines, tables=tables)
+
+
+def _split_origins(scene: Scene, origins: tuple[str, ...]) -> tuple[Scene, Any]:
+    """Return the scene with only the boundaries that are no origins, and the origins.
+
+    The origins are an array (k, d) of points, a list of sources of boundaries, or both in a list.
+    """
+    import numpy as np
+
+    from cpmkit.scene.equations import Poisson
+    from cpmkit.scene.scene import Scene
+
+    boundaries = {boundary.name: boundary for boundary in scene.boundaries}
+    points = [_point(text, scene.surface.dim) for text in origins if text not in boundaries]
+    curves = [boundaries[name].source for name in origins if name in boundaries]
+    barriers = [boundary for name, boundary in boundaries.items() if name not in origins]
+    sources: Any = [np.array(points), *curves] if points and curves else curves or np.array(points)
+    return Scene(scene.surface, Poisson(0.0), barriers, scene.edge), sources
+
+
+def _point(text: str, dim: int) -> list[float]:
+    """Return the ``dim`` coordinates in a text such as ``0,0,1``; raise InputError for other texts."""
+    from cpmkit.errors import InputError
+
+    try:
+        coordinates = [float(number) for number in text.split(",")]
+    except ValueError:
+        coordinates = []
+    if len(coordinates) != dim:
+        raise InputError(f"a point is given by {dim} numbers such as {','.join('0' * dim)}, or a name, got {text!r}.")
+    return coordinates

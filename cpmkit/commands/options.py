@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import math
 import tomllib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -42,43 +43,92 @@ json_option = click.option(
 )
 
 
-def accuracy_options(command: Command) -> Command:
-    """Return the command with the options of an accuracy target, which replace a spacing, and of the error estimate."""
-    positive = click.FloatRange(min=0, min_open=True)
-    options = [
-        click.option(
-            "--tolerance",
-            type=click.FloatRange(0, 1, min_open=True, max_open=True),
-            metavar="SHARE",
-            help="In place of a spacing: the accepted error, as a share of the solution's range, such as 1e-3.",
-        ),
-        click.option(
-            "--norm",
-            type=click.Choice(["rms", "max"]),
-            help="Norm of the tolerance: rms, the root mean square, or max, the largest error.",
-        ),
-        click.option(
-            "--seconds",
-            type=positive,
-            callback=_check_finite,
-            metavar="SECONDS",
-            help="In place of a spacing, or as a limit beside a tolerance: the time of the solve.",
-        ),
-        click.option(
-            "--memory",
-            metavar="SIZE",
-            help="In place of a spacing, or as a limit: the memory of the solve, such as '2 GiB'.",
-        ),
-        click.option(
-            "--estimate/--no-estimate",
-            default=None,
-            help="Estimate the error by solving at twice the spacing, or do not; by default if the solve took "
-            f"more than {ESTIMATED_SECONDS:g} second.",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
+output_option = click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Where results go; overrides the file's folder, which counts from the working directory.",
+)
+
+
+def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return a decorator that adds several options, in the order in which help lists them."""
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+#: The options of an accuracy target, which replace a spacing, and of the error estimate.
+accuracy_options = combine(
+    click.option(
+        "--tolerance",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        metavar="SHARE",
+        help="In place of a spacing: the accepted error, as a share of the solution's range, such as 1e-3.",
+    ),
+    click.option(
+        "--norm",
+        type=click.Choice(["rms", "max"]),
+        help="Norm of the tolerance: rms, the root mean square, or max, the largest error.",
+    ),
+    click.option(
+        "--seconds",
+        type=click.FloatRange(min=0, min_open=True),
+        callback=_check_finite,
+        metavar="SECONDS",
+        help="In place of a spacing, or as a limit beside a tolerance: the time of the solve.",
+    ),
+    click.option(
+        "--memory",
+        metavar="SIZE",
+        help="In place of a spacing, or as a limit: the memory of the solve, such as '2 GiB'.",
+    ),
+    click.option(
+        "--estimate/--no-estimate",
+        default=None,
+        help="Estimate the error by solving at twice the spacing, or do not; by default if the solve took "
+        f"more than {ESTIMATED_SECONDS:g} second.",
+    ),
+)
+
+
+def warn(sentences: Iterable[str], err: bool = False) -> None:
+    """Print each sentence as a warning, to standard error if ``err``."""
+    for sentence in sentences:
+        click.echo(f"warning    {sentence}", err=err)
+
+
+def print_outcome(
+    solution: Any,
+    summary: Mapping[str, Any],
+    warnings: Sequence[str],
+    head: Iterable[str],
+    lines: Iterable[str],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Print a summary and warnings: as JSON, which includes the warnings, as lines, or only warnings if ``quiet``.
+
+    The lines are ``head``, seconds, the error and the solves that reached the accuracy target, ``lines``, and files.
+    """
+    if as_json:
+        click.echo(json.dumps(summary, indent=2))
+        return
+    if not quiet:
+        seconds, picture = summary["seconds"], summary["picture"]
+        stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
+        printed = [*head, f"seconds    {sum(seconds.values()):.1f} ({stages})"]
+        printed += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
+        printed += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
+        printed += [*lines, *(f"written    {Path(summary['folder'], file)}" for file in summary["files"])]
+        if picture:
+            printed.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")
+        click.echo("\n".join(printed))
+    warn(warnings, err=quiet)
 
 
 def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:

@@ -7,7 +7,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import ColouredSurface, diffusion_curves
-from cpmkit.applications.curve_colours import ArcLengthShare, colour_data
+from cpmkit.applications.colouring import ArcLengthShare, colour_data
 from cpmkit.errors import InputError, SceneError
 
 SPHERE = ck.source("analytic.sphere")

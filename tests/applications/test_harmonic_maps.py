@@ -9,7 +9,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import harmonic_map
-from cpmkit.applications.harmonic_maps import degree_of_map
+from cpmkit.applications.harmonic_flows import degree_and_area
 
 SPHERE = ck.source("analytic.sphere")
 #: Of maps of degree one between unit spheres.
@@ -73,7 +73,7 @@ def test_along_curves_harmonic_maps_have_one_speed() -> None:
     [([1, 1, 1], 1), ([1, 1, -1], -1), ([-1, -1, 1], 1)],
 )
 def test_the_degree_of_reflections(turns: list[int], degree: int) -> None:
-    assert degree_of_map(SPHERE, SPHERE, lambda x: x * turns, 0.3) == degree
+    assert degree_and_area(SPHERE, SPHERE, lambda x: x * turns, 0.3)[0] == degree
 
 
 def test_the_degree_of_a_sphere_wrapped_twice_is_two() -> None:
@@ -81,8 +81,8 @@ def test_the_degree_of_a_sphere_wrapped_twice_is_two() -> None:
         radius, turn = np.hypot(points[:, 0], points[:, 1]), np.arctan2(points[:, 1], points[:, 0])
         return np.stack([radius * np.cos(2 * turn), radius * np.sin(2 * turn), points[:, 2]], axis=1)
 
-    assert degree_of_map(SPHERE, SPHERE, wrapped, 0.2) == 2
-    assert degree_of_map(SPHERE, SPHERE, lambda x: np.tile([0.0, 0, 1], (len(x), 1)), 0.3) == 0
+    assert degree_and_area(SPHERE, SPHERE, wrapped, 0.2)[0] == 2
+    assert degree_and_area(SPHERE, SPHERE, lambda x: np.tile([0.0, 0, 1], (len(x), 1)), 0.3)[0] == 0
 
 
 def test_textures_are_pulled_back_from_vertices_and_functions() -> None:
@@ -120,4 +120,4 @@ def test_bad_arguments_are_reported(given: dict[str, Any], words: str) -> None:
 
 def test_a_degree_of_surfaces_without_closed_meshes_is_refused() -> None:
     with pytest.raises(ck.InputError, match="closed oriented"):
-        degree_of_map(ck.source("parametric.moebius"), SPHERE, lambda x: x, 0.3)
+        degree_and_area(ck.source("parametric.moebius"), SPHERE, lambda x: x, 0.3)

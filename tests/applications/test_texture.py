@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -120,10 +118,10 @@ def test_a_real_mesh_without_texture_coordinates_says_so(real_mesh):
 def test_what_no_image_can_show_is_refused_or_warned(solution):
     mesh = _tube()
     with pytest.raises(InputError, match=r"from 0 to 1, and exceed that by 0\.9"):
-        bake(solution, replace(mesh, coordinates=mesh.coordinates + 1.0))
+        bake(solution, TexturedMesh(mesh.vertices, mesh.faces, mesh.coordinates + 1.0, mesh.corners))
     with pytest.raises(InputError, match="width in pixels"):
         bake(solution, mesh, width=0)
     folded = mesh.coordinates.copy()
     folded[:, 0] = np.abs(folded[:, 0] - 0.5)
     with pytest.warns(ck.CpmkitWarning, match="triangles overlap at"):
-        bake(solution, replace(mesh, coordinates=folded), width=20)
+        bake(solution, TexturedMesh(mesh.vertices, mesh.faces, folded, mesh.corners), width=20)

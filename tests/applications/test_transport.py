@@ -10,7 +10,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import logarithmic_map, transport_vector, vector_field
-from cpmkit.applications.coloured_meshes import arrow_triangles
+from cpmkit.applications.result import arrow_triangles
 
 SPHERE = ck.source("analytic.sphere")
 POLAR, TURN = np.random.default_rng(0).uniform([[0.05], [0]], [[2.4], [2 * np.pi]], (2, 500))
