@@ -19,7 +19,7 @@ import numpy as np
 from trade_problems import REFERENCE_UNKNOWNS, Problem, problems
 
 import cpmkit as ck
-from cpmkit.accuracy.coarse_solutions import estimate_alone, estimate_from
+from cpmkit.accuracy.error_estimate import estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.spacing_search import first_spacing
 from cpmkit.errors import CpmkitError

@@ -1,19 +1,17 @@
 """What the knobs of the Galerkin form cost and gain: degree, stabilisation and samples, on the sphere and a torus.
 
 Run ``python benchmarks/knobs.py``, or with the spacings behind it; it needs ``pip install . ./plugins/cpmkit-analytic``
-and takes three minutes. It prints the table of docs/tables/knobs.md; with ``--record`` it also writes the record in the
-package, cpmkit/accuracy/degree_choice.json, by which ``tolerance=`` chooses the degree. Solutions are in closed form,
-errors root mean squares over the samples, of a solution with range about 1; processor times are of a whole solve on one
-thread, after one that compiles.
+and takes three minutes. It prints the table of docs/tables/knobs.md, from which ``CUBIC_ERROR`` follows, below which
+``tolerance=`` chooses degree 3 (cpmkit/accuracy/spacing_search.py, tests/accuracy/test_degree_choice.py). Solutions are
+in closed form, errors root mean squares over the samples, of a solution with range about 1; processor times are of a
+whole solve on one thread, after one that compiles.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from collections.abc import Callable
-from pathlib import Path
 from time import process_time
 from typing import Any
 
@@ -26,8 +24,6 @@ SPACINGS = (0.2, 0.1, 0.05)
 DEGREES = (1, 2, 3)
 #: Options of a row, beside the degree.
 KNOBS = ({}, {"stabilisation": "accurate"}, {"samples": "plain"})
-#: Degrees between which a tolerance chooses, and where what it knows of them is kept.
-RECORDED, RECORD = (2, 3), Path(ck.__file__).parent / "accuracy" / "degree_choice.json"
 #: The radii of the torus.
 MAJOR, MINOR = 1.0, 0.4
 
@@ -50,8 +46,8 @@ def on_torus(x: Floats) -> tuple[Floats, Floats]:
 
 def measured(
     name: str, surface: object, exact: Callable[[Floats], tuple[Floats, Floats]], h: float, **knobs: Any
-) -> tuple[str, dict[str, Any]]:
-    """Return a row of the table, and what is recorded of it."""
+) -> str:
+    """Return a row of the table."""
     scene = ck.Scene(surface, ck.ScreenedPoisson(lambda x: exact(x)[1], c=1.0))
     start = process_time()
     solution = ck.solve(scene, h, form="galerkin", solver="multigrid", **knobs)
@@ -62,20 +58,16 @@ def measured(
     said = ", ".join(f'`{key}="{value}"`' for key, value in knobs.items() if key != "degree")
     counts = f"{work.unknowns:,} | {work.nonzeros / work.unknowns:.0f} | {work.samples / work.unknowns:.0f}"
     first = f"| {name} | {h:g} | {knobs['degree']} | {said or 'as they are'}"
-    row = f"{first} | {counts} | {solution.report.iterations} | {seconds:.2f} | {rms:.1e} |"
-    kept = {"surface": name, "degree": knobs["degree"], "spacing": h}
-    return row, {**kept, "seconds": float(f"{seconds:.2f}"), "error": float(f"{rms:.1e}")}
+    return f"{first} | {counts} | {solution.report.iterations} | {seconds:.2f} | {rms:.1e} |"
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("spacings", nargs="*", type=float, help="in place of the usual ones")
-    parser.add_argument("--record", action="store_true", help="keep what degrees are chosen by")
     target = parser.parse_args()
     os.environ["CPMKIT_THREADS"] = "1"
     spacings = target.spacings or SPACINGS
-    records = []
     torus = ck.source("analytic.torus", major=MAJOR, minor=MINOR)
     shapes = (("sphere", ck.source("analytic.sphere"), on_sphere), ("torus", torus, on_torus))
     print("| surface | spacing | degree | other knobs | unknowns | entries | samples | iterations | seconds | error |")
@@ -87,11 +79,7 @@ def main() -> None:
         for h in spacings:
             for degree in DEGREES:
                 for knobs in KNOBS:
-                    row, record = measured(name, surface, exact, h, degree=degree, **knobs)
-                    print(row, flush=True)
-                    records += [record] if degree in RECORDED and not knobs else []
-    if target.record:
-        RECORD.write_text("[\n" + ",\n".join(f" {json.dumps(one)}" for one in records) + "\n]\n", encoding="utf-8")
+                    print(measured(name, surface, exact, h, degree=degree, **knobs), flush=True)
 
 
 if __name__ == "__main__":

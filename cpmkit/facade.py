@@ -1,4 +1,7 @@
-"""Classes of solutions for users: records with methods that save, draw and convert them and estimate their error."""
+"""Classes of solutions for users: records with methods that save, draw and convert them and estimate their error.
+
+Their attributes are those of the records; :func:`user_class_of` adds the documentation of these to theirs.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +20,7 @@ from cpmkit.solution.record import SolutionRecord, user_class_of
 
 if TYPE_CHECKING:
     from cpmkit.accuracy.error_estimate import ErrorEstimate
-    from cpmkit.accuracy.solve_history import SolveHistory
+    from cpmkit.accuracy.solve_to_target import SolveHistory
     from cpmkit.scene.surface_input import Surface
     from cpmkit.scenefile.look import LookKeywords, SavingKeywords
     from cpmkit.types import Floats

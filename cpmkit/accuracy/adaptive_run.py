@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
-from typing import Any, cast
+from functools import partial
+from typing import Any, Literal, cast
 
 import numpy as np
 
-from cpmkit.accuracy.coarse_solutions import error_unit, estimate_alone, estimate_from
-from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.error_estimate import ErrorEstimate, error_unit, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import (
     coarser_scene,
     error_in_time,
@@ -20,18 +19,14 @@ from cpmkit.accuracy.estimate import (
     order_in_time,
     shifted_origin,
 )
-from cpmkit.accuracy.solve_history import Purpose, SolveStep
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.selected_modes import fewer_modes
 from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.form_records import ExpectedError
 from cpmkit.forms.options import lattice_options
-from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats, Progress, no_progress
+from cpmkit.types import Progress, no_progress
 
 #: Least, best and largest ratio of the spacings of two solutions that are compared. With the estimate from the solution
 #: alone a large ratio is as accurate as a small one, and the coarse solution costs less.
@@ -41,61 +36,56 @@ MOST_TRIALS = 10
 #: Steps in time are shortened until their error is at most this share of the tolerance.
 TIME_SHARE = 0.3
 
+Purpose = Literal["pilot", "companion", "answer", "correction"]
 
-@dataclass(frozen=True, eq=False)
-class TimedSolve:
-    """One solve with its duration and the estimates of its error.
+
+@dataclass(frozen=True)
+class SolveStep:
+    """One solve on the way to a target.
 
     Attributes
     ----------
     purpose : str
-        See :class:`cpmkit.accuracy.solve_history.SolveStep`.
-    solution : SolutionRecord
-        The solution.
+        ``pilot``: a coarse solve that shows how the error falls and what solves cost; ``companion``: a coarser solution
+        with which the answer is compared; ``answer``; ``correction``: a finer answer, as the estimate of the first was
+        above the tolerance.
+    spacing : float
+        Spacing of the lattice.
+    step : float
+        Step in time; 0 for equations without time.
+    unknowns : int
+        Number of unknowns.
     seconds : float
         Duration of the solve.
-    alone : ExpectedError, optional
-        The estimate of the error from this solution alone.
-    estimate : ErrorEstimate, optional
-        The estimate of the error from a coarser solution too.
+    error : float
+        The estimated error, as a share of the range; NaN without a coarser solution to compare with.
     """
 
     purpose: Purpose
-    solution: SolutionRecord
+    spacing: float
+    step: float
+    unknowns: int
     seconds: float
-    alone: ExpectedError | None
+    error: float
+
+
+@dataclass(frozen=True, eq=False)
+class TimedSolve(SolveStep):
+    """One solve with its solution and the estimates of its error.
+
+    Attributes
+    ----------
+    solution : SolutionRecord
+        The solution.
+    estimate : ErrorEstimate, optional
+        The estimate of the error from a coarser solution.
+    expected_error : float
+        The error estimated from the solution alone, as a share of the range; NaN if unknown.
+    """
+
+    solution: SolutionRecord
     estimate: ErrorEstimate | None
-
-    @property
-    def spacing(self) -> float:
-        """Spacing of the lattice."""
-        return self.solution.spacing
-
-    @property
-    def unknowns(self) -> int:
-        """Number of unknowns."""
-        return self.solution.discretized.size
-
-    def error(self, norm: str) -> float:
-        """Return the estimated error in a norm, as a share of the range; NaN without an estimate."""
-        return math.nan if self.estimate is None else self.estimate.of(norm)
-
-    def expected_error(self, norm: str) -> float:
-        """Return the error in a norm estimated from the solution alone, as a share of the range; NaN if unknown."""
-        if self.alone is None:
-            return math.nan
-        return float(np.max((self.alone.rms if norm == "rms" else self.alone.largest) / self._unit))
-
-    @cached_property
-    def _unit(self) -> Floats:
-        """The unit (channels,) of relative errors, the range of the solution."""
-        return error_unit(self.solution)
-
-    def step(self, norm: str) -> SolveStep:
-        """Return the record of the solve for the history, with its estimated error in a norm."""
-        problem = self.solution.scene.problem
-        length = problem.step if isinstance(problem, Evolution) else 0.0
-        return SolveStep(self.purpose, self.spacing, length, self.unknowns, self.seconds, self.error(norm))
+    expected_error: float
 
 
 @dataclass(eq=False)
@@ -112,24 +102,20 @@ class AdaptiveRun:
         Tolerance, seconds, memory.
     progress : callable
         Called with the purpose, spacing and stage of each solve, and the share of it that is done.
-    in_time : float
-        The error of the steps in time, as a share of the range; zero before it is computed.
+    options : mapping
+        The options of the user: a node ``origin`` of the answer's lattice, the ``solver`` and the ``degree`` matter.
+    is_recipe : bool
+        Whether ``solve_scene`` calls a recipe of the user, whose degree cannot be chosen.
+    order : float, optional
+        The order at which errors fall, if it is not that of the form.
     started : float
         ``time.perf_counter()`` at the start of the run.
     solves : list of TimedSolve
-        The solves so far, in order.
-    origin : sequence, optional
-        A node of the answer's lattice, if the user gave one.
-    solver : str
-        The linear solver that the user gave, or "auto".
-    degree_given : bool
-        Whether the user gave a degree.
+        The solves so far, in order; the last has the finest lattice.
+    in_time : float
+        The error of the steps in time, as a share of the range; zero before it is computed.
     chosen_options : dict
         Options that the run chose.
-    order : float, optional
-        The order at which errors fall, if it is not that of the form.
-    trials : int
-        Largest number of first spacings that are tried.
     failure : Exception, optional
         The error that ended the run before its target was met.
     measured_floor : float, optional
@@ -140,51 +126,33 @@ class AdaptiveRun:
     solve_scene: Callable[..., SolutionRecord]
     target: AccuracyTarget
     progress: Progress = no_progress
-    in_time: float = 0.0
+    options: Mapping[str, Any] = field(default_factory=dict)
+    is_recipe: bool = False
+    order: float | None = None
     started: float = field(default_factory=lambda: time.perf_counter())
     solves: list[TimedSolve] = field(default_factory=list)
-    origin: Any = None
-    solver: str = "auto"
-    degree_given: bool = False
+    in_time: float = 0.0
     chosen_options: dict[str, Any] = field(default_factory=dict)
-    order: float | None = None
-    trials: int = MOST_TRIALS
     failure: Exception | None = None
     measured_floor: float | None = None
 
     @property
     def best(self) -> TimedSolve:
         """The solve with the smallest estimated error; the last solve if no error is known."""
-        known = [
-            solve for solve in self.solves if self._has_steps_of(solve.solution) and np.isfinite(self.error_of(solve))
-        ]
-        return min(known, key=self.error_of) if known else self.last
+        known = [solve for solve in self.solves if self._has_scene_steps(solve) and np.isfinite(solve.error)]
+        return min(known, key=lambda solve: solve.error) if known else self.last
 
     @property
     def last(self) -> TimedSolve:
-        """The last solve, which has the finest lattice."""
+        """The last solve."""
         return self.solves[-1]
-
-    def error_of(self, solve: TimedSolve) -> float:
-        """Return the estimated error of a solve in the norm of the target; NaN without an estimate."""
-        return solve.error(self.target.norm)
-
-    @property
-    def error(self) -> float:
-        """The estimated error of the last solve in the norm of the target."""
-        return self.error_of(self.last)
-
-    @property
-    def expected_error(self) -> float:
-        """The error of the last solve, estimated from it alone, in the norm of the target; NaN if unknown."""
-        return self.last.expected_error(self.target.norm)
 
     def with_scene_modes(self, solution: SolutionRecord) -> SolutionRecord:
         """Return an eigenvalue solution with as many modes as the scene asks for; other solutions unchanged.
 
         Coarse solutions of eigenvalue problems have further modes.
         """
-        modes = isinstance(self.scene.problem, Eigen) and isinstance(solution, EigenRecord)
+        modes = isinstance(solution, EigenRecord) and not self.is_recipe
         return fewer_modes(cast("EigenRecord", solution), self.scene) if modes else solution
 
     @property
@@ -200,17 +168,37 @@ class AdaptiveRun:
         scene = self.scene if purpose in ("answer", "correction") else coarser_scene(self.scene)
         about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
         label = f"{purpose} at spacing {spacing:.3g}{about}"
+        origin = shifted_origin(self.scene, spacing, len(self.solves) + 1)
+        if self.options.get("origin") is not None and any(solve.spacing > spacing for solve in self.solves):
+            origin = self.options["origin"]  # of the possible answers; ratios of later spacings are not integers
         began = time.perf_counter()
         solution = self.solve_scene(
             scene,
             spacing,
             progress=lambda stage, share: self.progress(f"{label}: {stage}", share),
-            origin=self._origin(spacing),
+            origin=origin,
             **self.chosen_options,
         )
-        seconds, alone = time.perf_counter() - began, None if self.order is not None else estimate_alone(solution)
-        self.solves.append(TimedSolve(purpose, solution, seconds, alone, self._estimate(solution, alone)))
+        self.solves.append(self._timed(purpose, solution, time.perf_counter() - began))
         return self.last
+
+    def _timed(self, purpose: Purpose, solution: SolutionRecord, seconds: float) -> TimedSolve:
+        """Return the record of a solve, with the estimates of its error.
+
+        There is none if no coarser solution serves for a comparison, or the form has none.
+        """
+        alone = None if self.order is not None else estimate_alone(solution)
+        coarse, fine = self._coarse_solution(solution), self.with_scene_modes(solution)
+        estimate, norm, error, expected = None, self.target.norm, math.nan, math.nan
+        if coarse is not None and not any(one.discretized.diagnosis().no_estimate for one in (fine, coarse)):
+            estimate = estimate_from(fine, [coarse], self.in_time, self.order, alone)
+            error = estimate.of(norm)
+        if alone is not None:
+            expected = float(np.max((alone.rms if norm == "rms" else alone.largest) / error_unit(solution)))
+        problem: Any = solution.scene.problem
+        step = problem.step if problem.family == "time" else 0.0
+        counts = solution.spacing, step, solution.discretized.size, seconds
+        return TimedSolve(purpose, *counts, error, solution, estimate, expected)
 
     def solve_first(self, spacing: float) -> TimedSolve:
         """Solve at a spacing, or at the first smaller spacing at which the scene can be solved; return the solve.
@@ -221,18 +209,18 @@ class AdaptiveRun:
             If there is no such spacing, with the reason for which the first spacing was refused.
         """
         refusal: ResolutionError | SceneError | None = None
-        for trial in range(self.trials):
+        trials = [spacing / math.sqrt(2) ** k for k in range(MOST_TRIALS)]
+        for trial in trials:
             try:
-                return self.solve("pilot", spacing / math.sqrt(2) ** trial)
+                return self.solve("pilot", trial)
             except (ResolutionError, SceneError) as error:
                 refusal = refusal or error
         assert refusal is not None
-        finest = spacing / math.sqrt(2) ** (self.trials - 1)
         if "spacing" not in str(refusal):
             raise refusal
         raise type(refusal)(  # the user gave no spacing
             f"{self.target.target} was asked for, and the scene was refused at every spacing that was tried, from "
-            f"{spacing:.3g} to {finest:.3g}, the first time because: {refusal}"
+            f"{spacing:.3g} to {trials[-1]:.3g}, the first time because: {refusal}"
         ) from refusal
 
     def shorten_steps(self) -> bool:
@@ -241,7 +229,7 @@ class AdaptiveRun:
         The error is computed from the last solution, a coarse one, as it hardly depends on the spacing.
         """
         problem: Any = self.scene.problem
-        if not isinstance(problem, Evolution):
+        if problem.family != "time":
             return False
         first = self.last.solution
         same = {"origin": first.discretization()["origin"]}  # on another lattice errors in space would count
@@ -250,7 +238,7 @@ class AdaptiveRun:
         if self.in_time <= most:
             return False
         parts = math.ceil((self.in_time / most) ** (1 / order))
-        self.scene = replace(self.scene, problem=replace(cast("Any", problem), step=problem.step / parts))
+        self.scene = replace(self.scene, problem=replace(problem, step=problem.step / parts))
         self.in_time /= parts**order
         return True
 
@@ -271,43 +259,20 @@ class AdaptiveRun:
     def is_like_last(self, solution: SolutionRecord, other: SolutionRecord | None = None) -> bool:
         """Return True if a solution has the same form and options as ``other``, by default the last solution."""
         pair = (solution, other or self.last.solution)
-        mine, others = (lattice_options(each.discretized) for each in pair)
-        return mine is not None and others is not None and mine.own == others.own
+        first, second = (lattice_options(each.discretized) for each in pair)
+        return first is not None and second is not None and first.own == second.own
 
     def _coarse_solution(self, solution: SolutionRecord) -> SolutionRecord | None:
         """Return the coarser solution with which a solution is compared, by the ratio of spacings; None without any."""
         ratios = {
             solve.spacing / solution.spacing: solve.solution
             for solve in self.solves
-            if self._has_steps_of(solve.solution) and self.is_like_last(solve.solution, solution)
+            if self._has_scene_steps(solve) and self.is_like_last(solve.solution, solution)
         }
         near = {ratio: coarse for ratio, coarse in ratios.items() if LEAST_RATIO <= ratio <= MOST_RATIO}
         return near[min(near, key=lambda ratio: abs(ratio - BEST_RATIO))] if near else None
 
-    def _has_steps_of(self, solution: SolutionRecord) -> bool:
-        """Return True if a solution has the same steps in time as the scene has now."""
-        problem = self.scene.problem
-        return not isinstance(problem, Evolution) or cast("Any", solution.scene.problem).step == problem.step
-
-    def _estimate(self, solution: SolutionRecord, alone: ExpectedError | None) -> ErrorEstimate | None:
-        """Return the estimated error of a solution; None if no coarser solution serves or the form has no estimate.
-
-        ``alone`` is the estimate from the solution alone.
-        """
-        coarse, solution = self._coarse_solution(solution), self.with_scene_modes(solution)
-        if coarse is None or any(pair.discretized.diagnosis().no_estimate for pair in (solution, coarse)):
-            return None
-        return estimate_from(solution, [coarse], self.in_time, self.order, alone)
-
-    def _origin(self, spacing: float) -> Any:
-        """Return a node (d,) of the lattice of a solve: the user's if the solve may be the answer, else a shifted node.
-
-        No two solves with shifted nodes have nodes at the same places.
-        """
-        if self.origin is not None and any(solve.spacing > spacing for solve in self.solves):
-            return self.origin  # ratios of later spacings are not integers
-        return shifted_origin(self.scene, spacing, len(self.solves) + 1)
-
-    def steps(self) -> tuple[SolveStep, ...]:
-        """Return the records of all solves for the history, in order."""
-        return tuple(solve.step(self.target.norm) for solve in self.solves)
+    def _has_scene_steps(self, solve: TimedSolve) -> bool:
+        """Return True if a solve has the same steps in time as the scene has now."""
+        problem: Any = self.scene.problem
+        return problem.family != "time" or bool(solve.step == problem.step)

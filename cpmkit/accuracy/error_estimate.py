@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import place
+from cpmkit.forms.form_records import ExpectedError
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.solution.display_mesh import DisplayMesh, evaluate_on_sides
-from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.modes import EigenRecord, compare_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
 #: Ratio of the bound of an error to its estimate.
 ERROR_SAFETY_FACTOR = 2.0
+#: Number of points at which solutions are compared: per unknown of the finer solution, at least, and at most.
+COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
+#: Eigenvalues below this share of the largest count as zero: the unit of their errors is the first larger eigenvalue.
+ZERO_SHARE = 1e-6
+#: Largest range of a constant solution, as a share of its size: rounding.
+ROUNDING_SHARE = 1e-12
+#: Weight of the estimate from coarse solutions, in the geometric mean with that from the solution alone, where it is
+#: the larger one (a coarse lattice that does not resolve the solution makes differences large), and where it is not.
+WEIGHT_ABOVE, WEIGHT_BELOW = 0.35, 0.5
+#: The result is at least this share of the estimate from coarse solutions: the solution alone does not show the errors
+#: of quadrature.
+LEAST_OF_APART = 0.45
+#: Factor by which estimates are too small where a solution is hardly resolved (measured).
+UNRESOLVED_FACTOR = 1.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,3 +130,145 @@ class ErrorEstimate:
             f"error about {errors} at spacing {self.solution.spacing:g}, at most {float(self.bound.max()):.2g}, "
             f"largest near {place(self.at)}; rms {rms} percent of the range{'; ' if self.slow else ''}{self.slow}"
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Difference:
+    """The difference of two solutions.
+
+    Attributes
+    ----------
+    sizes : (2, channels) float64
+        Root mean square and largest difference, as shares of ``unit``; for eigenvalue problems both are the relative
+        difference of each eigenvalue, infinite where the coarser solution has no matching mode.
+    unit : (channels,) float64
+        The range of the finer solution, or its size where it is constant; for eigenvalue problems each eigenvalue.
+    at : (d,) float64
+        The point where the solutions differ most, in the scene's coordinates.
+    ratio : float
+        The coarser spacing over the finer one.
+    """
+
+    sizes: Floats
+    unit: Floats
+    at: Floats
+    ratio: float
+
+
+def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
+    """Return points (k, d) where a solution is compared, weights (k,) of sum 1, and its values (k, channels) there."""
+    form = solution.discretized
+    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
+    rows, points = form.some_points(count)
+    if form.point_weights is None:
+        weights, values = np.ones(len(rows)), solution.evaluate(points)
+    else:
+        weights, values = form.point_weights[rows], form.at_points(solution.values, rows)
+    return points, weights / weights.sum(), values.reshape(len(points), -1)
+
+
+def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
+    """Return the difference of the solution ``fine`` from one at a larger spacing, at points of the finer one."""
+    points, weights, values = compared_points(fine)
+    ratio = coarse.spacing / fine.spacing
+    if isinstance(fine, EigenRecord) and isinstance(coarse, EigenRecord):
+        differences, pointwise = compare_modes(fine, coarse, points)
+        size = np.abs(fine.eigenvalues)
+        unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
+        at = points[int(pointwise.max(axis=1).argmax())]
+        return Difference(np.stack([differences, differences]) / unit, unit, at, ratio)
+    pointwise = np.abs(values - coarse.evaluate(points).reshape(len(points), -1))
+    unit = _ranges(values)
+    at = points[int((pointwise / unit).max(axis=1).argmax())]
+    sizes = np.stack([np.sqrt(weights @ pointwise**2), pointwise.max(axis=0)])
+    return Difference(sizes / unit, unit, at, ratio)
+
+
+def error_unit(solution: SolutionRecord) -> Floats:
+    """Return the unit (channels,) of relative errors of a solution: its range at the points of comparison."""
+    return _ranges(compared_points(solution)[2])
+
+
+def _ranges(values: Floats) -> Floats:
+    """Return the range (channels,) of values (k, channels); the size if the range is rounding, 1 if that is zero."""
+    extent, size = np.ptp(values, axis=0), np.abs(values).max(axis=0)
+    return np.where(extent > ROUNDING_SHARE * size, extent, np.where(size > 0, size, 1.0))
+
+
+def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
+    """Return the error of a solution estimated from that solution alone; None if the form has no such estimate."""
+    return None if isinstance(solution, EigenRecord) else solution.discretized.estimate(solution.values)
+
+
+def estimate_from(
+    solution: SolutionRecord,
+    coarse_solutions: Sequence[SolutionRecord],
+    in_time: float = 0.0,
+    order: float | None = None,
+    alone: ExpectedError | None = None,
+) -> ErrorEstimate:
+    """Return the error of a solution estimated from coarser solutions.
+
+    Each coarser solution, at r times the spacing, gives ``|u_h - u_rh| / (r^p - 1)``; the estimate is the geometric
+    mean of these. The order p is that of the form for differences at that ratio (docs/explanation/galerkin.md,
+    section 10). With ``alone`` the result is a weighted geometric mean of this estimate and the estimate from the
+    solution alone: the two are independent, and together are less often too small than either (measured:
+    docs/explanation/galerkin.md). The coarsest solution is the last. The error of the steps in time, ``in_time``, a
+    share of the range, is added. The ``order`` is p if it is not that of the form.
+    """
+    differences = [difference(solution, coarse) for coarse in coarse_solutions]
+    form, modes, tiny = solution.discretized, isinstance(solution, EigenRecord), np.finfo(float).tiny
+    diagnoses = [
+        form.diagnosis(coarse.discretized, apart.ratio, float(apart.sizes[0].max()), modes)
+        for coarse, apart in zip(coarse_solutions, differences, strict=True)
+    ]
+    orders = [order or diagnosis.order for diagnosis in diagnoses]
+    errors = [apart.sizes / (apart.ratio**p - 1) for apart, p in zip(differences, orders, strict=True)]
+    by_norm = np.exp(np.mean(np.log(np.maximum(errors, tiny)), axis=0))
+    coarsest = differences[-1]
+    rms, largest = by_norm if alone is None else _combine(by_norm, alone, coarsest.unit)
+    resonant_rms, resonant_largest = _resonance_error(solution, coarse_solutions[-1], coarsest)
+    rms, largest = np.maximum(rms, resonant_rms), np.maximum(largest, resonant_largest)
+    source_error = 0.0 if modes else form.source_error()
+    slow = diagnoses[-1].slow
+    if not slow and alone is not None and alone.unresolved:
+        slow = "waves or peaks that the spacing hardly resolves; the error may fall slowly"
+    if not slow and resonant_largest >= 1:
+        slow = "an eigenvalue is as near as its error: size and sign of the solution are not determined"
+    return ErrorEstimate(
+        rms + in_time,
+        largest + in_time,
+        coarsest.unit,
+        in_time,
+        np.full(len(coarsest.unit), source_error),
+        coarsest.at,
+        slow,
+        solution,
+        tuple(coarse_solutions),
+        orders[-1],
+        np.ones_like(largest) if alone is None else largest / by_norm[1],
+    )
+
+
+def _resonance_error(solution: SolutionRecord, coarse: SolutionRecord, apart: Difference) -> tuple[float, float]:
+    """Return the rms and the largest error of a solution due to an eigenvalue near zero; 0 if there is none.
+
+    The error of the eigenvalue is estimated from the eigenvalue on the lattice of the ``coarse`` solution, if known.
+    """
+    fine, other = solution.resonance, coarse.resonance
+    if fine is None:
+        return 0.0, 0.0
+    order = solution.discretized.diagnosis(coarse.discretized, apart.ratio, eigenvalues=True).order
+    error = fine.error if other is None else abs(fine.gap - other.gap) / (apart.ratio**order - 1)
+    return fine.amplified_error(error)
+
+
+def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
+    """Return the weighted mean (2, channels) of errors from coarse solutions and those from the solution alone.
+
+    ``errors`` (2, channels), root mean square and largest, are shares of ``unit``, the others in the solution's unit.
+    """
+    expected = np.stack([alone.rms, alone.largest]) / unit
+    weight = np.where(errors > expected, WEIGHT_ABOVE, WEIGHT_BELOW)
+    mean = errors**weight * np.maximum(expected, np.finfo(float).tiny) ** (1 - weight)
+    return np.asarray(np.maximum(mean, LEAST_OF_APART * errors) * (UNRESOLVED_FACTOR if alone.unresolved else 1.0))

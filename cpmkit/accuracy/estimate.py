@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Unpack, cast
+from typing import Any, Unpack
 
 import numpy as np
 
-from cpmkit.accuracy.coarse_solutions import difference, estimate_alone, estimate_from
-from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.error_estimate import ErrorEstimate, difference, estimate_alone, estimate_from
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.families.solve_options import PreparingKeywords
@@ -43,14 +42,7 @@ SolveAt = Callable[[Scene, float], SolutionRecord]
 def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool = False) -> ErrorEstimate:
     """Solve a scene at larger spacings, and return the error of a solution estimated from the differences.
 
-    Parameters
-    ----------
-    solution : SolutionRecord
-        The solution whose error is estimated.
-    solve_at : callable
-        Solves a scene at a spacing.
-    tight : bool
-        Whether the solution is compared at both the root of two and two times the spacing, or only at two times.
+    If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times.
 
     Raises
     ------
@@ -118,12 +110,12 @@ def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     It hardly depends on the spacing, so a coarse solution suffices. 0 for equations without time, and if twice the
     step exceeds the duration.
     """
-    problem = solution.scene.problem
-    if not isinstance(problem, Evolution) or 2 * problem.step > problem.duration:
+    problem: Any = solution.scene.problem
+    if problem.family != "time" or 2 * problem.step > problem.duration:
         return 0.0
-    longer: Any = replace(cast("Any", problem), step=2 * problem.step)
+    longer: Any = replace(problem, step=2 * problem.step)
     other = solve_at(replace(solution.scene, problem=longer), solution.spacing)
-    return float(difference(solution, other).largest.max() / (2 ** order_in_time(problem) - 1))
+    return float(difference(solution, other).sizes[1].max() / (2 ** order_in_time(problem) - 1))
 
 
 def order_in_time(problem: Evolution) -> int:
@@ -139,14 +131,7 @@ def measured_source_error(
     The form estimates it from areas. If the estimate is above ``negligible`` and the source is a mesh read as smooth,
     the scene is also solved on the flat triangles, since solutions differ by less than areas do.
 
-    Parameters
-    ----------
-    solution : SolutionRecord
-        A coarse solution, as the further solve costs as much as it.
-    solve : callable
-        Solves a scene on the lattice of the solution.
-    negligible : float
-        An error below this share is not computed more accurately.
+    The ``solution`` is a coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
     """
     if isinstance(solution, EigenRecord):
         return 0.0
@@ -155,7 +140,7 @@ def measured_source_error(
     if by_areas <= max(negligible, form.source_error(0.0)) or not isinstance(surface, HasFacets):
         return by_areas
     flat = solve(replace(solution.scene, surface=surface.read_as_facets()))
-    return form.source_error(float(difference(solution, flat).rms.max()))
+    return form.source_error(float(difference(solution, flat).sizes[0].max()))
 
 
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:

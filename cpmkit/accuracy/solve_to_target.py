@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from cpmkit.accuracy.adaptive_run import AdaptiveRun, TimedSolve
-from cpmkit.accuracy.coarse_solutions import estimate_alone, estimate_from
-from cpmkit.accuracy.degree_choice import error_of_equal_cost
-from cpmkit.accuracy.error_estimate import ErrorEstimate
+from cpmkit.accuracy.adaptive_run import AdaptiveRun, SolveStep, TimedSolve
+from cpmkit.accuracy.error_estimate import ErrorEstimate, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
-from cpmkit.accuracy.solve_history import SolveHistory, Status
-from cpmkit.accuracy.spacing_search import errors_stay, predicted_bytes, search_spacing
+from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stay, predicted_bytes, search_spacing
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.solve_options import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
+from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import declared_options, document_options, split_options
 from cpmkit.scene.equations_in_time import Wave
@@ -29,11 +27,65 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress, no_progress
 
+
+@dataclass(frozen=True)
+class SolveHistory:
+    """The solves by which a target (error, time or memory) was met.
+
+    Attributes
+    ----------
+    target : AccuracyTarget
+        The target.
+    status : str
+        ``reached``, ``floor``, ``within`` or ``not reached``.
+    error : float
+        The estimate of the solution's error in the norm of the target.
+    predicted_bytes : float
+        Predicted peak of memory of the last solve.
+    seconds : float
+        Duration of all solves together.
+    steps : tuple of SolveStep
+        All solves, in order.
+    summary : str
+        The result, in a sentence.
+    chosen : str
+        Options that were chosen in addition to the spacing, with the reason; empty without any.
+    """
+
+    target: AccuracyTarget
+    status: Status
+    error: float
+    predicted_bytes: float
+    seconds: float
+    steps: tuple[SolveStep, ...]
+    summary: str
+    chosen: str = ""
+
+    told = DeprecatedMember("summary")
+    asked = DeprecatedMember("target")
+
+    @property
+    def cost_over_last_solve(self) -> float:
+        """Ratio of the seconds of all solves and estimates to the seconds of the last solve."""
+        return self.seconds / self.steps[-1].seconds
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the record as a dictionary of plain values."""
+        return {**asdict(self), "cost_over_last_solve": self.cost_over_last_solve}
+
+    def __str__(self) -> str:
+        """Return a line for each solve, then the options chosen and the result."""
+        lines = [
+            f"{step.purpose:<10} spacing {step.spacing:<8.3g} {step.unknowns:>9,} unknowns  {step.seconds:7.2f} s  "
+            f"{'error not yet known' if step.error != step.error else f'error about {step.error:.2g}'}"
+            for step in self.steps
+        ]
+        return "\n".join([*lines, *([self.chosen] if self.chosen else []), self.summary])
+
+
 #: Ratio of the relative residual of linear solves to the tolerance, of which its error is below 1/20; the largest and
 #: the smallest residual (measured: tests/accuracy/test_tolerance.py).
 RESIDUAL_SHARE, LARGEST_RESIDUAL, SMALLEST_RESIDUAL = 1e-3, 1e-6, 1e-10
-#: Largest number of first spacings tried with a recipe, which may refuse a scene at every spacing.
-MOST_RECIPE_TRIALS = 4
 
 #: The class of the solutions that a recipe returns.
 Made = TypeVar("Made", bound=SolutionRecord)
@@ -67,17 +119,7 @@ def solve_to_target(
         with collected_warnings():
             return solve_scene(scene, spacing, **{**given, **further})
 
-    return answer_of(
-        AdaptiveRun(
-            scene,
-            solve,
-            target,
-            progress,
-            origin=options.get("origin"),
-            solver=str(options.get("solver", "auto")),
-            degree_given="degree" in options,
-        )
-    )
+    return answer_of(AdaptiveRun(scene, solve, target, progress, options))
 
 
 @document_options(AccuracyTarget)
@@ -138,9 +180,7 @@ def solve_by(
         with collected_warnings():
             return recipe(spacing, origin)
 
-    # a recipe has no degree that could be chosen
-    run = AdaptiveRun(scene, solve, goal, progress, order=order, trials=MOST_RECIPE_TRIALS, degree_given=True)
-    solution = answer_of(run)
+    solution = answer_of(AdaptiveRun(scene, solve, goal, progress, is_recipe=True, order=order))
     warn_each(solution.warnings)
     return cast("Made", solution)
 
@@ -168,19 +208,18 @@ def estimate_error_by(recipe: Recipe, solution: SolutionRecord, *, order: float 
 
 def answer_of(run: AdaptiveRun) -> SolutionRecord:
     """Search for the spacing of the target, and return the answer with its estimate and history."""
-    target = run.target
     status, aim = search_spacing(run)
     best = run.last if status in ("reached", "floor") else run.best
     answer, estimate = run.with_scene_modes(best.solution), best.estimate
     if estimate is not None and run.measured_floor is not None:
         estimate = replace(estimate, floor=np.full(len(estimate.unit), run.measured_floor))
     history = SolveHistory(
-        target,
+        run.target,
         status,
-        run.error_of(best),
+        best.error,
         predicted_bytes(run, best.unknowns),
         run.elapsed,
-        run.steps(),
+        tuple(SolveStep(*(getattr(solve, entry.name) for entry in fields(SolveStep))) for solve in run.solves),
         _summary(run, best, status, aim),
         _chosen_degree(run, best),
     )
@@ -222,7 +261,7 @@ def _summary(run: AdaptiveRun, best: TimedSolve, status: Status, aim: float) -> 
     """
     target, estimate = run.target, best.estimate
     where = f"at spacing {best.spacing:.3g} with {best.unknowns:,} unknowns"
-    size, norm = run.error_of(best), {"rms": "root mean square", "max": "largest error"}[target.norm]
+    size, norm = best.error, {"rms": "root mean square", "max": "largest error"}[target.norm]
     error = f"{norm} not known {where}" if math.isnan(size) else f"{norm} about {size:.2g} of the range {where}"
     slow = f"; {estimate.slow}" if estimate is not None and estimate.slow else ""
     if run.failure is not None:
@@ -253,7 +292,7 @@ def _chosen_degree(run: AdaptiveRun, best: TimedSolve) -> str:
         return ""
     return (
         f"degree {run.chosen_options['degree']} was chosen: on smooth surfaces that are known exactly it reaches "
-        f"errors below {error_of_equal_cost():.1g} sooner than degree 2 does; degree=2 takes less memory per unknown."
+        f"errors below {CUBIC_ERROR:.1g} sooner than degree 2 does; degree=2 takes less memory per unknown."
     )
 
 

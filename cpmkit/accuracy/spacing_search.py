@@ -8,16 +8,14 @@ cost, and the answer is compared with it.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from cpmkit.accuracy.adaptive_run import LEAST_RATIO, AdaptiveRun, TimedSolve
-from cpmkit.accuracy.degree_choice import cheaper_degree
-from cpmkit.accuracy.solve_history import Purpose, Status
 from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.cost_model import CostModel, Growth, line_through, rising_growth
+from cpmkit.forms.cost_model import Growth, fitting_unknowns, line_through, rising_growth
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.grid.spacings import unknowns_at_unit_spacing
@@ -48,8 +46,6 @@ LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.48, 2.2
 #: A time limit counts as kept up to this factor.
 LATE = 1.5
-#: Least ratio of two spacings whose solutions show an order and an error.
-TELLING_RATIO = 1.35
 #: Largest number of finer answers after the first.
 MOST_CORRECTIONS = 2
 #: Ratio of the error of linear solves, as a share of the range, to their relative residual: at most about this
@@ -64,8 +60,14 @@ LONGER, PLANNED_SHARE = 1.25, 0.8
 #: of the need, and at most (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at most, in processes of
 #: their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
 PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.4, 20e6
-#: Rounds of the fixed-point iteration for the number of unknowns that fits into a memory.
-FITTING_ROUNDS = 20
+#: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
+#: two finest solves of each degree in docs/tables/knobs.md, between which time is a power of the error.
+CUBIC_ERROR = 5.8e-6
+
+#: ``reached``: the estimate is below the tolerance. ``floor``: the error due to the source of the manifold is above the
+#: tolerance, and the estimate is below that error. ``within``: without a tolerance, time and memory were kept. ``not
+#: reached``: none of these.
+Status = Literal["reached", "floor", "within", "not reached"]
 
 
 def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
@@ -82,7 +84,10 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
     tolerance = run.target.tolerance
     run.solve_first(first_spacing(run.scene))
     try:
-        _solve_second(run)
+        if run.shorten_steps():
+            run.solve("pilot", run.last.spacing)
+        run.solve("pilot", run.last.spacing / _first_factor(run))
+        check_memory(run)
         _refine(run)
     except (CpmkitError, MemoryError) as error:
         run.failure = error
@@ -102,50 +107,58 @@ def _reachable_tolerance(run: AdaptiveRun) -> float:
     return 0.0 if tolerance is None else max(tolerance, run.source_error())
 
 
-def _solve_second(run: AdaptiveRun) -> None:
-    """Shorten the steps in time if needed, and solve at the second spacing."""
-    if run.shorten_steps():
-        run.solve("pilot", run.last.spacing)
-    run.solve("pilot", run.last.spacing / _first_factor(run))
-    check_memory(run)
-
-
 def _first_factor(run: AdaptiveRun) -> float:
     """Return the ratio of the first to the second spacing, from the estimate of the first solution alone."""
-    tolerance = run.target.tolerance
-    if math.isnan(run.expected_error):
+    tolerance, expected = run.target.tolerance, run.last.expected_error
+    if math.isnan(expected):
         return UNTOLD_FACTOR
     if tolerance is None:
         return FIRST_MOST_FACTOR
-    factor = (run.expected_error / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
+    factor = (expected / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
     return float(min(max(factor, FIRST_LEAST_FACTOR), FIRST_MOST_FACTOR))
 
 
 def _refine(run: AdaptiveRun) -> None:
     """Solve at smaller spacings until the tolerance or a limit is reached, or the error no longer falls."""
     aim = _reachable_tolerance(run)
-    degree = cheaper_degree(run, aim)
-    if degree is not None:
-        run.chosen_options["degree"] = degree
+    if _takes_cubic_splines(run, aim):
+        run.chosen_options["degree"] = run.last.solution.discretized.traits.higher_degree
         for solve in run.solves[-2:]:
             run.solve("pilot", solve.spacing)
     answers = 0
     while not _is_accepted(run, aim) and answers <= MOST_CORRECTIONS and not errors_stay(run):
-        here, limit = run.last.spacing, finest_spacing(run)
+        growth, here = _growth(run), run.last.spacing
+        limit = growth.spacing_with(min(_most_in_memory(run), _most_in_time(run)))
         goal, farthest = max(_goal_spacing(run, aim), limit), max(here / MOST_FACTOR, limit)
+        start, slope = _seconds_line(run)
         if here / goal > WORTH_COMPANION:
-            _solve_at(run, "companion", max(math.sqrt(goal * here), MOST_FACTOR * goal, farthest))
+            between = max(math.sqrt(goal * here), MOST_FACTOR * goal, farthest)
+            run.solve("companion", between, start + slope * growth.at(between))
             continue
         goal = max(goal, farthest)
-        if here / goal < (LEAST_RATIO if run.target.tolerance is None else TELLING_RATIO):
+        if here / goal < LEAST_RATIO:
             break
         answers += 1
-        _solve_at(run, "answer" if answers == 1 else "correction", goal)
+        run.solve("answer" if answers == 1 else "correction", goal, start + slope * growth.at(goal))
 
 
-def _solve_at(run: AdaptiveRun, purpose: Purpose, spacing: float) -> None:
-    """Solve at a spacing, with the expected time reported to the progress callback."""
-    run.solve(purpose, spacing, expected_seconds(run, spacing))
+def _takes_cubic_splines(run: AdaptiveRun, tolerance: float) -> bool:
+    """Return whether a tolerance is reached sooner with splines of a higher degree.
+
+    This holds only where it was measured: neither a degree nor a memory is given, the manifold is a smooth closed
+    surface that is known exactly, and the error falls at its expected order.
+    """
+    form = run.last.solution.discretized
+    return bool(
+        0 < tolerance < CUBIC_ERROR
+        and not run.is_recipe
+        and "degree" not in run.options
+        and run.target.memory is None
+        and form.traits.higher_degree is not None
+        and run.scene.problem.kind in ("poisson", "screened")
+        and not form.source_error()
+        and not form.diagnosis().slow
+    )
 
 
 def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
@@ -155,18 +168,19 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     estimate includes, may exceed the tolerance. Without an estimate from the solution alone the margin is larger if
     errors fall more slowly than expected, as they do while a layer is about as wide as a spacing.
     """
-    if run.last.solution.discretized.diagnosis().unresolved_share > aim**2:
+    last = run.last
+    if last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
     first = len(_comparable(run)) < 2
     accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[run.target.norm] * aim
-    if run.last.estimate is not None and run.last.estimate.slow:
+    if last.estimate is not None and last.estimate.slow:
         accepted *= SLOW_SHARE
-    if not math.isnan(run.expected_error):
-        return run.error <= accepted
+    if not math.isnan(last.expected_error):
+        return last.error <= accepted
     prior = _prior_order(run)
     slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(observed_order(run), prior) - 1)
-    at_first, later = EIGENVALUE_SHARES if isinstance(run.last.solution, EigenRecord) else UNTOLD_SHARES
-    return bool(run.error * slower <= accepted * (at_first if first else later))
+    at_first, later = EIGENVALUE_SHARES if isinstance(last.solution, EigenRecord) else UNTOLD_SHARES
+    return bool(last.error * slower <= accepted * (at_first if first else later))
 
 
 def errors_stay(run: AdaptiveRun) -> bool:
@@ -176,8 +190,8 @@ def errors_stay(run: AdaptiveRun) -> bool:
     falls; or the last four errors do not fall.
     """
     known = _comparable(run)[-4:]
-    spacings, errors = [solve.spacing for solve in known], [run.error_of(solve) for solve in known]
-    if len(known) < 2 or known[-1] is not run.last or spacings[-2] < TELLING_RATIO * spacings[-1]:
+    errors = [solve.error for solve in known]
+    if len(known) < 2 or known[-1] is not run.last or known[-2].spacing < LEAST_RATIO * known[-1].spacing:
         return False
     algebraic = RESIDUAL_FACTOR * run.last.solution.report.residual
     stay = len(known) == 4 and errors[0] <= min(errors) and errors[1] <= errors[3]
@@ -195,29 +209,26 @@ def _goal_spacing(run: AdaptiveRun, aim: float) -> float:
     if not known:  # no mode was matched, so no error is known
         return here / math.sqrt(2)
     p, last = observed_order(run), known[-1]
-    error = run.error_of(last) * (here / last.spacing) ** p
+    error = last.error * (here / last.spacing) ** p
     return float(here / max((error / (AIMED_SHARE * aim)) ** (1 / p), LEAST_FACTOR))
 
 
 def observed_order(run: AdaptiveRun) -> float:
-    """Return the order at which the error is assumed to fall: the mean of the observed order and the form's."""
+    """Return the order at which the error is assumed to fall: the mean of the observed order and the form's.
+
+    It is observed between the last two solves with estimated errors, without the error in time; if there are fewer than
+    two, between the last two solves, with the errors estimated from each alone, if known.
+    """
     observed = prior = _prior_order(run)
-    pair, errors = _last_two_errors(run)
-    if len(pair) == 2 and pair[0].spacing > TELLING_RATIO * pair[1].spacing:
+    pair = _comparable(run)[-2:]
+    errors = [solve.error - run.in_time for solve in pair]
+    if len(pair) < 2 and not math.isnan(run.last.expected_error):
+        pair = run.solves[-2:]
+        errors = [solve.expected_error for solve in pair]
+    if len(pair) == 2 and pair[0].spacing > LEAST_RATIO * pair[1].spacing:
         coarse, fine = (max(error, np.finfo(float).tiny) for error in errors)
         observed = math.log(coarse / fine) / math.log(pair[0].spacing / pair[1].spacing)
     return min(max((observed + prior) / 2, LEAST_ORDER), MOST_SLOW_ORDER if prior < MOST_SLOW_ORDER else MOST_ORDER)
-
-
-def _last_two_errors(run: AdaptiveRun) -> tuple[list[TimedSolve], list[float]]:
-    """Return the last two solves with estimated errors, and these errors without the error in time.
-
-    If there are fewer than two, the last two solves, with the errors estimated from each alone, if known.
-    """
-    known = _comparable(run)[-2:]
-    if len(known) == 2 or math.isnan(run.expected_error):
-        return known, [run.error_of(solve) - run.in_time for solve in known]
-    return run.solves[-2:], [solve.expected_error(run.target.norm) for solve in run.solves[-2:]]
 
 
 def _prior_order(run: AdaptiveRun) -> float:
@@ -230,7 +241,7 @@ def _prior_order(run: AdaptiveRun) -> float:
 
 def _comparable(run: AdaptiveRun) -> list[TimedSolve]:
     """Return the solves with the options of the last solve whose errors are known, the finest last."""
-    return [solve for solve in run.solves if np.isfinite(run.error_of(solve)) and run.is_like_last(solve.solution)]
+    return [solve for solve in run.solves if np.isfinite(solve.error) and run.is_like_last(solve.solution)]
 
 
 def first_spacing(scene: Scene) -> float:
@@ -239,19 +250,6 @@ def first_spacing(scene: Scene) -> float:
     m = surface.largest_dim
     spacing = (unknowns_at_unit_spacing(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
     return float(min(spacing, COARSEST_SPACING_SHARE * np.ptp(surface.bounds, axis=0).max()))
-
-
-def finest_spacing(run: AdaptiveRun) -> float:
-    """Return the smallest spacing that the target's time and memory and the memory of the process allow."""
-    return _growth(run).spacing_with(min(_most_in_memory(run), _most_in_time(run)))
-
-
-def expected_seconds(run: AdaptiveRun, spacing: float) -> float | None:
-    """Return the expected duration of a solve at a spacing; None before two solves were timed."""
-    if len(run.solves) < 2:
-        return None
-    start, slope = _seconds_line(run)
-    return start + slope * _growth(run).at(spacing)
 
 
 def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
@@ -265,16 +263,12 @@ def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
     """Return the bytes that a solve with this number of unknowns needs, and those of the coarser solutions stored."""
-    model = _cost_model(run)
-    used = model.peak_bytes(unknowns, model.choose_solver(run.solver, unknowns), run.last.solution.work)
-    return used, sum(model.stored_bytes(solve.solution.work) for solve in run.solves if solve.unknowns < unknowns)
-
-
-def _cost_model(run: AdaptiveRun) -> CostModel[Any]:
-    """Return the cost model of the scene with the discretisation options of the last solve."""
     options = lattice_options(run.last.solution.discretized)
     assert options is not None  # a target is for a form on a lattice
-    return cost_model(run.scene, options)
+    model = cost_model(run.scene, options)
+    solver = model.choose_solver(str(run.options.get("solver", "auto")), unknowns)
+    used = model.peak_bytes(unknowns, solver, run.last.solution.work)
+    return used, sum(model.stored_bytes(solve.solution.work) for solve in run.solves if solve.unknowns < unknowns)
 
 
 def check_memory(run: AdaptiveRun) -> None:
@@ -328,7 +322,4 @@ def _most_in_time(run: AdaptiveRun) -> float:
 def _most_in_memory(run: AdaptiveRun) -> float:
     """Return the number of unknowns for which the memory suffices."""
     limit = PLANNED_SHARE * min(run.target.memory or np.inf, memory.available_bytes())
-    most = float(run.last.unknowns)
-    for _ in range(FITTING_ROUNDS):
-        most = max(limit * most / predicted_bytes(run, most), 1.0)
-    return most
+    return fitting_unknowns(limit, lambda unknowns: predicted_bytes(run, unknowns), float(run.last.unknowns))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, ClassVar, Generic
@@ -25,6 +25,8 @@ from cpmkit.types import Progress
 COUNTED_CELLS = 3_000
 #: Bytes that a solution holds for each unknown (measured on spheres and meshes).
 BYTES_STORED_PER_UNKNOWN = 300.0
+#: Rounds of the iteration for the number of unknowns that fits into a memory.
+FITTING_ROUNDS = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,3 +158,14 @@ def line_through(coarse: tuple[float, float], fine: tuple[float, float]) -> tupl
     (few, less), (many, more) = coarse, fine
     slope = max((more - less) / (many - few), 0.5 * more / many)
     return max(more - slope * many, 0.0), slope
+
+
+def fitting_unknowns(limit: float, bytes_of: Callable[[float], float], start: float = 1.0) -> float:
+    """Return the number of unknowns, at least 1, with which ``bytes_of(unknowns)`` is ``limit``.
+
+    It is found by fixed-point iteration, whose error falls by 3 or more in each round.
+    """
+    unknowns = start
+    for _ in range(FITTING_ROUNDS):
+        unknowns = max(limit * unknowns / bytes_of(unknowns), 1.0)
+    return unknowns

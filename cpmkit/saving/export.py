@@ -21,8 +21,8 @@ from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
 from cpmkit.scenefile.look import Look, check_vertices
+from cpmkit.solution.display_mesh import given_mesh_of
 from cpmkit.solution.frames import EvolvedRecord, frames_of
-from cpmkit.solution.record import given_mesh_of
 from cpmkit.types import Floats
 from cpmkit.view.colours import write_png
 from cpmkit.view.pictures import animate, check_film, frame_images

@@ -12,8 +12,7 @@ import numpy as np
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import check_vertices
-from cpmkit.solution.display_mesh import DisplayMesh
-from cpmkit.solution.record import given_mesh_of
+from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
 from cpmkit.types import Floats
 from cpmkit.view.colours import as_bytes, make_bar
 from cpmkit.view.drawing import in_space

@@ -33,18 +33,9 @@ def join_at_corners(
     """Join runs of points that meet at corners, and return the joined runs and which of them are closed.
 
     The sides of a polyline that turns by a right angle are separate runs, whose ends coincide. Where three ends meet,
-    or an end is equally near to two others, nothing is joined.
-
-    Parameters
-    ----------
-    runs : sequence of (k,) int64
-        Indices of points, in order along a curve or a part of it.
-    closed : sequence of bool
-        Which runs are closed.
-    points, tangents : (n, d) float64
-        Points, and unit tangents in the direction of the curves.
-    weights : (n,) float64
-        Length of curve that each point represents, half of it on either side.
+    or an end is equally near to two others, nothing is joined. A run has the indices (k,) of ``points`` (n, d) in order
+    along a curve, with ``tangents`` (n, d) in its direction and the lengths of curve ``weights`` (n,) that they
+    represent, half of it on either side.
     """
     opened = [run for run, is_closed in zip(runs, closed, strict=True) if not is_closed]
     if not opened:
@@ -183,24 +174,24 @@ def boundary_points(source: ClosestPointSource, surface: ClosestPointSource, spa
     """
     spacing = positive(spacing, "spacing")
     oriented = _oriented(source, surface)
-    rule = boundary_rule(source, surface, spacing)
-    tangents, conormals = _directions(oriented, rule.points, DIFFERENCE_SPACINGS * spacing)
+    points, weights = boundary_rule(source, surface, spacing)
+    tangents, conormals = _directions(oriented, points, DIFFERENCE_SPACINGS * spacing)
     if not source.manifold_dim:
-        count = len(rule.points)
-        each = rule.points, rule.weights, tangents, conormals, np.arange(count), np.zeros(count)
+        count = len(points)
+        each = points, weights, tangents, conormals, np.arange(count), np.zeros(count)
         return BoundaryPoints(source, surface, *each, (False,) * count)
-    curves = link_chains(rule.points, tangents, conormals, REACH_SPACINGS * spacing)
+    curves = link_chains(points, tangents, conormals, REACH_SPACINGS * spacing)
     runs, closed = join_at_corners(
-        [_in_direction(rule.points, tangents, curve.order) for curve in curves],
+        [_in_direction(points, tangents, curve.order) for curve in curves],
         [curve.closed for curve in curves],
-        rule.points,
+        points,
         tangents,
-        rule.weights,
+        weights,
     )
     order = np.concatenate(runs)
     curve = np.repeat(np.arange(len(runs)), [len(run) for run in runs])
-    arc = np.concatenate([np.cumsum(rule.weights[run]) - 0.5 * rule.weights[run] for run in runs])
-    picked = rule.points[order], rule.weights[order], tangents[order], conormals[order]
+    arc = np.concatenate([np.cumsum(weights[run]) - 0.5 * weights[run] for run in runs])
+    picked = points[order], weights[order], tangents[order], conormals[order]
     return BoundaryPoints(source, surface, *picked, curve, arc, closed)
 
 

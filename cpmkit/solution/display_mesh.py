@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.manifold.abilities import HasNormals
+from cpmkit.errors import InputError
+from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
-from cpmkit.types import Floats, Ints, Side
+from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
     from cpmkit.scene.scene import Scene
@@ -30,6 +31,9 @@ LONGEST_EDGE_SPACINGS = 2.0
 
 #: Number of nearest points of a cloud, a point itself included, to which its tangent plane is fitted.
 PLANE_NEIGHBOURS = 9
+
+#: A vertex of the user's mesh farther from the surface than this, in spacings, has no value; it is in no face.
+FARTHEST_VERTEX_SPACINGS = 0.5
 
 #: Rounds of alternating projections onto curves that converge to their crossing.
 CROSSING_ROUNDS = 20
@@ -172,3 +176,32 @@ def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
     combinations, member = np.unique(sides, axis=0, return_inverse=True)
     for index, combination in enumerate(combinations):
         yield combination, np.flatnonzero(member.ravel() == index)
+
+
+def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
+    """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
+
+    Raises
+    ------
+    InputError
+        If the surface was not made from a mesh, a polyline or a cloud.
+    """
+    if isinstance(surface, HasGivenMesh):
+        return surface.given_mesh
+    raise InputError(
+        f"The surface {type(surface).__name__} was not made from vertices of yours; solution.evaluate(points) "
+        "reads any points, and solution.display_mesh() is the mesh that pictures show."
+    )
+
+
+def values_at_vertices(solution: SolutionRecord, side: Sides) -> Floats:
+    """Return a solution at the vertices that its surface was made from; see :meth:`SolutionRecord.at_vertices`."""
+    surface = solution.scene.surface
+    vertices, _ = given_mesh_of(surface)
+    rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))
+    distance = surface.closest_point(np.ascontiguousarray(vertices[rows])).distance
+    rows = rows[distance <= FARTHEST_VERTEX_SPACINGS * solution.spacing]
+    read = solution.evaluate(np.ascontiguousarray(vertices[rows]), side)
+    values = np.full((len(vertices), *read.shape[1:]), np.nan)
+    values[rows] = read
+    return values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import gamma, pi
 from typing import TYPE_CHECKING, Any
 
@@ -32,18 +31,11 @@ BUMP_POWER = 4
 BEYOND_RIM_SPACINGS = 0.25
 
 
-@dataclass(frozen=True, eq=False)
-class BoundaryRule:
-    """Quadrature points (n, d) in the scene's coordinates, and weights (n,): lengths or areas; 1 for a point."""
+def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
+    """Return quadrature points (n, d) on ``surface`` along a boundary, and weights (n,).
 
-    points: Floats
-    weights: Floats
-
-
-def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> BoundaryRule:
-    """Return a quadrature rule over a boundary, with points on ``surface``.
-
-    If ``source`` has a mesh, the rule is that of its curved cells, else it has closest points of lattice nodes.
+    Weights are lengths or areas; 1 for points. If ``source`` has a mesh, the rule is that of its curved cells, else it
+    has closest points of lattice nodes.
     """
     dim = source.manifold_dim or 0
     if not isinstance(source, HasMesh):
@@ -56,10 +48,12 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     nodes = surface.closest_point(nodes).points
     rule_points, weights, _ = QuadraticCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
     on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
-    return BoundaryRule(surface.closest_point(on_source).points, weights.ravel())
+    return surface.closest_point(on_source).points, weights.ravel()
 
 
-def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int) -> BoundaryRule:
+def _from_bump(
+    source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int
+) -> tuple[Floats, Floats]:
     """Return a quadrature rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
 
     The bump has integral 1 over the normal space. It is even, so that curvature changes the measure to second order in
@@ -77,7 +71,7 @@ def _from_bump(source: ClosestPointSource, surface: ClosestPointSource, spacing:
     normal, width = source.dim - dim, BUMP_WIDTH_SPACINGS * spacing
     volume = pi ** (normal / 2) * gamma(BUMP_POWER + 1) / gamma(BUMP_POWER + 1 + normal / 2) * width**normal
     weights = (1 - (feet.distance / width) ** 2) ** BUMP_POWER * spacing**source.dim / volume
-    return BoundaryRule(surface.closest_point(feet.points).points, weights)
+    return surface.closest_point(feet.points).points, weights
 
 
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
@@ -136,10 +130,6 @@ def _rim_of_segments(
     return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))
 
 
-#: The name that stands for the edge of the manifold in place of a boundary.
-EDGE_WORD = "edge"
-
-
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
     """Return du/db (n,) or (n, channels); see :meth:`SolutionRecord.flux_density`."""
     density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
@@ -150,10 +140,10 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
     """Return the integral of du/db; see :meth:`SolutionRecord.flux`."""
     scene, form = solution.scene, solution.discretized
     names = [boundary.name for boundary in scene.boundaries]
-    if boundary not in names and (boundary == EDGE_WORD or isinstance(boundary, int)):
+    if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):
         if side is not None:
             raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
-        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == EDGE_WORD else int(boundary))
+        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == "edge" else int(boundary))
         total = form.flux(solution.values, boundary, None, solution.data_time)
         if total is None:
             total = weights @ form.conormal_derivative(solution.values, feet.points)
@@ -162,8 +152,9 @@ def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> fl
         number = boundary_number(scene.boundaries, name)
         total = form.flux(solution.values, name, checked, solution.data_time)
         if total is None:
-            rule = boundary_rule(scene.boundaries[number].source, scene.surface, solution.spacing)
-            total = rule.weights @ form.conormal_derivative(solution.values, rule.points, name, checked)
+            source = scene.boundaries[number].source
+            points, weights = boundary_rule(source, scene.surface, solution.spacing)
+            total = weights @ form.conormal_derivative(solution.values, points, name, checked)
     return float(total[0]) if solution.channels == 1 else np.asarray(total)
 
 

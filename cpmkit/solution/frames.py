@@ -15,9 +15,6 @@ from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Bytes per value in memory while frames are saved: two copies of eight bytes.
-FRAME_VALUE_BYTES = 16
-
 
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
     """Raise, before the first time step, if the available memory cannot hold the frames.
@@ -27,7 +24,7 @@ def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
     ResolutionError
         If it cannot; the message names a number of frames that fits.
     """
-    frame_bytes, available = FRAME_VALUE_BYTES * unknowns * channels, available_bytes()
+    frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
     if frames * frame_bytes > available:
         raise ResolutionError(
             f"{frames} frames of {unknowns} unknowns need {frames * frame_bytes / 2**30:.3g} GiB, and "

@@ -12,8 +12,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Most eigenvalues in the representation of a solution.
-MOST_SHOWN_EIGENVALUES = 4
 #: An eigenvalue below this share of the largest is zero up to rounding.
 ZERO_EIGENVALUE_SHARE = 1e-10
 
@@ -57,17 +55,12 @@ class EigenRecord(SolutionRecord):
         return {**super().summary(), "eigenvalues": self.eigenvalues.tolist(), "residuals": self.residuals.tolist()}
 
     def __repr__(self) -> str:
-        return f"{super().__repr__()}, {self._eigenvalues_text}"
+        first = ", ".join(f"{value:.6g}" for value in self.eigenvalues[:4])
+        return f"{super().__repr__()}, eigenvalues {first}{', ...' if len(self.eigenvalues) > 4 else ''}"
 
     def _figures(self) -> list[tuple[str, str]]:
         """Return the rows (name, text) that a notebook shows beside the picture, with the eigenvalues."""
         return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
-
-    @property
-    def _eigenvalues_text(self) -> str:
-        """The first eigenvalues in words, for ``repr``."""
-        first = ", ".join(f"{value:.6g}" for value in self.eigenvalues[:MOST_SHOWN_EIGENVALUES])
-        return f"eigenvalues {first}{', ...' if len(self.eigenvalues) > MOST_SHOWN_EIGENVALUES else ''}"
 
 
 #: Number of additional modes at twice the spacing, where the modes may be in another order.
@@ -91,12 +84,7 @@ def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tup
     works for multiplets, whose basis is arbitrary. Its eigenvalue is compared with the mean of the coarse eigenvalues,
     weighted by the squares of the coefficients.
 
-    Parameters
-    ----------
-    fine, coarse : EigenSolution
-        Solutions at a spacing and at twice that spacing.
-    points : (n, d) float64
-        Points at which functions are compared, in the scene's coordinates.
+    Functions are compared at ``points`` (n, d), in the scene's coordinates.
     """
     of_fine, of_coarse = (modes.evaluate(points).reshape(len(points), -1) for modes in (fine, coarse))
     weights = np.linalg.lstsq(of_coarse, of_fine, rcond=None)[0]

@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
 
 import numpy as np
 
@@ -15,12 +15,10 @@ from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import MeasuredWork
 from cpmkit.forms.free_constants import Imbalance
 from cpmkit.linear.solve_report import SolveReport
-from cpmkit.manifold.abilities import HasGivenMesh
-from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import summarize
-from cpmkit.types import SIDES, Floats, Ints, ReadSides, Side, Sides
+from cpmkit.types import SIDES, Floats, ReadSides, Side, Sides
 
 if TYPE_CHECKING:
     from cpmkit.solution.display_mesh import DisplayMesh
@@ -28,30 +26,8 @@ if TYPE_CHECKING:
     from cpmkit.solution.modes import Resonance
 
 UserClass = TypeVar("UserClass", bound="type[SolutionRecord]")
-#: A vertex of the user's mesh farther from the surface than this, in spacings, has no value; it is in no face.
-FARTHEST_VERTEX_SPACINGS = 0.5
 #: For each record class the class that is constructed in its place.
 _user_classes: dict[type, type] = {}
-
-
-class ErrorField(Protocol):
-    """An estimate of a solution's error, known all over the manifold."""
-
-    def at_points(self, points: Any) -> Floats:
-        """Return the estimated error (n,) or (n, channels) at points (n, d), in the solution's own unit."""
-
-    def on_mesh(self, mesh: DisplayMesh) -> Floats:
-        """Return the estimated error (v, channels) at the vertices of a mesh."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the estimate as plain values."""
-
-
-class SolveHistory(Protocol):
-    """The solves that led to a solution of a requested accuracy, time or memory."""
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the history as plain values."""
 
 
 def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserClass]:
@@ -69,22 +45,6 @@ def user_class_of(record: type[SolutionRecord]) -> Callable[[UserClass], UserCla
         return user_class
 
     return register
-
-
-def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
-    """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
-
-    Raises
-    ------
-    InputError
-        If the surface was not made from a mesh, a polyline or a cloud.
-    """
-    if isinstance(surface, HasGivenMesh):
-        return surface.given_mesh
-    raise InputError(
-        f"The surface {type(surface).__name__} was not made from vertices of yours; solution.evaluate(points) "
-        "reads any points, and solution.display_mesh() is the mesh that pictures show."
-    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,8 +85,8 @@ class SolutionRecord:
     seconds: Mapping[str, float]
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     imbalances: tuple[Imbalance, ...] = field(default=(), kw_only=True)
-    estimated: ErrorField | Literal[False] | None = field(default=None, kw_only=True)
-    solve_history: SolveHistory | None = field(default=None, kw_only=True)
+    estimated: Any = field(default=None, kw_only=True)
+    solve_history: Any = field(default=None, kw_only=True)
     resonance: Resonance | None = field(default=None, kw_only=True)
 
     #: The former name of :attr:`solve_history`.
@@ -158,7 +118,7 @@ class SolutionRecord:
         return None
 
     @property
-    def error(self) -> ErrorField:
+    def error(self) -> Any:
         """The error estimate that was made with the solution; :class:`cpmkit.Solution` makes one on first use.
 
         Raises
@@ -240,15 +200,9 @@ class SolutionRecord:
         InputError
             If the surface was not made from vertices.
         """
-        surface = self.scene.surface
-        vertices, _ = given_mesh_of(surface)
-        rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))
-        distance = surface.closest_point(np.ascontiguousarray(vertices[rows])).distance
-        rows = rows[distance <= FARTHEST_VERTEX_SPACINGS * self.spacing]
-        read = self.evaluate(np.ascontiguousarray(vertices[rows]), side)
-        values = np.full((len(vertices), *read.shape[1:]), np.nan)
-        values[rows] = read
-        return values
+        from cpmkit.solution.display_mesh import values_at_vertices
+
+        return values_at_vertices(self, side)
 
     def gradient(self, points: Any, side: Sides = None) -> Any:
         """Return the surface gradient of the solution at the points of the manifold nearest to ``points``.

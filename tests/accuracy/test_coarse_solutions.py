@@ -5,7 +5,7 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy.coarse_solutions import estimate_alone, estimate_from
+from cpmkit.accuracy.error_estimate import estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import shifted_origin
 
 SPHERE, AT = ck.source("analytic.sphere"), sphere_points(2000)

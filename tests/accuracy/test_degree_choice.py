@@ -1,7 +1,5 @@
 """The degree of splines is chosen by a record, and only where that says something."""
 
-import json
-from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +7,7 @@ import pytest
 from model_problems import sphere_points
 
 import cpmkit as ck
-from cpmkit.accuracy.degree_choice import error_of_equal_cost
+from cpmkit.accuracy.spacing_search import CUBIC_ERROR
 
 TABLE = Path(__file__).parents[2] / "docs" / "tables" / "knobs.md"
 SPHERE = ck.source("analytic.sphere")
@@ -20,25 +18,27 @@ def f(x):
     return 7 * x[:, 0] * x[:, 1]
 
 
-def test_the_record_is_that_of_the_documentation():
-    rows = json.loads(files("cpmkit.accuracy").joinpath("degree_choice.json").read_text())
+def test_cubic_splines_are_chosen_below_the_error_of_equal_cost():
+    """For each surface log(seconds) is a line over log(error) through the two finest solves of each degree."""
     cells = [[cell.strip() for cell in line.strip("|\n").split("|")] for line in TABLE.read_text().splitlines()[2:]]
-    printed_rows = [row for row in cells if row[3] == "as they are" and row[2] in ("2", "3")]
-    assert len(rows) == len(printed_rows) == 12
-    for row in printed_rows:
-        kept = {"surface": row[0], "degree": int(row[2]), "spacing": float(row[1]), "error": float(row[9])}
-        assert {**kept, "seconds": float(row[8])} in rows
-
-
-def test_costs_are_equal_between_the_errors_at_which_each_degree_wins():
-    """In the record degree 2 has 1e-4 for a fourth of the time, and degree 3 has 4e-7 where degree 2 has 9e-6."""
-    assert 4e-7 < error_of_equal_cost() < 2e-5
+    rows = [row for row in cells if row[3] == "as they are" and row[2] in ("2", "3")]
+    assert len(rows) == 12
+    equal = []
+    for surface in {row[0] for row in rows}:
+        lines = []
+        for degree in ("2", "3"):
+            chosen = sorted(
+                (row for row in rows if (row[0], row[2]) == (surface, degree)), key=lambda row: float(row[1])
+            )
+            error, seconds = np.log([[float(row[9]), float(row[8])] for row in chosen[:2]]).T
+            lines.append(np.polyfit(error, seconds, 1))
+        (slope, height), (cubic_slope, cubic_height) = lines
+        equal.append((cubic_height - height) / (slope - cubic_slope))
+    assert pytest.approx(np.exp(np.mean(equal)), rel=0.02) == CUBIC_ERROR
 
 
 def test_cubic_splines_reach_small_errors(monkeypatch):
-    monkeypatch.setattr(
-        "cpmkit.accuracy.degree_choice.error_of_equal_cost", lambda: 2e-3
-    )  # a size that is solved quickly
+    monkeypatch.setattr("cpmkit.accuracy.spacing_search.CUBIC_ERROR", 2e-3)  # a size that is solved quickly
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), tolerance=1e-3)
     off = (solution.evaluate(AT) - AT[:, 0] * AT[:, 1]) / np.ptp(AT[:, 0] * AT[:, 1])
     trade = solution.solve_history
@@ -53,7 +53,7 @@ def test_cubic_splines_reach_small_errors(monkeypatch):
 
 @pytest.mark.parametrize("options", [{"tolerance": 5e-3}, {"tolerance": 1e-3, "degree": 2}, {"memory": "20 MB"}])
 def test_nothing_is_chosen_elsewhere(options, monkeypatch):
-    monkeypatch.setattr("cpmkit.accuracy.degree_choice.error_of_equal_cost", lambda: 2e-3)
+    monkeypatch.setattr("cpmkit.accuracy.spacing_search.CUBIC_ERROR", 2e-3)
     solution = ck.solve(ck.Scene(SPHERE, ck.ScreenedPoisson(f)), **options)
     assert solution.discretization()["degree"] == 2
     assert not solution.solve_history.chosen

@@ -10,7 +10,7 @@ from plane_zones import POINTS, slit
 from sample_shapes import box
 
 import cpmkit as ck
-from cpmkit.accuracy.coarse_solutions import estimate_alone
+from cpmkit.accuracy.error_estimate import estimate_alone
 
 CIRCLE, SPHERE = ck.source("analytic.circle"), ck.source("analytic.sphere")
 AT = np.stack([np.cos(turn := np.linspace(0, 2 * np.pi, 700)), np.sin(turn)], axis=1)
@@ -89,6 +89,7 @@ def test_what_a_solution_says_by_itself_spares_a_correction(monkeypatch):
 def test_where_a_solution_says_nothing_by_itself_estimates_do(problem, options):
     solution = ck.solve(ck.Scene(SPHERE, problem), 0.25, estimate=True, **options)
     assert estimate_alone(solution) is None
+    assert solution.error.of("rms") > 0
 
 
 def test_eigenvalues_are_as_many_as_requested_and_as_right():

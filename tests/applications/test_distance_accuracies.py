@@ -9,7 +9,7 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.accuracy import adaptive_run
-from cpmkit.accuracy.solve_history import Purpose
+from cpmkit.accuracy.adaptive_run import Purpose
 from cpmkit.applications import geodesic_distance, signed_distance
 
 SPHERE = ck.source("analytic.sphere")

@@ -19,7 +19,13 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.space.energy import Stabilisation, add_ghosts, kernel_arguments, stabilisation_data
+from cpmkit.forms.galerkin.space.energy import (
+    Stabilisation,
+    add_ghosts,
+    gradient_load,
+    kernel_arguments,
+    stabilisation_data,
+)
 from cpmkit.forms.galerkin.space.energy_kernels import row_length, second_of, slope_of, sort_columns, value_of
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
@@ -33,10 +39,6 @@ from cpmkit.types import Floats, Ints
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Which terms a kernel adds, see `add_advection`.
-CONVECTIVE, CONSERVATIVE, RATE, STREAMLINES = 0, 1, 2, 3
-#: Below this cell number there is no upwinding.
-UPWIND_CELL_NUMBER = 1.0
 #: tau is at most h / |v| over the first number, and h^2 / a over the second. On a circle cut at a point, with a layer
 #: at the cut, at cell numbers of 10 to 1000 and six positions nothing exceeds its range; with h / (4 |v|) alone up to
 #: 3.3 percent, and 1 in place of 2 leaves errors ten times as large upstream. At 5, where the layer is h / 5 wide, 4
@@ -128,10 +130,13 @@ def add_advection(
     a: Floats,
     gradient_of_a: Floats,
     c: Floats,
-    terms: int,
+    convective: float,
+    conservative: float,
     matrix: Any,
 ) -> None:
-    """Add sum w [(v . grad u) phi + tau (v . grad phi) (v . grad u - a Lap u + c u)] to ``matrix``.
+    """Add sum w tau (v . grad phi) (v . grad u - a Lap u + c u) and the advection itself to ``matrix``.
+
+    The advection is ``convective`` times sum w (v . grad u) phi, less ``conservative`` times sum w u v . grad phi.
 
     Parameters
     ----------
@@ -147,9 +152,8 @@ def add_advection(
         The diffusivity, and the factor of u.
     gradient_of_a : (q, d) or (0, d) float64
         The gradient of the diffusivity, tangential; none where it is constant.
-    terms : int
-        CONVECTIVE: the sum above. CONSERVATIVE: with -u v . grad phi as the first term. RATE: tau (v . grad phi)
-        (c u - a Lap u) alone. STREAMLINES: tau (v . grad phi) (v . grad u) alone, where a = c = 0.
+    convective, conservative : float
+        Factors of the advection.
     matrix : (indptr, indices, data)
         A matrix in CSR format, with the pattern of the space.
     """
@@ -176,49 +180,11 @@ def add_advection(
             N, D, R = forms[:room], forms[room : 2 * room], forms[2 * room :]
             for i in range(width):
                 through = w * upstream[q] * D[i]
-                forth = 0.0 if terms == RATE else through + w * N[i] if terms == CONVECTIVE else through
-                back = w * D[i] if terms == CONSERVATIVE else 0.0
+                forth, back = through + convective * w * N[i], conservative * w * D[i]
                 row = block[i * room : (i + 1) * room]
                 for j in range(room):
                     row[j] += forth * D[j] + through * R[j] - back * N[j]
         scatter_unsymmetric(block, room, unknowns[p], indptr, indices, data)
-
-
-@compiled
-def add_upstream_load(
-    unknowns: Ints,
-    spacing: float,
-    splines: Any,
-    order: Any,
-    start: Ints,
-    places: Any,
-    weights: Floats,
-    velocity: Floats,
-    upstream: Floats,
-    f: Floats,
-    load: Floats,
-) -> None:
-    """Add sum w tau (v . grad phi) f to ``load`` (n, channels); ``f`` is (q, channels), or (1, channels) for all.
-
-    The other arguments are those of :func:`add_advection`.
-    """
-    d = places.shape[1]
-    kind, width, channels, room = d - 2, unknowns.shape[1], load.shape[1], row_length(splines)
-    forms, normals = np.zeros(3 * room), np.zeros((0, d))
-    t, v, none = np.zeros(3), np.zeros(3), np.zeros(3)
-    for p in range(len(unknowns)):
-        for s in range(start[p], start[p + 1]):
-            q = order[s]
-            if weights[q] * upstream[q] == 0.0:
-                continue
-            for axis in range(d):
-                t[axis] = PLACE_UNIT * places[q, axis] + 0.5
-                v[axis] = velocity[q, axis]
-            advection_forms(forms, splines, kind, t, v, none, normals, spacing, 0.0, 0.0)
-            for channel in range(channels):
-                density = weights[q] * upstream[q] * f[q if len(f) > 1 else 0, channel]
-                for place in range(width):
-                    load[unknowns[p, place], channel] += density * forms[room + place]
 
 
 @dataclass(frozen=True, eq=False)
@@ -257,17 +223,15 @@ class Advection:
         if more.any():
             data += stabilisation_data(space, more, stabilisation)
             add_ghosts(space, more, stabilisation, data)
-        terms = CONSERVATIVE if self.conservative else CONVECTIVE
-        self._add(data, self.upstream, terms, self.a, self.c, self.gradient_of_a)
+        advection = (0.0, 1.0) if self.conservative else (1.0, 0.0)
+        _add_terms(space, self.velocity, self.upstream, data, advection, self.a, self.gradient_of_a, self.c)
         return space.matrix(data)
 
     def rate_matrix(self) -> csr_array | None:
         """Return the integrals (n, n) of tau (v . grad phi) u, which multiply du/dt; None if tau is zero."""
         if not self.upstream.any():
             return None
-        data = np.zeros(len(self.space.indices))
-        self._add(data, self.upstream, RATE, c=np.ones(1))
-        return self.space.matrix(data)
+        return convection_matrix(self.space, self.upstream[:, None] * self.velocity)
 
     def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
         """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.
@@ -276,7 +240,7 @@ class Advection:
         """
         data = np.zeros(len(self.space.indices))
         times = upstream_times(np.linalg.norm(self.velocity, axis=1), np.zeros(1), self.space.dof_map.spacing)
-        self._add(data, share * times, STREAMLINES)
+        _add_terms(self.space, self.velocity, share * times, data)
         added, upwinded = self.space.matrix(data), []
         for level in levels:
             added = (level.prolongation.T @ added @ level.prolongation).tocsr()
@@ -285,48 +249,39 @@ class Advection:
         return upwinded
 
     def add_load(self, f: Floats, load: Floats) -> None:
-        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels); f is (q, channels) or one row."""
+        """Add the integrals of tau (v . grad phi) f to ``load`` (n, channels); f is (p, channels) at the samples."""
         if self.upstream.any():
-            samples = self.space.samples
-            sample_arrays = samples.places, samples.weights, self.velocity, self.upstream
-            f = np.ascontiguousarray(f, dtype=np.float64)
-            add_upstream_load(*kernel_arguments(self.space), *sample_arrays, f, load)
-
-    def _add(
-        self,
-        data: Floats,
-        upstream: Floats,
-        terms: int,
-        a: Floats | None = None,
-        c: Floats | None = None,
-        gradient_of_a: Floats | None = None,
-    ) -> None:
-        """Add the ``terms`` of :func:`add_advection` to the entries ``data``; coefficients that are None are zero."""
-        zero, gradient = np.zeros(1), self.gradient_of_a[:0] if gradient_of_a is None else gradient_of_a
-        coefficients = zero if a is None else a, gradient, zero if c is None else c
-        _add_terms(self.space, self.velocity, upstream, coefficients, terms, data)
+            field = self.upstream[: len(f), None] * self.velocity[: len(f)]
+            for channel in range(load.shape[1]):
+                load[:, channel] += gradient_load(self.space, f[:, [channel]] * field)
 
 
 def _add_terms(
     space: SplineSpace,
     velocity: Floats,
     upstream: Floats,
-    coefficients: tuple[Floats, Floats, Floats],
-    terms: int,
     data: Floats,
+    advection: tuple[float, float] = (0.0, 0.0),
+    a: Floats | None = None,
+    gradient_of_a: Floats | None = None,
+    c: Floats | None = None,
 ) -> None:
-    """Add the ``terms`` of :func:`add_advection` to the entries ``data``; ``coefficients`` are a, grad a and c."""
-    samples = space.samples
+    """Add the terms of :func:`add_advection` to the entries ``data``; coefficients that are None are zero.
+
+    ``advection`` are the factors of the convective and the conservative terms.
+    """
+    samples, zero = space.samples, np.zeros(1)
     sample_arrays = samples.places, samples.weights, samples.directions, velocity, upstream
+    coefficients = zero if a is None else a, velocity[:0] if gradient_of_a is None else gradient_of_a
     matrix = space.indptr, space.indices, data
-    add_advection(*kernel_arguments(space), *sample_arrays, *coefficients, terms, matrix)
+    add_advection(*kernel_arguments(space), *sample_arrays, *coefficients, zero if c is None else c, *advection, matrix)
 
 
 def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
     """Return the matrix (n, n) of sum w u (field . grad v); ``field`` (p, d) is at the first p samples, else zero."""
-    data, zero, velocity = np.zeros(len(space.indices)), np.zeros(1), np.zeros(space.samples.places.shape)
+    data, velocity = np.zeros(len(space.indices)), np.zeros(space.samples.places.shape)
     velocity[: len(field)] = field
-    _add_terms(space, velocity, np.zeros(len(velocity)), (zero, velocity[:0], zero), CONSERVATIVE, data)
+    _add_terms(space, velocity, np.zeros(len(velocity)), data, (0.0, 1.0))
     return space.matrix(-data)
 
 
@@ -335,7 +290,7 @@ def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
     moving = speed > 0
     crossing_time = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
     inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=moving)  # of the cell number
-    share = np.maximum(0.0, 1.0 - UPWIND_CELL_NUMBER * inverse)
+    share = np.maximum(0.0, 1.0 - inverse)
     limit = np.where(share > 0, inverse, 0.0)
     return np.asarray(crossing_time * share / np.hypot(LIMIT_BY_SPEED, LIMIT_BY_DIFFUSION * limit))
 

@@ -29,8 +29,6 @@ from cpmkit.types import Bools, Floats, Ints
 SINGULAR_SHARE = 1e-12
 #: Samples nearer than so many spacings to the chord of an edge on a boundary may lie past it: edges bend by less.
 NEAR_CHORD_SPACINGS = 0.05
-#: At so many times the distance of a boundary from the manifold data are surely those of one side.
-GAPS = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,14 +193,7 @@ def check_diffusivity(a: Floats) -> Floats:
 def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
     """Return the diffusivity ``a`` (k, d, d), or raise if it is not positive definite on tangents of the manifold.
 
-    Parameters
-    ----------
-    a : (k, d, d) float64
-        The tensors at the samples.
-    normals : (k, c, d) float64
-        Orthonormal vectors normal to the manifold.
-    points : (k, d) float64
-        The samples in the scene's coordinates.
+    The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d).
 
     Raises
     ------
@@ -243,7 +234,7 @@ def _samples_past_boundary(sampled: SampledScene, sides: CellSides) -> tuple[Int
         feet, on_boundary = oriented.feet(x)
         leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * sampled.lattice.spacing)
         inside = side * dots(x - on_boundary.points, leftward)
-        doubt = GAPS * norms(on_boundary.points - feet.points)
+        doubt = 2.0 * norms(on_boundary.points - feet.points)
         past = (inside < doubt) & (feet.edge < 0)
         step = side * np.maximum(doubt, -inside)
         rows.append(near[past])

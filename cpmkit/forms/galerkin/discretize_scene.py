@@ -3,23 +3,56 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
-from cpmkit.forms.galerkin.adaptive_refinement import refine_adaptively
+import numpy as np
+
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.scene_sampling import SampledScene, sample_scene
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS_OF_DEGREE
+from cpmkit.forms.galerkin.options import check as check
+from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
+from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space
+from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.scene_sampling import (
+    InsertedScene,
+    insert_scene,
+    sample_inserted,
+    sample_scene,
+)
+from cpmkit.forms.galerkin.solve_memory import SolveMemory
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS, STABILISATIONS_OF_DEGREE
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
-from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
+from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-from cpmkit.forms.galerkin.supported_scenes import check as check
+from cpmkit.forms.galerkin.space.splines import spline_slopes, spline_values
 from cpmkit.forms.options import Options
+from cpmkit.linear.constant_functions import ConstantFunctions
+from cpmkit.linear.operators import Bordered
+from cpmkit.linear.solver_options import make_solver
 from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.runtime.memory import release_memory
+from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Progress, no_progress
+from cpmkit.types import Bools, Floats, Progress, no_progress
+
+#: Marked patches hold this share of the sum of squares.
+MARKED_SHARE = 0.5
+#: The gradient of the diffusivity is a difference over this share of the spacing.
+SLOPE_STEP_SHARE = 1e-3
+#: The order with which local errors fall with the size of patches.
+ORDER = 3.0
+#: Relative residual of the solutions that serve for marking: the error of the marking residual itself is larger.
+MARKING_TOLERANCE = 1e-6
+#: Most passes of solve, mark and subdivide: two a level are usual.
+MOST_PASSES = 12
+#: Refinement ends where patches that may still be subdivided hold less than this share of the marked squares,
+OPEN_SHARE = 0.5
+#: or where more than this share of all patches is marked, so that a smaller spacing serves better.
+MOST_MARKED_SHARE = 0.1
+#: Nothing is refined where refinement is expected to save less than this factor of unknowns.
+LEAST_GAIN = 3.0
 
 
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
@@ -31,40 +64,163 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         If the lattice's origin, a boundary or the spacing does not fit.
     """
     check(scene, options)
+    SolveMemory(scene, options).check_samples_fit()
     if options.own.refine == "auto":
         return refine_adaptively(scene, options, progress)
-    return discretize_on_one_level(scene, options, progress)
-
-
-def discretize_on_one_level(
-    scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress
-) -> Galerkin:
-    """Return the discretisation of a scene on splines of one level, whatever the option ``refine``.
-
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        As :func:`discretize` does.
-    """
-    check(scene, options)
     sampled = sample_scene(scene, options, progress)
     progress("space", 0.0)
-    sampled, space = build_space(sampled, options)
+    samples, degree = sampled.samples, options.own.degree
+    assert isinstance(samples, Samples)
+    dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree)
+    sampled = replace(sampled, samples=QuantisedSamples.of(samples, dof_map))
+    del samples  # quantised: the samples themselves are released
+    stabilisation = STABILISATIONS_OF_DEGREE[degree][options.own.stabilisation]
+    parts = build_spline_space(dof_map, sampled.samples), sampled.interior, stabilisation
+    space = EnrichedSpace(*parts, sampled.singular) if sampled.singular else FunctionSpace(*parts)
     form = galerkin(scene, options, sampled, space)
     release_memory()
     progress("space", 1.0)
     return form
 
 
-def build_space(sampled: SampledScene, options: Options[GalerkinOptions]) -> tuple[SampledScene, FunctionSpace]:
-    """Return a sampled scene and its function space: splines of one spacing, with singular functions if it has any.
+def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
+    """Return the discretisation of a scene on splines that are finer where its solution needs them.
 
-    The scene is returned with quantised samples, so that the samples themselves can be released.
+    The scene is solved, patches with large residuals are marked, and those are subdivided. This ends at the first solve
+    if refinement is expected to save too few unknowns; later if most of the marked residual is on the finest level, or
+    too many patches are marked.
     """
-    samples, degree = sampled.samples, options.own.degree
+    progress("samples", 0.0)
+    inserted, most = insert_scene(scene, options), options.own.refine_levels
+    regions = Regions(options.spacing, scene.surface.dim)
+    progress("refinement", 0.0)
+    form = discretize_in_regions(scene, options, inserted, regions)
+    gain, solves = 0.0, 0
+    for passes in range(1, MOST_PASSES + 1):
+        squares = residual_squares(form, solve_for_marking(form))
+        if passes == 1:
+            gain = expected_gain(form, squares)
+            if gain < LEAST_GAIN:
+                solves = 1
+                break
+        marked, dof_map = mark_patches(squares), _refined_dof_map(form)
+        open_patches = marked & (dof_map.levels < most)
+        spread = marked.sum() > MOST_MARKED_SHARE * len(marked)
+        if spread or squares[open_patches].sum() < OPEN_SHARE * squares[marked].sum():
+            break
+        regions = regions.with_subdivided(dof_map.levels[open_patches], dof_map.cells[open_patches], most)
+        form, solves = discretize_in_regions(scene, options, inserted, regions), passes
+        release_memory()
+        progress("refinement", passes / MOST_PASSES)
+    progress("refinement", 1.0)
+    space: Any = form.space  # refined
+    return galerkin(scene, options, form.sampled, replace(space, gain=gain, passes=solves))
+
+
+def discretize_in_regions(
+    scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, regions: Regions
+) -> Galerkin:
+    """Return the discretisation of a scene with inserted boundaries, on splines that are refined in ``regions``."""
+    sampled = sample_inserted(scene, options, inserted, regions)
+    samples = sampled.samples
     assert isinstance(samples, Samples)
-    dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree)
-    sampled = replace(sampled, samples=QuantisedSamples.of(samples, dof_map))
-    stabilisation = STABILISATIONS_OF_DEGREE[degree][options.own.stabilisation]
-    parts = build_spline_space(dof_map, sampled.samples), sampled.interior, stabilisation
-    return sampled, EnrichedSpace(*parts, sampled.singular) if sampled.singular else FunctionSpace(*parts)
+    first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell)
+    levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)
+    stabilisation = STABILISATIONS[options.own.stabilisation]
+    space = build_refined_space(samples, sampled.interior, sampled.corners, levels, regions, stabilisation)
+    return galerkin(scene, options, replace(sampled, samples=space.splines.samples), space)
+
+
+def solve_for_marking(form: Galerkin) -> Floats:
+    """Return the solution (n, channels) of a steady scene, with a relative residual that suffices for marking."""
+    stiffness = form.stiffness(form.scene.problem.terms())
+    free = form.free_constants(stiffness)
+    operator: Any = stiffness if free is None else Bordered(stiffness, free)
+    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
+    prepared = make_solver(form.traits.iterative_solver, {}).prepare(operator, form.levels(operator))
+    values, _ = ConstantFunctions.of(operator, form.constant).solve(prepared, b, MARKING_TOLERANCE)
+    return form.remove_constants(operator, b, values)[0]
+
+
+def residual_squares(form: Galerkin, u: Floats) -> Floats:
+    """Return (p,) the integrals over the patches of the square of h_l^2 times the residual of ``u`` (n, channels).
+
+    h_l, the spacing of a patch, is in units of h. The square of each channel is divided by its integral over the
+    manifold, so that the result does not depend on the units of channels. The residual is f + div(a grad u) - c u; its
+    square is in proportion to the square of the error that the size of the patch leaves there, and indicates where the
+    error is large, not how large it is.
+    """
+    terms, points = form.scene.problem.terms(), form.points.copy()
+    f = evaluate_data(terms.f, points, u.shape[1], "the right-hand side f")
+    c = evaluate_data(terms.c, points, 1, "the factor c")
+    a = evaluate_data(terms.diffusivity, points, 1, "the diffusivity")
+    residual = f + a * _laplacian(form, u) - c * form.at_points(u)
+    if callable(terms.diffusivity):
+        gradient = _difference_gradient(terms.diffusivity, points, SLOPE_STEP_SHARE * form.spacing)
+        residual += np.einsum("pd,pcd->pc", gradient, form.gradient(u))
+    squares = residual**2
+    sums = form.point_weights @ squares
+    shares = squares @ (1 / np.where(sums > 0, sums, 1.0)) * form.point_weights
+    dof_map = _refined_dof_map(form)
+    return np.bincount(dof_map.patch[: len(shares)], shares, minlength=len(dof_map.cells)) * 0.5 ** (4 * dof_map.levels)
+
+
+def _difference_gradient(a: Any, points: Floats, step: float) -> Floats:
+    """Return (p, d) the gradient of the function ``a`` at ``points`` (p, d), by central differences over a ``step``."""
+    shifts = [sign * step * axis for axis in np.eye(points.shape[1]) for sign in (1, -1)]
+    values = [evaluate_data(a, points + shift, 1, "the diffusivity")[:, 0] for shift in shifts]
+    return np.stack([(values[k] - values[k + 1]) / (2 * step) for k in range(0, len(values), 2)], axis=1)
+
+
+def _refined_dof_map(form: Galerkin) -> RefinedDofMap:
+    """Return the dof map of a form on refined splines."""
+    assert isinstance(form.space.dof_map, RefinedDofMap)
+    return form.space.dof_map
+
+
+def _laplacian(form: Galerkin, u: Floats) -> Floats:
+    """Return (p, channels) Lap u at the samples: the sum of the second derivatives of u (n, channels) on tangents.
+
+    It is tr(P H P), with H the Hessian of the splines, of degree 2 on a surface in space, and P the projection on
+    tangents.
+    """
+    dof_map, samples = form.space.dof_map, form.sampled.samples
+    coefficients, laplacian = form.space.to_coefficients(u), np.zeros((form.sampled.interior, u.shape[1]))
+    for start in range(0, len(laplacian), SAMPLES_AT_ONCE):
+        some = slice(start, min(start + SAMPLES_AT_ONCE, len(laplacian)))
+        patch, normals = dof_map.patch[some], samples.normals_at(some)[:, 0]
+        t = dof_map.magnify(patch, samples.points_at(some)) / dof_map.spacing - dof_map.cells[patch] + 0.5
+        # by the order of the derivative (q, axis, spline)
+        splines = spline_values(t, 2), spline_slopes(t, 2), np.broadcast_to([1.0, -2.0, 1.0], (*t.shape, 3))
+        of_patch = coefficients[dof_map.unknowns[patch]].reshape(len(t), 3, 3, 3, -1)
+        for i, j in np.ndindex(3, 3):
+            x, y, z = (splines[(axis == i) + (axis == j)][:, axis] for axis in range(3))
+            second = np.einsum("qabcs,qa,qb,qc->qs", of_patch, x, y, z, optimize=True)
+            laplacian[some] += (float(i == j) - normals[:, i] * normals[:, j])[:, None] * second
+        laplacian[some] *= (dof_map.magnification(patch)[:, None] / dof_map.spacing) ** 2
+    return laplacian
+
+
+def mark_patches(squares: Floats) -> Bools:
+    """Return (p,) which patches are marked: those with the largest ``squares`` that hold half the sum (Doerfler)."""
+    order = np.argsort(-squares, kind="stable")
+    total = np.cumsum(squares[order])
+    marked = np.zeros(len(squares), dtype=bool)
+    if total[-1] > 0:
+        marked[order[: int(np.searchsorted(total, MARKED_SHARE * total[-1])) + 1]] = True
+    return marked
+
+
+def expected_gain(form: Galerkin, squares: Floats) -> float:
+    """Return by which factor patches of adapted sizes are expected to reduce the unknowns at the same error.
+
+    With squares e_p of patches of areas w_p at size h that fall like h^(2 k), and unknowns like h^-2, the fewest
+    unknowns for a given sum of squares are those at sizes h_p^2 in proportion to (w_p / e_p)^(1 / (k + 1)): the gain is
+    ``(sum w)(sum e)^(1/k) / (sum w^(k/(k+1)) e^(1/(k+1)))^((k+1)/k)``.
+    """
+    dof_map, k = form.space.dof_map, ORDER
+    area = np.bincount(dof_map.patch, form.sampled.samples.weights, minlength=len(dof_map.cells))
+    if not squares.sum() > 0:
+        return 1.0
+    best = np.sum(area ** (k / (k + 1)) * squares ** (1 / (k + 1))) ** ((k + 1) / k)
+    return float(area.sum() * squares.sum() ** (1 / k) / best)

@@ -131,14 +131,8 @@ class EquationAssembly:
     def condition_terms(self, terms: Terms, a: Floats | None = None, scale: Floats | None = None) -> ConditionTerms:
         """Return the matrices and loads of the conditions for the terms of an equation.
 
-        Parameters
-        ----------
-        terms : Terms
-            The terms of the equation.
-        a : (q,), (q, d, d) or (1,) float64, optional
-            The diffusivity at all samples; by default 1.
-        scale : (q,) float64, optional
-            The coefficient that penalties are proportional to; by default ``a``.
+        ``a`` is the diffusivity at all samples, (q,), (q, d, d) or (1,), by default 1; ``scale`` (q,) the coefficient
+        that penalties are proportional to, by default ``a``.
         """
         sampled, space, diffusivity, along = self.sampled, self.space, terms.diffusivity, None
         logarithms = np.zeros(len(space.areas))

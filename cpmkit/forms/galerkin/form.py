@@ -20,27 +20,24 @@ from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, impose_conditions
 from cpmkit.forms.galerkin.equation_assembly import EquationAssembly
-from cpmkit.forms.galerkin.error_orders import (
-    DISPERSION_OF_DEGREE,
-    EIGENVALUE_DIVISORS,
-    ERROR_DIVISORS,
+from cpmkit.forms.galerkin.error_indicators import (
     difference_order,
-    on_curved_cells,
+    dispersion_of,
+    single_solution_estimate,
+    support_floor,
 )
-from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, levels_resolving_waves, multigrid_applies
-from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, multigrid_applies
+from cpmkit.forms.galerkin.options import GalerkinOptions, check
 from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
-from cpmkit.forms.galerkin.single_solution_estimate import single_solution_estimate, support_floor
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
-from cpmkit.forms.galerkin.solve_memory import GalerkinWork, check_unknowns_fit, factorised_share
+from cpmkit.forms.galerkin.solve_memory import GalerkinWork, SolveMemory
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
-from cpmkit.forms.galerkin.supported_scenes import check
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Border, CsrOperator
+from cpmkit.linear.operators import Border, Bordered, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
@@ -113,21 +110,21 @@ class Galerkin(Discretized):
     @property
     def traits(self) -> FormTraits:
         """The solver of large systems, the dispersion by degree, and degree 3 as advice on smooth closed surfaces."""
-        dispersion, sampled = DISPERSION_OF_DEGREE[self.options.own.degree], self.sampled
+        sampled = self.sampled
         closed = not self.scene.boundaries and not len(sampled.boundary)
         smooth = closed and sampled.mesh.manifold_dim == 2 and sampled.geometry == "closest_point"
         return FormTraits(
             iterative_solver="multigrid" if multigrid_applies(self.scene) else "direct",
-            dispersion=on_curved_cells(dispersion) if sampled.geometry == "closest_point" else dispersion,
+            dispersion=dispersion_of(self.options.own.degree, sampled.geometry),
             work_record=GalerkinWork,
             higher_degree=3 if smooth and self.options.own.refine == "off" else None,
         )
 
     def check(self, solver: str) -> None:
         """Raise if factors do not fit into memory, and make the warnings before matrices take memory."""
-        factors = factorised_share(self.scene, solver)
-        if factors:  # the memory of other solvers was checked before the tables were made
-            check_unknowns_fit(self.sampled.surface, self.size, self.spacing, solver, factors, self.options.own.degree)
+        cost = SolveMemory(self.scene, self.options)
+        if cost.factorised_part(solver):  # the memory of other solvers was checked before the tables were made
+            cost.check_fits(self.size, solver)
         self.warnings()
         release_memory()
 
@@ -183,15 +180,14 @@ class Galerkin(Discretized):
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
-        matrix = _conditions_of(stiffness).boundary_mass
+        matrix = _own(stiffness).boundary_mass
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
         """Return the multigrid levels: first those of refined splines, then lattices of 2, 4, ... times the spacing."""
-        return [
-            *self.space.refined_levels,
-            *levels_resolving_waves(self.space.plain_levels, operator, self.spacing),
-        ]
+        inner, plain = operator.operator if isinstance(operator, Bordered) else operator, self.space.plain_levels
+        usable = inner.usable_levels(plain, self.spacing) if isinstance(inner, GalerkinOperator) else plain
+        return [*self.space.refined_levels, *usable]
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of ``f`` times each function."""
@@ -205,8 +201,7 @@ class Galerkin(Discretized):
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
-        assert isinstance(stiffness, GalerkinOperator)
-        terms = self.assembly.terms_with_scene_data(stiffness)
+        terms = self.assembly.terms_with_scene_data(_own(stiffness))
         if not terms.conditions:
             return np.zeros((self.size, self.scene.channels))
         if of == "laplacian":
@@ -225,8 +220,7 @@ class Galerkin(Discretized):
 
     def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
-        assert isinstance(stiffness, GalerkinOperator)
-        return self.assembly.free_constants(stiffness)
+        return self.assembly.free_constants(_own(stiffness))
 
     # Values
 
@@ -328,20 +322,18 @@ class Galerkin(Discretized):
         """The warnings of the source, the boundaries, the resolution of the lattice, and unresolved data."""
         mesh, lattice = self.sampled.mesh, self.sampled.lattice
         source, resolved = self.lattice_resolution.warnings
+        at = [lattice.to_scene(self.sampled.boundary.points[condition.rows]) for condition in self.conditions]
         data = [
-            DataAtPoints(
-                f"the {name} of {condition.label}", data, lattice.to_scene(self.sampled.boundary.points[condition.rows])
-            )
-            for condition in self.conditions
+            DataAtPoints(f"the {name} of {condition.label}", data, points)
+            for condition, points in zip(self.conditions, at, strict=True)
             for name, data in condition.law.data
         ]
-        layers = () if self.assembly.advection is None else outflow_layer_warnings(self.assembly.terms_of_scene)
         return (
             *source,
             *crossing_warnings(self.scene, mesh, lattice),
             *tip_warnings(self.scene, mesh, lattice),
             *resolved,
-            *layers,
+            *(outflow_layer_warnings(self.assembly.terms_of_scene) if self.assembly.advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
             *unresolved_data(self, data, self.space.finest_spacing),
         )
@@ -355,15 +347,11 @@ class Galerkin(Discretized):
     ) -> Diagnosis:
         """Return the order that estimates the error, why the error may fall slowly, and the share that is not resolved.
 
-        The order p divides the difference from a solution at twice the spacing by 2^p - 1: with degree 2 by 2.7 to 7 on
-        smooth sources, by 2.5 on meshes, and by less where errors fall slowly; on smooth sources with degree 1 by 1.1
-        to 2.8, with degree 3 and for eigenvalues by 5.4 to 14. At order 3 the difference is 7 times the error; with
-        order 2 the estimate would be twice the error.
+        See :func:`~cpmkit.forms.galerkin.error_indicators.difference_order`.
         """
-        divisor = (EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS)[self.options.own.degree]
-        other = coarser.resolution if isinstance(coarser, Galerkin) else None
+        other, degree = coarser.resolution if isinstance(coarser, Galerkin) else None, self.options.own.degree
         return Diagnosis(
-            difference_order(self.resolution, divisor, ratio, other, difference),
+            difference_order(self.resolution, degree, ratio, other, difference, eigenvalues),
             self.resolution.slow_convergence_reason(other),
             unresolved_share=self.lattice_resolution.unresolved_share,
         )
@@ -402,30 +390,29 @@ class Galerkin(Discretized):
             **self.space.describe(),
         }
 
+    @property
+    def _sides(self) -> Floats:
+        """The moments of the sides of boundaries, by which a saved form is compared."""
+        return side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
+
     def arrays(self) -> dict[str, Any]:
         """Return the options of the lattice, the arrays of the space, and the moments of the sides of boundaries."""
         options = {**self.options.as_dict(), "origin": self.sampled.lattice.origin}
         arrays = {name: np.array(value) for name, value in options.items()}
-        return {
-            **arrays,
-            **self.space.arrays(),
-            "sides": side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries)),
-        }
+        return {**arrays, **self.space.arrays(), "sides": self._sides}
 
     def differs_from(self, saved: Mapping[str, Any]) -> str:
         """Return in words how a ``saved`` form differs, in the sides of boundaries or in its space; empty if equal."""
-        sides = side_moments(self.sampled.boundary, self.sampled.left, len(self.scene.boundaries))
-        saved_sides = saved.get("sides", sides)
+        sides, saved_sides = self._sides, saved.get("sides", self._sides)
         if saved_sides.shape == sides.shape and np.any(np.sum(saved_sides * sides, axis=(1, 2)) < 0):
             return "left and right of its boundaries are others"
         return self.space.differs_from(saved)
 
 
-def _conditions_of(stiffness: Stiffness) -> Any:
-    """Return the condition terms that a Galerkin operator contains."""
+def _own(stiffness: Stiffness) -> GalerkinOperator:
+    """Return a stiffness of this form with its own type."""
     assert isinstance(stiffness, GalerkinOperator)
-    assert stiffness.conditions is not None
-    return stiffness.conditions
+    return stiffness
 
 
 def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:

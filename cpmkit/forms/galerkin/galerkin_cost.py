@@ -12,29 +12,19 @@ from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
 from cpmkit.forms.galerkin.galerkin_operator import multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.solve_memory import (
-    SAMPLES_PER_UNKNOWN,
-    check_samples_fit,
-    factorised_share,
-    fitting_spacing,
-    peak_bytes,
-    scene_extras,
-)
-from cpmkit.grid.lattice import COARSEST_SPACING_SHARE, lattice_of
+from cpmkit.forms.galerkin.solve_memory import SolveMemory
+from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.grid.spacings import suggest_spacing
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import integral_floor_of
-from cpmkit.manifold.local_source import largest_dim, localize
+from cpmkit.manifold.local_source import largest_dim
 from cpmkit.types import Progress
 
 if TYPE_CHECKING:
     from cpmkit.forms.galerkin.form import Galerkin
 
-
 #: The spacing of a dry run is doubled while it is below this share of the largest side.
 COARSEST_DRY_RUN_SHARE = 1 / 16
-
-
 #: Bytes per sample of a finished solution (measured: 66 to 73 in all, of 19 to 100 samples an unknown).
 SOLUTION_BYTES_PER_SAMPLE = 50.0
 
@@ -52,7 +42,7 @@ def _counts(form: Galerkin) -> dict[str, int]:
     return counts
 
 
-class GalerkinCost(CostModel[GalerkinOptions]):
+class GalerkinCost(SolveMemory, CostModel[GalerkinOptions]):
     """Unknowns, solver and memory of a scene in the Galerkin form."""
 
     coarsest_share: ClassVar[float] = COARSEST_SPACING_SHARE
@@ -66,27 +56,9 @@ class GalerkinCost(CostModel[GalerkinOptions]):
         m = largest_dim(self.scene.surface)
         return choose_solver(target, round(unknowns), m, problem.factors_up_to(iterated), iterative)
 
-    def peak_bytes(self, unknowns: float, solver: str, work: Any = None) -> float:
-        """Return the bytes at the peak of a solve.
-
-        If ``work``, that of a coarser solve, has more samples than usual, so many samples are assumed.
-        """
-        degree = self.options.own.degree
-        samples = None if work is None else max(SAMPLES_PER_UNKNOWN[degree] * unknowns, float(work.samples))
-        return self._bytes_with_samples(unknowns, solver, samples)
-
-    def _bytes_with_samples(self, unknowns: float, solver: str, samples: float | None) -> float:
-        """Return the bytes at the peak of a solve with so many ``samples``, by default the usual number."""
-        m, factors = largest_dim(self.scene.surface), factorised_share(self.scene, solver)
-        return peak_bytes(unknowns, m, factors, samples, self.options.own.degree, scene_extras(self.scene))
-
     def stored_bytes(self, work: Any) -> float:
         """Return the bytes that a solution holds, samples included, from the measures of ``work`` of its solve."""
         return super().stored_bytes(work) + SOLUTION_BYTES_PER_SAMPLE * float(work.samples)
-
-    def fitting_spacing(self, solver: str, available: int) -> float:
-        """Return the smallest spacing, rounded up, at which a solve fits into ``available`` bytes."""
-        return fitting_spacing(self.surface, available, factorised_share(self.scene, solver), self.options.own.degree)
 
     def source_error(self) -> float:
         """Return the error of integrals that the source estimates for itself, as a share of the solution's range."""
@@ -98,9 +70,8 @@ class GalerkinCost(CostModel[GalerkinOptions]):
 
         scene, options = self.scene, self.options
         progress("dry run", 0.0)
-        surface = localize(scene.surface, lattice_of(scene.surface, options.spacing, options.origin).origin)
-        check_samples_fit(surface, options.spacing, options.own.degree)
-        largest = float(np.ptp(surface.bounds, axis=0).max())
+        self.check_samples_fit()
+        largest = float(np.ptp(np.asarray(scene.surface.bounds), axis=0).max())
         spacing, quick = options.spacing, min(suggest_spacing(scene.surface), COARSEST_DRY_RUN_SHARE * largest)
         while spacing < quick:
             spacing *= 2
@@ -114,7 +85,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
             counts = self.extrapolate(counts, coarse, spacing)
         progress("dry run", 1.0)
         chosen = self.choose_solver(solver, counts["unknowns"])
-        if factorised_share(scene, chosen):  # the memory of other solvers was checked before
+        if self.factorised_part(chosen):  # the memory of other solvers was checked before
             self.check_fits(counts["unknowns"], chosen)
         left_out = [] if scene.boundaries else ["a cut (no boundary)"]
         left_out += ["right-hand side (Laplace)"] if scene.problem.kind == "laplace" else []
@@ -123,7 +94,7 @@ class GalerkinCost(CostModel[GalerkinOptions]):
             tuple(left_out),
             counts["unknowns"],
             counts["queries"],
-            round(self._bytes_with_samples(counts["unknowns"], chosen, counts["samples"])),
+            round(self.bytes_with_samples(counts["unknowns"], chosen, counts["samples"])),
             max(form.source_error(), self.source_error()),
             chosen,
             exact,

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.advection import Advection
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Bordered, CsrOperator
+from cpmkit.linear.operators import CsrOperator
 from cpmkit.linear.protocols import Operator
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.laws import Interface, Spectral
@@ -79,6 +79,25 @@ class GalerkinOperator(CsrOperator):
             lowest=lowest,
         )
 
+    @property
+    def boundary_mass(self) -> Any:
+        """The matrix of the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
+        assert self.conditions is not None
+        return self.conditions.boundary_mass
+
+    def usable_levels(self, levels: Sequence[Level], spacing: float) -> Sequence[Level]:
+        """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves.
+
+        With a velocity all levels are returned, with the upwinding that they need.
+        """
+        if self.advection is not None:
+            return self.advection.add_to_levels(levels, self.share)
+        if not self.waves:
+            return levels
+        radians = [self.waves**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
+        most = max(MOST_RADIANS, min(radians[0], MOST_RADIANS_OF_FIRST)) if radians else MOST_RADIANS
+        return levels[: sum(radian <= most for radian in radians)]
+
 
 def build_operator(
     matrix: csr_array, conditions: ConditionTerms, a: Floats, c: Floats | None, advection: Advection | None = None
@@ -95,49 +114,18 @@ def build_operator(
     return GalerkinOperator(matrix, symmetric, symmetric and waves > 0, not symmetric, *properties)
 
 
-def levels_resolving_waves(levels: Sequence[Level], operator: Operator, spacing: float) -> Sequence[Level]:
-    """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves of A.
-
-    With a velocity all levels are returned, with the upwinding that they need.
-    """
-    inner = operator.operator if isinstance(operator, Bordered) else operator
-    if isinstance(inner, GalerkinOperator) and inner.advection is not None:
-        return inner.advection.add_to_levels(levels, inner.share)
-    square = operator.waves if isinstance(operator, GalerkinOperator) else 0.0
-    if not square:
-        return levels
-    radians = [square**0.5 * spacing * 2 ** (number + 1) for number in range(len(levels))]
-    most = max(MOST_RADIANS, min(radians[0], MOST_RADIANS_OF_FIRST)) if radians else MOST_RADIANS
-    return levels[: sum(radian <= most for radian in radians)]
-
-
-def is_surely_definite(scene: Scene) -> bool:
-    """Return whether the matrices of a scene surely have no eigenvalue below zero, as far as its numbers show.
-
-    Eigenvalue problems are solved with a shift. It lies below all eigenvalues unless the user gives the number near
-    which they are sought, or conditions or c may make them negative. A c that is a function is not evaluated: multigrid
-    refuses a matrix that turns out to be indefinite.
-    """
-    problem = scene.problem
-    if not isinstance(problem, Eigen):
-        c = problem.terms().c
-        return callable(c) or bool(np.all(np.asarray(c) >= 0))
-    laws = [condition.law for condition in scene.conditions]
-    takes_energy = not all(law.is_dissipative or isinstance(law, (Interface, Spectral)) for law in laws)
-    if takes_energy or problem.near is not None:
-        return False
-    steklov = any(isinstance(law, Spectral) for law in laws)
-    return not steklov or (not callable(problem.c) and bool(np.all(np.asarray(problem.c) >= 0)))
-
-
 def multigrid_applies(scene: Scene) -> bool:
     """Return whether multigrid solves the systems of a scene: they are surely positive, or their solutions are waves.
 
-    Solutions are waves for equations with c below zero, and for eigenvalues sought near a number unless a condition may
-    make eigenvalues negative or contains the eigenvalue.
+    Eigenvalue problems are solved with a shift. It lies below all eigenvalues unless the user gives the number near
+    which they are sought, or conditions or c may make them negative. Solutions are waves for equations with c below
+    zero, and for eigenvalues sought near a number unless a condition contains the eigenvalue.
     """
-    problem = scene.problem
-    if not isinstance(problem, Eigen) or is_surely_definite(scene):
+    problem, laws = scene.problem, [condition.law for condition in scene.conditions]
+    if not isinstance(problem, Eigen):
         return True
-    laws = [condition.law for condition in scene.conditions]
-    return problem.near is not None and all(law.is_dissipative or isinstance(law, Interface) for law in laws)
+    if not all(law.is_dissipative or isinstance(law, (Interface, Spectral)) for law in laws):
+        return False
+    if not any(isinstance(law, Spectral) for law in laws):
+        return True
+    return problem.near is None and not callable(problem.c) and bool(np.all(np.asarray(problem.c) >= 0))

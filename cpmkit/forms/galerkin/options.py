@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import InputError, shown
+from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.splines import DEGREES
+from cpmkit.forms.options import Options
+from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.options import DeclaredOptions, one_of, option
+from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.laws import Nonlinear
+from cpmkit.scene.scene import Scene
 
 #: The families of equations that the form solves.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")
-#: Largest number of times that ``refine`` may halve the spacing.
-MOST_LEVELS = 4
 
 
 def _check_degree(degree: Any, label: str) -> int:
@@ -28,16 +32,6 @@ def _check_degree(degree: Any, label: str) -> int:
             f"{shown(degree)}; form='collocation' takes 2 to 5."
         )
     return int(degree)
-
-
-def _check_levels(levels: Any, label: str) -> int:
-    """Return the number of levels, or raise an InputError if it is not from 1 to `MOST_LEVELS`."""
-    number = whole(levels, label, 1)
-    if not 1 <= number <= MOST_LEVELS:
-        raise InputError(
-            f"{label} must be a whole number from 1 to {MOST_LEVELS}, got {number}; use a smaller spacing."
-        )
-    return number
 
 
 @dataclass(frozen=True)
@@ -89,7 +83,7 @@ class GalerkinOptions(DeclaredOptions):
     refine_levels: int = option(
         3,
         "How many times ``refine`` may halve the spacing, from 1 to 4.",
-        _check_levels,
+        partial(whole, least=1, most=4),
     )
 
     @property
@@ -99,3 +93,69 @@ class GalerkinOptions(DeclaredOptions):
         There clipping leaves a third of the error, at h = 0.05 of a plate.
         """
         return "clipped" if self.samples == "auto" and self.tips == "singular" else self.samples
+
+
+def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
+    """Raise if the form, with these options, cannot discretise a scene.
+
+    Raises
+    ------
+    SceneError
+        If the form cannot; the message has the reason and advice.
+    """
+    problem, surface = scene.problem, scene.surface
+    if problem.family not in FAMILIES:
+        raise SceneError(f"the form {options.form!r} does not yet solve {problem.kind!r}; use form='collocation'.")
+    if problem.terms().velocity is not None and options.own.tips == "singular":
+        raise SceneError(
+            "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "
+            "known; use tips='extended'."
+        )
+    if problem.terms().velocity is not None and scene.has_tensor:
+        raise SceneError(
+            f"the form {options.form!r} takes no velocity beside a diffusivity that is a tensor; give one that is a "
+            "number or a function that returns numbers."
+        )
+    if options.own.refine == "auto":
+        check_refined(scene, options)
+    orders = [condition.order for condition in scene.conditions if condition.order is not None]
+    if orders:
+        raise SceneError(
+            f"conditions of the form {options.form!r} have no order, got order={orders[0]}; leave it out, or use "
+            "form='collocation'."
+        )
+    if surface.manifold_dim not in range(1, surface.dim):
+        raise SceneError(
+            f"the form {options.form!r} takes curves and surfaces of one dimension, got a manifold of dimension "
+            f"{surface.manifold_dim} in {surface.dim}D; use form='collocation'."
+        )
+    if has_finite_feet(surface):
+        raise SceneError(
+            f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
+            "samples; fit a surface to them, or use form='collocation'."
+        )
+
+
+def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
+    """Raise if a scene cannot be discretised on refined splines.
+
+    Raises
+    ------
+    SceneError
+        If it cannot; the message has the reason and the advice to use ``refine='off'``.
+    """
+    problem, terms = scene.problem, scene.problem.terms()
+    reasons = {
+        "no channels that are tied to each other": problem.family == "coupled",
+        f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family != "steady",
+        "surfaces, got a curve: a smaller spacing costs little there": scene.surface.manifold_dim == 1,
+        "no velocity: upwinding goes by one spacing": terms.velocity is not None,
+        "no diffusivity that is a tensor or depends on u": scene.has_tensor
+        or isinstance(terms.diffusivity, StateDiffusivity),
+        "no conditions that depend on u": any(isinstance(condition.law, Nonlinear) for condition in scene.conditions),
+        f"splines of degree 2, got degree={options.own.degree}": options.own.degree != 2,
+        "tips='extended' alone: the ends of boundaries are refined": options.own.tips == "singular",
+    }
+    for reason, holds in reasons.items():
+        if holds:
+            raise SceneError(f"refine='auto' takes {reason}; use refine='off'.")

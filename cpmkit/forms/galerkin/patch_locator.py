@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.sample_search import SampleSearch
-from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
+from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touching_patches
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
-from cpmkit.grid.lattice import Lattice
+from cpmkit.grid.lattice import Lattice, find_codes
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.cell_quadrature import Samples
@@ -22,12 +21,9 @@ from cpmkit.types import Bools, Floats, Ints, Side
 
 #: Sides of cells are known up to so many spacings from a boundary: points are compared with their nearest samples only.
 REACH_SPACINGS = 2.0
-#: Numbers of nearest samples that are compared: more, where all of them lie across a boundary.
+#: Numbers of nearest samples that are compared: the second where patches that do not touch are among the first, so that
+#: sheets must be separated; more, where all of them lie across a boundary.
 NEIGHBOURS = (12, 96, 768)
-#: Number of nearest samples where patches that do not touch are among them, so that sheets must be separated.
-NEIGHBOURS_ON_SHEETS = 48
-#: Number of points whose sheets are separated at a time, so that temporary arrays stay small.
-SHEETS_AT_ONCE = 1 << 14
 #: The factor of distances from the tangent plane of a sample: the point may lie on another sheet.
 HEIGHT_FACTOR = 10.0
 #: Points nearer to a boundary than this, in spacings, are evaluated on the side that the caller names: points of a
@@ -121,8 +117,8 @@ class PatchLocator:
         The side of each boundary on which the cells beside it lie.
     boundaries : sequence of OrientedBoundary
         The boundaries in the order of their numbers.
-    sheets : SheetSeparation
-        Distinguishes sheets that lie close together.
+    sheets : SheetSeparation, optional
+        Distinguishes sheets that lie close together, if the manifold was made from a mesh.
     """
 
     lattice: Lattice
@@ -130,7 +126,7 @@ class PatchLocator:
     dof_map: DofMap
     sides: CellSides
     boundaries: Sequence[OrientedBoundary]
-    sheets: SheetSeparation
+    sheets: SheetSeparation | None
 
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
         """Return the patches (k,) that evaluate u at ``feet`` (k,), and the samples (k,) by which they were chosen.
@@ -142,7 +138,7 @@ class PatchLocator:
         has_other_sheets = np.zeros(len(points), dtype=bool)
         rows = np.arange(len(points))
         for count in NEIGHBOURS:
-            distance, samples = self._search.nearest(points[rows], min(count, len(self.samples)))
+            distance, samples = self._nearest_samples(points[rows], count)
             scores, shut = self._scores(points[rows], samples, distance, side_of)
             first = samples[np.arange(len(rows)), scores.argmin(axis=1)]
             patch[rows], other_sheets = self._choose_patch(points[rows], samples, scores, first)
@@ -152,10 +148,9 @@ class PatchLocator:
             if not len(rows):
                 break
         rows = np.flatnonzero(has_other_sheets)
-        if self.sheets.known:
-            for start in range(0, len(rows), SHEETS_AT_ONCE):
-                some = rows[start : start + SHEETS_AT_ONCE]
-                patch[some], nearest[some] = self._on_own_sheet(feet.take(some), side_of)
+        if self.sheets is not None and feet.element is not None and len(rows):
+            for some in np.array_split(rows, len(rows) // 2**14 + 1):  # so that temporary arrays stay small
+                patch[some], nearest[some] = self._on_own_sheet(self.sheets, points[some], feet.element[some], side_of)
         return patch, nearest
 
     def signed_distance(self, number: int, points: Floats) -> Floats:
@@ -174,12 +169,15 @@ class PatchLocator:
         usable = np.where(touch & np.isfinite(scores), scores, np.inf)
         return self._patch_of_cell(points, candidates, usable, patch), ~touch.all(axis=1)
 
-    def _on_own_sheet(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:
-        """Return the patches and samples (k,) as :meth:`patches` does, for ``feet`` (k,) close to several sheets."""
-        from cpmkit.forms.galerkin.locator_kernels import group_touching_patches
+    def _on_own_sheet(
+        self, sheets: SheetSeparation, points: Floats, element: Ints, side_of: Mapping[int, Side]
+    ) -> tuple[Ints, Ints]:
+        """Return patches and samples (k,) as :meth:`patches` does, for ``points`` (k, d) close to several ``sheets``.
 
-        points, rows = feet.points, np.arange(len(feet.points))
-        distance, samples = self._search.nearest(points, min(NEIGHBOURS_ON_SHEETS, len(self.samples)))
+        ``element`` (k,) is the source's own triangle or segment that contains each point.
+        """
+        rows = np.arange(len(points))
+        distance, samples = self._nearest_samples(points, NEIGHBOURS[1])
         scores, _ = self._scores(points, samples, distance, side_of)
         patches = np.asarray(self.dof_map.patch[samples], dtype=np.int64)
         touching = group_touching_patches(patches, self._touching_codes, len(self.dof_map.cells))
@@ -187,9 +185,8 @@ class PatchLocator:
         best = group[rows, scores.argmin(axis=1)][:, None]
         several = np.flatnonzero(((group != best) & (group >= 0)).any(axis=1))
         group, best = group[several], best[several]
-        element = None if feet.element is None else feet.element[several]
         cells = self.samples.cell_at(samples[several])
-        lengths, margin = self.sheets.scores(points[several], element, cells, group)
+        lengths, margin = sheets.path_lengths(points[several], element[several], cells, group)
         nearer = lengths.min(axis=1) < np.where(group == best, lengths, np.inf).min(axis=1) - margin
         shortest = np.take_along_axis(group, lengths.argmin(axis=1)[:, None], axis=1)
         chosen = np.where(nearer[:, None], shortest, best)
@@ -250,12 +247,8 @@ class PatchLocator:
 
     def _touch(self, first: Ints, second: Ints) -> Bools:
         """Return whether samples of the patches ``first`` and ``second``, two arrays that broadcast, touch."""
-        count, codes = len(self.dof_map.cells), self._touching_codes
-        code = np.minimum(first, second).astype(np.int64) * count + np.maximum(first, second)
-        if not len(codes):
-            return np.zeros(code.shape, dtype=bool)
-        place = np.minimum(np.searchsorted(codes, code), len(codes) - 1)
-        return np.asarray(codes[place] == code)
+        codes = np.minimum(first, second).astype(np.int64) * len(self.dof_map.cells) + np.maximum(first, second)
+        return np.asarray(find_codes(self._touching_codes, codes) >= 0)
 
     @cached_property
     def _touching_codes(self) -> Ints:
@@ -270,7 +263,18 @@ class PatchLocator:
 
         return cKDTree(self.samples.points_at(np.flatnonzero(self.samples.weights == 0)))
 
+    def _nearest_samples(self, points: Floats, count: int) -> tuple[Floats, Ints]:
+        """Return the ascending distances (k, q) of the ``count`` nearest samples from ``points`` (k, d), and numbers.
+
+        q is at most the number of samples.
+        """
+        count = min(count, len(self.samples))
+        distance, samples = self._sample_tree.query(points, count)
+        return distance.reshape(-1, count), samples.reshape(-1, count)
+
     @cached_property
-    def _search(self) -> SampleSearch:
-        """The search for the nearest samples."""
-        return SampleSearch(self.dof_map, self.samples)
+    def _sample_tree(self) -> Any:
+        """The k-d tree of all samples."""
+        from scipy.spatial import cKDTree
+
+        return cKDTree(self.samples.points, balanced_tree=False)

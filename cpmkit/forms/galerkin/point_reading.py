@@ -14,6 +14,7 @@ from cpmkit.forms.galerkin.patch_locator import DIFFERENCE_SPACINGS, CellSides, 
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
@@ -81,7 +82,10 @@ class PointReader:
                 owner[owner == number] = -1
         places = sampled.mesh.vertices[sampled.mesh.cells].mean(axis=1)
         sides = CellSides(sampled.corners, places, self.space.spacing, sampled.half, owner, left)
-        sheets = SheetSeparation(sampled.mesh, sampled.geometry, sampled.surface, self.space.spacing)
+        surface, sheets = sampled.surface, None
+        if isinstance(surface.source, HasGivenMesh):
+            vertices, cells = surface.source.given_mesh
+            sheets = SheetSeparation(sampled.mesh, vertices - surface.shift, cells, self.space.spacing)
         return PatchLocator(sampled.lattice, sampled.samples, self.space.dof_map, sides, sampled.oriented, sheets)
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:

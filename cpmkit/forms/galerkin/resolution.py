@@ -4,21 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition
 from cpmkit.forms.galerkin.dof_map import connected_pieces
-from cpmkit.forms.galerkin.normal_alignment import NormalSpread, normal_alignment, normal_spread
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings, resolution_warnings
+from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.abilities import warnings_of
+from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.caches import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 from cpmkit.scene.scene import Scene
+from cpmkit.types import Floats
 
+#: Length of the mean normal under a spline below which the spline is unresolved, and below which the manifold bends
+#: about as sharply as the spacing.
+ALIGNED_LENGTH, BENDING_LENGTH = 0.6, 0.85
 #: Folds persist where more than the first share of the area is on splines under which normals point in many directions,
 #: and more than the second share of that area at twice the spacing: where parts are thinner than both spacings, both
 #: solutions have the same errors there (Nefertiti .5 to 1.9, and estimates without this are a quarter of the error;
@@ -26,6 +35,52 @@ from cpmkit.scene.scene import Scene
 PERSISTING_AREA, PERSISTING_SHARE = 0.005, 0.4
 #: A layer narrower than this, in spacings, is not resolved: estimates were down to .3 of the error at a half, .66 at 1.
 LAYER_SPACINGS = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class NormalSpread:
+    """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges.
+
+    Attributes
+    ----------
+    unresolved_share : float
+        Share of the manifold's measure under unresolved splines.
+    place : (d,) float64
+        The node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if all are resolved.
+    bending_share : float
+        Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
+    """
+
+    unresolved_share: float
+    place: Floats
+    bending_share: float
+
+
+def normal_spread(space: SplineSpace, mesh: Mesh, winding: Any) -> NormalSpread:
+    """Return the share of the manifold under splines N with |sum w N n| < .6 sum w N, n the normals at samples.
+
+    On curves n are the tangents. They are oriented consistently over common facets of cells by the ``winding`` (m,) of
+    the mesh. On one-sided components this is impossible: splines near a facet where two cells disagree have NaN in
+    place of the normal, and count as resolved.
+    """
+    samples, cells = space.samples, space.samples.cell
+    signs = np.where(winding == 0, np.nan, winding)
+    integrals, ends = np.zeros((space.dof_map.size, 1 + mesh.dim)), mesh.vertices[mesh.cells]
+    for start in range(0, len(samples), SAMPLES_AT_ONCE):
+        rows = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
+        some = cells[rows]
+        across = samples.normals_at(rows)[:, 0] if mesh.manifold_dim == 2 else unit(ends[some, 1] - ends[some, 0])
+        values = np.ones((len(some), 1 + mesh.dim))
+        values[:, 1:] = across * signs[some, None]
+        integrals += load(space, values, rows)
+    area, length = integrals[:, 0], norms(integrals[:, 1:])
+    is_unresolved = length < ALIGNED_LENGTH * area  # false where the normal is NaN
+    bending = float(area[length < BENDING_LENGTH * area].sum() / area.sum())
+    if not is_unresolved.any():
+        return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bending)
+    heavy = np.flatnonzero(is_unresolved & (area >= np.median(area[is_unresolved])))
+    worst = heavy[np.argmin(length[heavy] / area[heavy])]
+    return NormalSpread(float(area[is_unresolved].sum() / area.sum()), space.dof_map.places[worst], bending)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +103,7 @@ class LatticeResolution:
     @cached_property
     def normal_spread(self) -> NormalSpread:
         """The share of the manifold that is thin, folded or creased on this lattice."""
-        splines = self.space.splines
-        return normal_spread(splines, normal_alignment(splines, self.sampled.mesh, self.sampled.winding))
+        return normal_spread(self.space.splines, self.sampled.mesh, self.sampled.winding)
 
     @cached_property
     def unresolved_share(self) -> float:

@@ -21,7 +21,6 @@ from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
 from cpmkit.forms.galerkin.refinement.regions import Regions
-from cpmkit.forms.galerkin.solve_memory import check_samples_fit
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of
@@ -63,8 +62,8 @@ AWAY_SPACINGS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
-class SampledScene:
-    """The manifold of a scene as a mesh with samples, and its boundaries as facets of the cells.
+class InsertedScene:
+    """The manifold of a scene as a mesh with the boundaries inserted, which can be sampled at any fineness.
 
     Attributes
     ----------
@@ -77,7 +76,31 @@ class SampledScene:
     oriented : sequence of OrientedBoundary
         The boundaries with the rule that names their left.
     mesh : Mesh
-        The mesh, subdivided, curved and cut; its cells are stored in 32 bits.
+        A mesh of flat cells, not yet subdivided.
+    points : mapping of int to (k,) int64
+        The vertices at boundaries that are points of a surface, by the number of the boundary.
+    geometry : "flat", "closest_point" or "normals"
+        How the cells follow the manifold between their vertices.
+    warnings : tuple of str
+        Warnings of the mesh and of the insertion of boundaries.
+    """
+
+    lattice: Lattice
+    surface: LocalSource
+    sources: Sequence[LocalSource]
+    oriented: Sequence[OrientedBoundary]
+    mesh: Mesh
+    points: Mapping[int, Ints]
+    geometry: CellGeometry
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SampledScene(InsertedScene):
+    """A scene with samples; its mesh is subdivided, curved and cut, with cells stored in 32 bits.
+
+    Attributes
+    ----------
     corners : (m, k) int32
         The vertices of the cells after cutting.
     half : HalfFacets
@@ -90,31 +113,20 @@ class SampledScene:
         Whether each sample on a boundary is on its left.
     conditions : tuple of ImposedCondition
         The conditions of the scene, with the samples at which each is imposed.
-    warnings : tuple of str
-        Warnings of the mesh and of the insertion of boundaries.
     winding : (m,) int8
         The orientation of the cells, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
-    geometry : "flat", "closest_point" or "normals"
-        How the cells follow the manifold between their vertices.
     singular : tuple of SingularFunction
         The singular functions at the ends of boundaries, if the options ask for them.
     """
 
-    lattice: Lattice
-    surface: LocalSource
-    sources: Sequence[LocalSource]
-    oriented: Sequence[OrientedBoundary]
-    mesh: Mesh
     corners: Any
     half: HalfFacets
     samples: Samples | QuantisedSamples
     boundary: BoundarySamples
     left: Bools
     conditions: tuple[ImposedCondition, ...]
-    warnings: tuple[str, ...]
-    winding: Any = None
-    geometry: CellGeometry = "flat"
-    singular: tuple[SingularFunction, ...] = ()
+    winding: Any
+    singular: tuple[SingularFunction, ...]
 
     @property
     def interior(self) -> int:
@@ -126,30 +138,6 @@ class SampledScene:
         """Number of closest points computed, of the manifold and its boundaries."""
         sources = {id(source.queries): source.queries["points"] for source in (self.surface, *self.sources)}
         return sum(sources.values())
-
-
-@dataclass(frozen=True, eq=False)
-class InsertedScene:
-    """The manifold of a scene as a mesh with the boundaries inserted, which can be sampled at any fineness.
-
-    Attributes
-    ----------
-    lattice, surface, sources, oriented, geometry, warnings
-        The attributes of :class:`SampledScene`.
-    mesh : Mesh
-        A mesh of flat cells, not yet subdivided.
-    points : mapping of int to (k,) int64
-        The vertices at boundaries that are points of a surface, by the number of the boundary.
-    """
-
-    lattice: Lattice
-    surface: LocalSource
-    sources: Sequence[LocalSource]
-    oriented: Sequence[OrientedBoundary]
-    mesh: Mesh
-    points: Mapping[int, Ints]
-    geometry: CellGeometry
-    warnings: tuple[str, ...]
 
 
 def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
@@ -183,7 +171,6 @@ def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedSce
     surface = localize(scene.surface, lattice.origin)
     oriented = [scene.oriented(boundary) for boundary in scene.boundaries]
     sources = [localize(boundary.source, lattice.origin) for boundary in scene.boundaries]
-    check_samples_fit(surface, spacing, options.own.degree)
     surface, mesh, geometry, warnings = _repaired_cells(surface, spacing, options.own.sampling)
     points: Mapping[int, Ints] = {}
     if sources:
@@ -238,22 +225,17 @@ def sample_inserted(
         warnings += point_warnings(scene, boundary, spacing, interior)
     # stored from here on: cells in 32 bits, and no midpoints, which only the quadrature needs
     cells: Any = mesh.cells.astype(np.int32)
+    stored = replace(inserted, mesh=replace(mesh, cells=cells, midpoints=None), warnings=warnings)
     return SampledScene(
-        lattice,
-        surface,
-        inserted.sources,
-        oriented,
-        replace(mesh, cells=cells, midpoints=None),
-        corners.astype(np.int32) if has_cut_corners(mesh, corners) else cells,
-        half,
-        samples,
-        boundary,
-        left,
-        conditions,
-        warnings,
-        winding,
-        geometry,
-        singular,
+        **vars(stored),
+        corners=corners.astype(np.int32) if has_cut_corners(mesh, corners) else cells,
+        half=half,
+        samples=samples,
+        boundary=boundary,
+        left=left,
+        conditions=conditions,
+        winding=winding,
+        singular=singular,
     )
 
 

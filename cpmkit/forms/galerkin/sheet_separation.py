@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.manifold.abilities import HasGivenMesh
-from cpmkit.manifold.local_source import LocalSource
-from cpmkit.mesh.mesh import CellGeometry, Mesh
+from cpmkit.mesh.mesh import Mesh
+from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -18,10 +17,8 @@ if TYPE_CHECKING:
 
 #: Two vertices are the same if they are nearer than this share of the mesh's size.
 SAME_SIZE_SHARE = 1e-12
-#: Paths are followed up to this multiple of the distance of the farthest corner, plus so many spacings.
-PATH_FACTOR, PATH_SPACINGS = 2.0, 2.0
-#: Distance, in spacings, of a point from the flat cell that contains it: rounding.
-ON_CELL_SPACINGS = 1e-8
+#: Paths are followed up to this multiple of the distance of the farthest corner plus a spacing.
+PATH_FACTOR = 2.0
 #: A path around the end of a slit is longer than a path on the sheet itself; at the end by less than this, in spacings.
 LONGER_SPACINGS = 0.25
 
@@ -30,61 +27,36 @@ LONGER_SPACINGS = 0.25
 class SheetSeparation:
     """The cells of the manifold, used to assign points to sheets.
 
-    Flat cells are the manifold, so that a point has distance zero from its cell. Curved cells only approximate it:
-    there the source names its own triangle or segment that contains the point, and the point lies on the sheet from
-    which the paths over edges of cells to the corners of that triangle are shortest.
+    The source names its own triangle or segment that contains a point, and the point lies on the sheet from which the
+    paths over edges of cells to the corners of that triangle are shortest.
 
     Attributes
     ----------
     mesh : Mesh
         The mesh of the manifold.
-    geometry : "flat", "closest_point" or "normals"
-        How the cells follow the manifold between the vertices of the mesh.
-    source : LocalSource
-        The manifold.
+    given_vertices, given_cells : (v, d) float64, (c, k) int64
+        The source's own mesh, relative to the origin of the lattice.
     spacing : float
         Spacing h of the lattice.
     """
 
     mesh: Mesh
-    geometry: CellGeometry
-    source: LocalSource
+    given_vertices: Floats
+    given_cells: Ints
     spacing: float
 
-    @property
-    def known(self) -> bool:
-        """Whether sheets can be separated: cells are flat, or the source has a mesh of its own."""
-        return self.geometry == "flat" or isinstance(self.source.source, HasGivenMesh)
+    def path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
+        """Return lengths of paths (k, q), least on the point's own sheet, and a significant difference of two.
 
-    def scores(self, points: Floats, element: Ints | None, cells: Ints, group: Ints) -> tuple[Floats, float]:
-        """Return scores (k, q) of ``cells`` near points, least on the point's own sheet, and a significant difference.
-
-        The score of a flat cell is its distance from the point. Otherwise it is the length of the paths from the point
-        over the group of the cell to the corners of the source's own element, the same for all cells of a group.
-
-        Parameters
-        ----------
-        points : (k, d) float64
-        element : (k,) int64, optional
-            The source's triangle or segment that contains each point, as in :class:`ClosestPoints`.
-        cells : (k, q) int64
-            Cells near each point.
-        group : (k, q) int64
-            The number of the group of each cell, -1 for cells that are left out.
+        They are the total lengths of the paths from one of the ``points`` (k, d) over the ``group`` (k, q) of each of
+        the ``cells`` (k, q) near it to the corners of the source's own triangle or segment ``element`` (k,) that
+        contains the point. Groups are numbered; -1 stands for cells that are left out.
         """
-        from cpmkit.forms.galerkin.locator_kernels import distances_to_cells, path_lengths_to_corners
-
-        corners = self.mesh.cells[cells]
-        if self.geometry == "flat":
-            distance = distances_to_cells(points, self.mesh.vertices, corners)
-            return np.where(group >= 0, distance, np.inf), ON_CELL_SPACINGS * self.spacing
-        if element is None:
-            return np.zeros(cells.shape), np.inf
         ends = self._corners_of(element)
         offsets = self.mesh.vertices[ends] - points[:, None]
         farthest = np.where(ends >= 0, np.sqrt((offsets**2).sum(axis=2)), 0.0).max(axis=1)
-        reach = PATH_FACTOR * farthest + PATH_SPACINGS * self.spacing
-        graph, arguments = self._vertex_graph, (points, corners, group, ends, reach, self.mesh.vertices)
+        reach = PATH_FACTOR * (farthest + self.spacing)
+        graph, arguments = self._vertex_graph, (points, self.mesh.cells[cells], group, ends, reach, self.mesh.vertices)
         return path_lengths_to_corners(*arguments, graph.indptr, graph.indices), LONGER_SPACINGS * self.spacing
 
     def _corners_of(self, element: Ints) -> Ints:
@@ -92,18 +64,10 @@ class SheetSeparation:
 
         -1 stands for a corner at which the mesh has no vertex.
         """
-        vertices, cells = self._given_mesh
-        places = vertices[cells[element]]
         size = float(np.ptp(self.mesh.vertices, axis=0).max())
-        distance, at = self._tree.query(places, distance_upper_bound=max(SAME_SIZE_SHARE * size, np.finfo(float).tiny))
+        bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)
+        distance, at = self._tree.query(self.given_vertices[self.given_cells[element]], distance_upper_bound=bound)
         return np.where(np.isfinite(distance), at, -1)
-
-    @cached_property
-    def _given_mesh(self) -> tuple[Floats, Ints]:
-        """The vertices, relative to the origin of the lattice, and the cells of the source's own mesh."""
-        assert isinstance(self.source.source, HasGivenMesh)
-        vertices, cells = self.source.source.given_mesh
-        return vertices - self.source.shift, cells
 
     @cached_property
     def _tree(self) -> Any:
@@ -117,8 +81,97 @@ class SheetSeparation:
         """(v, v) adjacency matrix of the vertices, with an entry for each two that share an edge."""
         from scipy.sparse import coo_array
 
-        cells, k = self.mesh.cells, self.mesh.cells.shape[1]
-        first = np.concatenate([cells[:, i] for i in range(k) for j in range(k) if i != j])
-        second = np.concatenate([cells[:, j] for i in range(k) for j in range(k) if i != j])
-        count = len(self.mesh.vertices)
-        return coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(count, count)).tocsr()
+        ends, count = self.mesh.edges.ends, len(self.mesh.vertices)
+        pairs = np.concatenate([ends, ends[:, ::-1]]).T
+        return coo_array((np.ones(pairs.shape[1], dtype=np.int8), tuple(pairs)), shape=(count, count)).tocsr()
+
+
+@compiled
+def group_touching_patches(patches: Ints, pairs: Ints, count: int) -> Ints:
+    """Return the connected components (k, q) of the ``patches`` (k, q) in each row, as the first column of each.
+
+    Two patches of a row are connected if they touch. ``pairs`` (t,) are the ascending codes ``first * count + second``
+    of patches that touch, first < second; ``count`` is the number of patches.
+    """
+    rows, width = patches.shape
+    group = np.empty((rows, width), dtype=np.int64)
+    for row in range(rows):
+        component = group[row]
+        for j in range(width):
+            component[j] = j
+            for i in range(j):
+                if component[i] == component[j]:
+                    continue
+                first, second = min(patches[row, i], patches[row, j]), max(patches[row, i], patches[row, j])
+                touch = first == second
+                if not touch:
+                    code = first * count + second
+                    at = np.searchsorted(pairs, code)
+                    touch = at < len(pairs) and pairs[at] == code
+                if touch:
+                    low, high = min(component[i], component[j]), max(component[i], component[j])
+                    for m in range(j + 1):
+                        if component[m] == high:
+                            component[m] = low
+    return group
+
+
+@compiled
+def path_lengths_to_corners(
+    points: Floats, cells: Ints, group: Ints, ends: Ints, reach: Floats, vertices: Floats, starts: Ints, others: Ints
+) -> Floats:
+    """Return the total length (k, q) of the shortest paths from ``points`` (k, d) over the cells of a group to ends.
+
+    All cells of a group have the same length; the length of cells left out, of group -1, is infinite. ``cells``
+    (k, q, c) are the corners of the cells near each point among ``vertices`` (n, d), ``ends`` (k, c) the vertices at
+    which its paths end, -1 for none. Paths longer than ``reach`` (k,) count as infinite. The neighbours of each vertex
+    over edges are in compressed rows, ``starts`` (n + 1,) and ``others`` (2 e,).
+    """
+    rows, width, corners = cells.shape
+    lengths = np.full((rows, width), -1.0)
+    distance = np.full(len(vertices), np.inf)
+    waiting = np.zeros(len(vertices), dtype=np.bool_)
+    for row in range(rows):
+        for first in range(width):
+            component = group[row, first]
+            if component < 0 or lengths[row, first] >= 0:
+                continue
+            reached = [np.int64(0) for _ in range(0)]
+            queue = [np.int64(0) for _ in range(0)]
+            for j in range(first, width):
+                if group[row, j] != component:
+                    continue
+                for i in range(corners):
+                    at = np.int64(cells[row, j, i])
+                    if distance[at] == np.inf:
+                        off = vertices[at] - points[row]
+                        distance[at] = np.sqrt((off * off).sum())
+                        waiting[at] = True
+                        reached.append(at)
+                        queue.append(at)
+            done = 0
+            while done < len(queue):
+                at = queue[done]
+                done += 1
+                waiting[at] = False
+                for place in range(starts[at], starts[at + 1]):
+                    to = np.int64(others[place])
+                    step = vertices[to] - vertices[at]
+                    candidate = distance[at] + np.sqrt((step * step).sum())
+                    if candidate < distance[to] and candidate <= reach[row]:
+                        if distance[to] == np.inf:
+                            reached.append(to)
+                        distance[to] = candidate
+                        if not waiting[to]:
+                            waiting[to] = True
+                            queue.append(to)
+            total = 0.0
+            for i in range(ends.shape[1]):
+                if ends[row, i] >= 0:
+                    total += distance[ends[row, i]]
+            for at in reached:
+                distance[at] = np.inf
+            for j in range(first, width):
+                if group[row, j] == component:
+                    lengths[row, j] = total
+    return np.where(lengths < 0, np.inf, lengths)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import combinations, product
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,13 +12,15 @@ from cpmkit.errors import place
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import conditions_with_law
 from cpmkit.forms.galerkin.dof_map import ISOLATED_SPACINGS, DofMap
-from cpmkit.forms.galerkin.normal_alignment import NormalSpread
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats, Ints
+
+if TYPE_CHECKING:
+    from cpmkit.forms.galerkin.resolution import NormalSpread
 
 #: Values at a crossing that differ by less than this share of their size count as equal: the vertex is not exactly at
 #: the crossing.
@@ -89,33 +92,23 @@ def ends_inside(mesh: Mesh, number: int) -> Ints:
     return np.intersect1d(vertices[count == 1], past)
 
 
+def _vertices_of(mesh: Mesh, number: int) -> Ints:
+    """Return the vertices (k,) of the mesh on boundary ``number``."""
+    return np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])
+
+
 def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest magnitude, at the vertices of a boundary, of the values given on it."""
-    where = lattice.to_scene(mesh.vertices[np.unique(mesh.cut[(mesh.owner == number) & ~mesh.beyond_tip])])
+    where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
 
 
 def _meetings(mesh: Mesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
     """Yield each pair of boundaries with a common vertex, and such a vertex (d,) in the scene's coordinates."""
-    seen: set[tuple[int, int]] = set()
-    for vertex, owners in _shared_vertices(mesh):
-        for first, second in combinations(owners, 2):
-            if (first, second) not in seen:
-                seen.add((first, second))
-                yield (first, second), lattice.to_scene(mesh.vertices[None, vertex])[0]
-
-
-def _shared_vertices(mesh: Mesh) -> Iterator[tuple[int, list[int]]]:
-    """Yield each vertex at which facets of several boundaries end, and the ascending numbers of these boundaries."""
-    own = ~mesh.beyond_tip
-    if len(set(mesh.owner[own].tolist())) < 2:
-        return
-    ends: Ints = np.unique(
-        np.stack([mesh.cut[own].ravel(), np.repeat(mesh.owner[own], mesh.cut.shape[1])], axis=1), axis=0
-    )
-    vertices, first, count = np.unique(ends[:, 0], return_index=True, return_counts=True)
-    for k in np.flatnonzero(count > 1).tolist():
-        yield int(vertices[k]), ends[first[k] : first[k] + count[k], 1].tolist()
+    for pair in combinations(np.unique(mesh.owner[~mesh.beyond_tip]).tolist(), 2):
+        shared = np.intersect1d(_vertices_of(mesh, pair[0]), _vertices_of(mesh, pair[1]))
+        if len(shared):
+            yield pair, lattice.to_scene(mesh.vertices[shared[:1]])[0]
 
 
 def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
@@ -167,18 +160,8 @@ def resolution_warnings(
 ) -> Iterator[str]:
     """Yield warnings on isolated pieces of the manifold, and on many unknowns at equal nodes.
 
-    Parameters
-    ----------
-    dof_map : DofMap
-        The dof map on the lattice.
-    pieces : int and (n,) int64
-        The number of connected pieces, and the piece of each unknown.
-    lattice : Lattice
-        The lattice, to whose origin coordinates are relative.
-    boundaries : (b,) int64
-        The patches of the samples on boundaries: nodes there have several unknowns by construction.
-    geometry : "flat", "closest_point" or "normals"
-        The geometry of the mesh cells.
+    ``pieces`` are the number of connected pieces and the piece (n,) of each unknown; ``boundaries`` (b,) the patches of
+    the samples on boundaries, where nodes have several unknowns by construction.
     """
     count, piece = pieces
     size = np.bincount(piece, minlength=count)

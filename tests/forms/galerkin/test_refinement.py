@@ -8,7 +8,7 @@ import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.choice import options_of
 from cpmkit.forms.contract import integrals
-from cpmkit.forms.galerkin.adaptive_refinement import discretize_in_regions
+from cpmkit.forms.galerkin.discretize_scene import discretize_in_regions
 from cpmkit.forms.galerkin.refinement.regions import Regions, cells_of_codes, codes_of_cells
 from cpmkit.forms.galerkin.scene_sampling import insert_scene
 from cpmkit.linear.solver_options import make_solver

@@ -195,7 +195,7 @@ def test_forms_are_chosen_with_a_reason():
 def test_what_memory_cannot_hold_is_refused_before_it_is_built(monkeypatch):
     with pytest.raises(ck.ResolutionError, match=r"spacing=1e-06 needs about .* GiB, and .*; spacing=.* would fit"):
         solve(SCREENED, 1e-6)
-    monkeypatch.setattr("cpmkit.forms.galerkin.solve_memory.FILL_FACTOR", 1e12)
+    monkeypatch.setattr("cpmkit.forms.galerkin.solve_memory.FACTORS_BYTES", 1e12)
     with pytest.raises(ck.ResolutionError, match=r"with the solver 'direct', .*, or solver='multigrid'\."):
         solve(SCREENED, 0.4)
 

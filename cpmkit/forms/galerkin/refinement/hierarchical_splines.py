@@ -134,7 +134,7 @@ def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
     ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
     the vertices of the mesh cells.
     """
-    from cpmkit.forms.galerkin.dof_map_kernels import join_samples, touching_patches
+    from cpmkit.forms.galerkin.dof_map import join_samples, touching_patches
 
     cell = np.ascontiguousarray(cell, dtype=np.int32)
     root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)

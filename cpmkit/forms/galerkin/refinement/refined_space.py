@@ -246,7 +246,6 @@ def build_refined_space(
     levels: Sequence[LevelSplines],
     regions: Regions,
     stabilisation: Stabilisation,
-    passes: int = 0,
 ) -> RefinedSpace:
     """Return the function space of truncated hierarchical splines over the ``levels``.
 
@@ -256,16 +255,14 @@ def build_refined_space(
         All samples, and the number of samples on the manifold and on no boundary.
     corners : (m, k) int
         The vertices of the mesh cells after cutting.
-    levels, regions, stabilisation, passes
+    levels, regions, stabilisation
         The attributes of :class:`RefinedSpace`.
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
     fixed = QuantisedSamples.of(magnified, dof_map)
     refined = RefinedSamples(*[getattr(fixed, name) for name in QuantisedSamples.__dataclass_fields__])
-    return RefinedSpace(
-        build_spline_space(dof_map, refined), interior, stabilisation, levels, used, regions, passes=passes
-    )
+    return RefinedSpace(build_spline_space(dof_map, refined), interior, stabilisation, levels, used, regions)
 
 
 def _build_refined_dof_map(

@@ -149,7 +149,7 @@ def _is_isolated(cells: Ints, touching: Ints) -> Bools:
 
     ``cells`` (p, d) are the lattice cells of the patches, ``touching`` (t, 2) the pairs of patches that touch.
     """
-    from cpmkit.forms.galerkin.dof_map_kernels import piece_extents
+    from cpmkit.forms.galerkin.dof_map import piece_extents
 
     pieces, label = components(len(cells), touching)
     each = np.arange(len(cells), dtype=np.int32)

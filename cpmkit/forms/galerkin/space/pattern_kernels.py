@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map_kernels import with_double_room
+from cpmkit.forms.galerkin.dof_map import with_double_room
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 

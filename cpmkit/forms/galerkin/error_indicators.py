@@ -1,0 +1,231 @@
+"""The order with which differences of two solutions estimate errors (GALERKIN 10), and the dispersion of splines."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from cpmkit.forms.form_records import Dispersion, ExpectedError
+from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.forms.galerkin.resolution import PERSISTING_AREA, Resolution
+from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.mesh import CellGeometry
+from cpmkit.mesh.normals_of_mesh import SUPPORTED, UNSUPPORTED
+from cpmkit.meshing.curved_from_normals import source_support
+from cpmkit.meshing.mesh_cache import mesh_cache_of
+from cpmkit.types import Floats
+
+#: Divisors of the difference from a solution at twice the spacing, and the corresponding divisors at the root of two
+#: times the spacing.
+FROM_TWO, FROM_ROOT = (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)
+#: Divisors by degree where cells follow a smooth source: at orders 3 and 4 differences are 7 and 15 times the error.
+#: For eigenvalues, at order 4, 15 times (measured: 13 to 17).
+ERROR_DIVISORS = {1: 2.4, 2: 6.0, 3: 12.0}
+EIGENVALUE_DIVISORS = {1: 2.4, 2: 12.0, 3: 12.0}
+#: Largest divisors: on meshes, where orders are lower; on smooth sources that are folded on the coarser lattice, or
+#: curved about as sharply as the finer spacing on more than this share of their area, or with a layer narrower than so
+#: many spacings; where boundaries end, a layer is not resolved, or folds of meshes persist.
+MESH_DIVISOR, TURNING_DIVISOR, CURVED_AREA, SEEN_LAYER_SPACINGS, SLOW_DIVISOR = 2.5, 2.0, 1e-4, 1.6, 0.65
+#: On smooth sources that are curved so sharply on the coarser lattice alone: along an edge whose radius is between both
+#: spacings the largest error hardly falls (of a body with one it was three times the estimate with 6; a torus: 8).
+BENDING_DIVISOR = 3.0
+#: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share; on smooth sources
+#: whose folds persist on more than this share of the area.
+FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
+#: Factors of divisors by the difference of the solutions as a share of the range: errors with larger differences are
+#: not yet in the asymptotic range (of 370 on smooth surfaces, 5 in 100 had true divisors of degree 2 below 5.8 up to
+#: 3e-4, below 3 up to 3e-3, below 1.6 beyond).
+DIFFERENCES, FACTORS_OF_DIFFERENCE = (3e-4, 3e-3, 2e-2), (7 / 6, 4 / 6, 0.45)
+#: Factors by the coarser spacing as a share of the manifold's largest side (medians of divisors: 8.3 below .13, 7.3 at
+#: .18, 6.4 at .23, 4.5 at .27, 3.4 at .33).
+SPACING_SHARES, FACTORS_OF_SPACING = (0.17, 0.32), (7 / 6, 1 / 2)
+#: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
+#: (measured on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to
+#: 150), of cells curved from normals or folded sources (3 to 50, and 2 to 200), and where boundaries end (22 to 36, and
+#: 25 to 50).
+SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0)
+#: The same of cells curved from normals where less than the first share of the area is folded, as on organic meshes
+#: from some 10,000 unknowns on (25 to 50, and 50 to 320); from the second share on the ratios are ROUGH.
+RESOLVED, FOLDED_AREA = (32.0, 100.0), (0.003, 0.01)
+#: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. Where they are more than the
+#: first factor, and more than the second share of the coefficients' range, there is a peak that the lattice does not
+#: resolve yet, and third differences are too small. They are too small, too, if their root mean square exceeds that
+#: share: a wave has six spacings or fewer. (Below it peaks are jumps beside boundaries, at 6,000 unknowns and more.)
+PEAKED, WAVY = 10.5, 0.1
+#: Sources that are folded, and that are sharply curved, on less than the first share of their area count as smooth, on
+#: more than the second as rough, and are interpolated in between.
+TURNED_AREA, SHARPLY_CURVED_AREA = (0.003, 0.02), (0.04, 0.1)
+#: At least so large a share of the difference between a curved surface and its triangles is in doubt; three times the
+#: share of the area with edges that are not fully supported; and 2.5 times that where more than the last share is not
+#: supported at all. Over true errors of 23 meshes: .8 to 22.
+LEAST_DOUBT, DOUBT_PER_SHARE, PILLOW_FACTOR, PILLOW_SHARE = 0.1, 3.0, 2.5, 0.05
+
+
+def difference_order(
+    resolution: Resolution,
+    degree: int,
+    ratio: float,
+    coarser: Resolution | None,
+    difference: float,
+    eigenvalues: bool,
+) -> float:
+    """Return the order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error, at a ratio r of spacings.
+
+    A difference from a solution at twice the spacing is divided by 2.7 to 7 with ``degree`` 2 on smooth sources, by 2.5
+    on meshes, and by less where errors fall slowly; on smooth sources with degree 1 by 1.1 to 2.8, with degree 3 and
+    for eigenvalues by 5.4 to 14. At order 3 the difference is 7 times the error; with order 2 the estimate would be
+    twice the error. The other parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
+    """
+    smooth = (EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS)[degree]
+    return order_of_divisor(_divisor(resolution, smooth, coarser, difference), ratio)
+
+
+def order_of_divisor(divisor: float, ratio: float) -> float:
+    """Return the order p with ``r^p - 1`` equal to the ``divisor`` at r = 2, and to `FROM_ROOT` at the root of two.
+
+    The order is interpolated in the logarithm of r = ``ratio`` between these two, and constant beyond.
+    """
+    at_root = math.log(1 + float(np.interp(divisor, FROM_TWO, FROM_ROOT))) / math.log(math.sqrt(2))
+    at_two = math.log2(1 + divisor)
+    share = min(max(2 * math.log2(ratio) - 1, 0.0), 1.0)
+    return at_root + share * (at_two - at_root)
+
+
+def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, difference: float) -> float:
+    """Return the number by which a difference from a solution at twice the spacing is divided to estimate the error."""
+    if resolution.end_or_layer_reason():
+        return SLOW_DIVISOR
+    spread = resolution.normal_spread
+    coarser_share = 0.0 if coarser is None else coarser.normal_spread.unresolved_share
+    persists = spread.unresolved_share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
+    if resolution.sampled.geometry != "closest_point":
+        folded = spread.unresolved_share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
+        return SLOW_DIVISOR if persists else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
+    if persists and spread.unresolved_share > THIN_SHARE:
+        return THIN_DIVISOR
+    if (
+        spread.bending_share > CURVED_AREA
+        or coarser_share > FOLDED_SHARE
+        or resolution.layer_spacings < SEEN_LAYER_SPACINGS
+    ):
+        return min(smooth, TURNING_DIVISOR)
+    if coarser is not None and coarser.normal_spread.bending_share > CURVED_AREA:
+        return min(smooth, BENDING_DIVISOR)
+    factor = float(np.interp(math.log(max(difference, DIFFERENCES[0])), np.log(DIFFERENCES), FACTORS_OF_DIFFERENCE))
+    if coarser is None:
+        return smooth * min(factor, 1.0)
+    side = float(np.ptp(np.asarray(coarser.scene.surface.bounds), axis=0).max())
+    return smooth * min(factor, float(np.interp(coarser.spacing / side, SPACING_SHARES, FACTORS_OF_SPACING)))
+
+
+def dispersion_of(degree: int, geometry: CellGeometry) -> Dispersion:
+    """Return the dispersion of splines of a degree on cells of a ``geometry``.
+
+    Of quadratic splines (3.5 nodes a wavelength and 2.9) the first 144 eigenvalues of a sphere at h = .2 and .25 have
+    errors of .0007 to .0018 (k h)^4; of linear splines .031 to .041 (k h)^2; of cubic ones .0005 to .001 (k h)^4 beyond
+    the first few, which are affected by the curvature of the sphere at spacings as coarse as these. On cells that
+    follow a smooth source the first eigenvalues of the circle at h = .05 and of the sphere at .2 have .5 to 1.5 times
+    these errors; with the square of h / radius the predicted errors would be a hundred times as large.
+    """
+    resolved, coarsest, power, waves = {
+        1: (0.55, 0.75, 2, 0.035),
+        2: (1.8, 2.2, 4, 0.002),
+        3: (1.9, 2.2, 4, 0.001),
+    }[degree]
+    return Dispersion(resolved, coarsest, power, waves, 0.02, power if geometry == "closest_point" else 2)
+
+
+def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError | None:
+    """Return an estimate of the error of u (n, channels) from third differences of its coefficients.
+
+    None for splines of another degree than 2, for which nothing was measured, and where no two patches are adjacent.
+    """
+    dof_map, spread = resolution.coefficients.space.dof_map, resolution.normal_spread
+    third = highest_differences(dof_map, u) if dof_map.degree == 2 else u[:0]
+    if not len(third):
+        return None
+    geometry = resolution.sampled.geometry
+    if geometry == "normals":
+        ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, FOLDED_AREA))
+    elif resolution.sampled.mesh.beyond_tip.any():
+        ratios = ENDING
+    elif geometry == "flat":
+        ratios = FLAT
+    else:
+        ratios = _rough_ratios(
+            SMOOTH, (spread.unresolved_share, TURNED_AREA), (spread.bending_share, SHARPLY_CURVED_AREA)
+        )
+    rms, largest = np.sqrt(np.mean(third**2, axis=0)), np.abs(third).max(axis=0)
+    even = min(ratios) > max(ROUGH + ENDING)
+    peaked = largest > PEAKED * rms
+    unresolved = even and bool((np.where(peaked, largest, rms) > WAVY * np.ptp(u, axis=0)).any())
+    return ExpectedError(rms / ratios[0], largest / ratios[1], unresolved)
+
+
+def _rough_ratios(smooth: tuple[float, float], *areas: tuple[float, tuple[float, float]]) -> tuple[float, float]:
+    """Return ratios between the ``smooth`` ratios and `ROUGH`, for shares of the area with their limits.
+
+    Below the first limit of each share they are the smooth ones, above the second of any `ROUGH`; between the limits
+    they are interpolated in the logarithm of the share.
+    """
+    rough = max(float(np.interp(math.log(max(area, limits[0])), np.log(limits), [0, 1])) for area, limits in areas)
+    rms, largest = (first ** (1 - rough) * second**rough for first, second in zip(smooth, ROUGH, strict=True))
+    return rms, largest
+
+
+def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
+    """Return (k, channels) the differences of order degree + 1 of coefficients along axes, over adjacent patches.
+
+    Two patches that touch are adjacent along an axis if their lattice cells are neighbours along it and they read the
+    same unknowns at their common nodes. Each pair gives width^(d - 1) lines of width + 1 coefficients.
+    """
+    width, d = dof_map.width, dof_map.dim
+    signs = [(-1.0) ** (width - place) * math.comb(width, place) for place in range(width + 1)]
+    first, second = dof_map.touching.T
+    steps = dof_map.cells[second] - dof_map.cells[first]
+    found = [np.zeros((0, u.shape[1]))]
+    for axis in range(d):
+        pairs = np.flatnonzero((np.abs(steps).sum(axis=1) == 1) & (steps[:, axis] != 0))
+        ahead = steps[pairs, axis] > 0
+        low, high = (
+            np.moveaxis(dof_map.unknowns[np.where(ahead, *ends)].reshape(-1, *[width] * d), 1 + axis, -1)
+            for ends in ((first[pairs], second[pairs]), (second[pairs], first[pairs]))
+        )
+        joined = (low[..., 1:] == high[..., :-1]).reshape(len(pairs), -1).all(axis=1)
+        lines = np.concatenate([low[joined], high[joined][..., -1:]], axis=-1).reshape(-1, width + 1)
+        found.append(sum(sign * u[lines[:, place]] for place, sign in enumerate(signs)))
+    return np.concatenate(found)
+
+
+def support_floor(surface: LocalSource, area: float, difference: float | None) -> float:
+    """Return the error that curving a mesh from its normals leaves in solutions, as a share of their range.
+
+    The ``surface`` is a mesh that is read as smooth, or a union of such, and ``area`` that of the curved surface.
+    ``difference`` is the root mean square difference of a solution on it from one on the triangles, as a share of the
+    range; by default the relative difference of their areas, which is as a rule larger. The error is 0 if a part of the
+    source is no mesh.
+    """
+    by_member = [_areas_by_support(member) for member in surface.members]
+    areas = np.array([member for member in by_member if member is not None])
+    if len(areas) < len(by_member):
+        return 0.0
+    flat, unsupported, doubtful = areas.sum(axis=0)
+    change = abs(area / flat - 1) if difference is None else difference
+    doubt = max(LEAST_DOUBT, min(1.0, DOUBT_PER_SHARE * doubtful / flat))
+    return float(min(1.0, change * doubt * (PILLOW_FACTOR if unsupported > PILLOW_SHARE * flat else 1.0)))
+
+
+def _areas_by_support(surface: LocalSource) -> Floats | None:
+    """Return the areas (3,) of a source's triangles: of all, of those with an unsupported edge, with a doubtful edge.
+
+    None for a source without a mesh.
+    """
+    cache, support = mesh_cache_of(surface), source_support(surface)
+    if cache is None or support is None:
+        return None
+    corners = cache.mesh.vertices[cache.mesh.cells]
+    areas = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    has_edge = [support.unsupported(limit)[cache.mesh.edges.of_cells].any(axis=1) for limit in (UNSUPPORTED, SUPPORTED)]
+    return np.array([areas.sum(), *(areas[rows].sum() for rows in has_edge)])
