@@ -7,10 +7,8 @@ from collections.abc import Callable, Mapping
 from importlib import import_module
 from typing import Any
 
-from cpmkit.families.context import OperatorCache, SolveContext
-from cpmkit.families.nonlinear import solve_nonlinear
-from cpmkit.families.quasilinear import solve_quasilinear
-from cpmkit.families.solve_options import Checkpointing
+from cpmkit.families.context import Checkpointing, OperatorCache, SolveContext
+from cpmkit.families.quasilinear import solve_nonlinear, solve_quasilinear
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import Backend, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.contract import Discretized, require
@@ -30,7 +28,7 @@ FAMILIES = {
     "time": ("cpmkit.families.evolution.stepping", "solve_in_time"),
     "eigen": ("cpmkit.families.eigen.solve_eigen", "solve_eigen"),
     "coupled": ("cpmkit.families.coupled", "solve_coupled"),
-    "biharmonic": ("cpmkit.families.biharmonic", "solve_biharmonic"),
+    "biharmonic": ("cpmkit.families.coupled", "solve_biharmonic"),
 }
 
 

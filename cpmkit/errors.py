@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.linear.residuals import SolveReport
 
 
 #: Largest number of characters of a given value that a message repeats.

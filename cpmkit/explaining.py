@@ -9,7 +9,7 @@ from typing import Any, Unpack
 
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import ResolutionError, SceneError
-from cpmkit.families.solve_options import PreparingKeywords
+from cpmkit.families.context import PreparingKeywords
 from cpmkit.forms.choice import FORMS, cost_model, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.cost_model import CostModel, line_through
 from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part

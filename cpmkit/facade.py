@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Unpack
 
-from cpmkit.families.biharmonic import BiharmonicRecord
+from cpmkit.families.coupled import BiharmonicRecord
 from cpmkit.families.quasilinear import QuasilinearRecord
 from cpmkit.plugins import load
 from cpmkit.runtime.messages import html_table

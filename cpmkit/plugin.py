@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cpmkit.runtime.deprecation import deprecated_names
-from cpmkit.runtime.lazy_names import lazy_names
+from cpmkit.runtime.deprecation import deprecated_names, lazy_names
 
 if TYPE_CHECKING:
     from cpmkit.errors import ConvergenceError as ConvergenceError
@@ -48,8 +47,8 @@ if TYPE_CHECKING:
     from cpmkit.linear.protocols import Operator as Operator
     from cpmkit.linear.protocols import PreparedSolver as PreparedSolver
     from cpmkit.linear.protocols import Stiffness as Stiffness
+    from cpmkit.linear.residuals import SolveReport as SolveReport
     from cpmkit.linear.residuals import judge as judge
-    from cpmkit.linear.solve_report import SolveReport as SolveReport
     from cpmkit.manifold.abilities import MOST_EDGES as MOST_EDGES
     from cpmkit.manifold.abilities import Advice as Advice
     from cpmkit.manifold.abilities import HasAdvice as HasAdvice
@@ -287,7 +286,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "LinearSolver": "linear.protocols",
         "Operator": "linear.protocols",
         "PreparedSolver": "linear.protocols",
-        "SolveReport": "linear.solve_report",
+        "SolveReport": "linear.residuals",
         "judge": "linear.residuals",
     },
     "Forms and back ends": {

@@ -10,8 +10,7 @@ from typing import Any, Generic, Literal, Unpack, overload
 from cpmkit.dispatch import resolve_options, solve_discretized
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
-from cpmkit.families.context import OperatorCache
-from cpmkit.families.solve_options import Checkpointing, PreparedKeywords, PreparingKeywords
+from cpmkit.families.context import Checkpointing, OperatorCache, PreparedKeywords, PreparingKeywords
 from cpmkit.forms.choice import FORMS, explain_memory_error
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.field import Field, field_of

@@ -12,7 +12,7 @@ from cpmkit.accuracy.solve_to_target import solve_to_target
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
-from cpmkit.families.solve_options import Checkpointing, DiscretizingKeywords, SolvingKeywords
+from cpmkit.families.context import Checkpointing, DiscretizingKeywords, SolvingKeywords
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized

@@ -20,7 +20,7 @@ from cpmkit.accuracy.estimate import (
     shifted_origin,
 )
 from cpmkit.errors import ResolutionError, SceneError
-from cpmkit.families.eigen.selected_modes import fewer_modes
+from cpmkit.families.eigen.solve_eigen import fewer_modes
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.options import lattice_options
 from cpmkit.scene.scene import Scene

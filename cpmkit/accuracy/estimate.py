@@ -12,7 +12,7 @@ import numpy as np
 from cpmkit.accuracy.error_estimate import ErrorEstimate, difference, estimate_alone, estimate_from
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.families.solve_options import PreparingKeywords
+from cpmkit.families.context import PreparingKeywords
 from cpmkit.families.steady import resolves_waves
 from cpmkit.forms.choice import FORMS
 from cpmkit.forms.contract import Discretized

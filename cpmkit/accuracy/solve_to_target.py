@@ -15,7 +15,7 @@ from cpmkit.accuracy.estimate import shifted_origin
 from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stay, predicted_bytes, search_spacing
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
-from cpmkit.families.solve_options import Checkpointing
+from cpmkit.families.context import Checkpointing
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings

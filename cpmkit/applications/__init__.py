@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cpmkit.runtime.lazy_names import lazy_names
+from cpmkit.runtime.deprecation import lazy_names
 
 if TYPE_CHECKING:  # for type checkers and editors, the same names as in the table below
     from cpmkit.applications.colouring import ColouredSurface as ColouredSurface

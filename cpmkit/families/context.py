@@ -2,24 +2,147 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass, field
-from typing import Any
+import os
+import time
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from os import PathLike
+from pathlib import Path
+from typing import Any, Literal, TypedDict
 
 import numpy as np
 
-from cpmkit.families.solve_options import Checkpointing
+from cpmkit.errors import InputError, shown
+from cpmkit.files.whole_files import check_name, check_place
 from cpmkit.forms.contract import Discretized, FormValues
 from cpmkit.linear.constant_functions import ConstantFunctions
-from cpmkit.linear.preconditioned import ReusablePreconditioner, SharedPreconditioner
-from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
-from cpmkit.linear.solve_report import SolveReport
-from cpmkit.scene.equations import Terms
+from cpmkit.linear.operators import Bordered
+from cpmkit.linear.preconditioned import PreconditionedGMRES
+from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver, Stiffness
+from cpmkit.linear.residuals import SolveReport
+from cpmkit.runtime.arrays import whole
+from cpmkit.runtime.options import DeclaredOptions, option
+from cpmkit.runtime.progress import ShownProgress
+from cpmkit.scene.equations import Equation, Terms
+from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Progress
+from cpmkit.solution.record import SolutionRecord
+from cpmkit.types import Floats, Progress, no_progress
 
-#: Number of operators cached with their factors; a run in time has several, as steps before frames are shorter.
-MOST_CACHED = 4
+
+class SolverKeywords(TypedDict, total=False):
+    """Keyword arguments for the linear solver; see :class:`cpmkit.linear.choice.SolverOptions`."""
+
+    solver: str
+    solver_tolerance: float | None
+    max_iterations: int
+
+
+class DiscretizingKeywords(TypedDict, total=False):
+    """Keyword arguments for the discretisation: options of all forms and of single forms."""
+
+    form: str
+    origin: Any
+    degree: int
+    order: int
+    sheets: bool
+    stabilisation: str
+    samples: str
+    tips: str
+    refine: str
+    refine_levels: int
+
+
+class CheckpointingKeywords(TypedDict, total=False):
+    """Keyword arguments for checkpoints; see :class:`Checkpointing`."""
+
+    checkpoint: str | PathLike[str] | None
+    checkpoint_every: int
+    resume: str | PathLike[str] | None
+
+
+class PreparedKeywords(CheckpointingKeywords, total=False):
+    """Keyword arguments of :meth:`cpmkit.preparing.Prepared.solve`, beside its equation."""
+
+    data: Mapping[str, Any] | None
+    guess: SolutionRecord | None
+
+
+class TargetKeywords(TypedDict, total=False):
+    """Keyword arguments for the target; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
+
+    tolerance: float | None
+    norm: str
+    seconds: float | None
+    memory: float | str | None
+    estimate: bool | Literal["tight"] | None
+
+
+class PreparingKeywords(DiscretizingKeywords, SolverKeywords, total=False):
+    """Keyword arguments of ``prepare``, ``explain`` and ``estimate_error``."""
+
+
+class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, total=False):
+    """Keyword arguments of ``solve``, beside its back end."""
+
+    progress: ShownProgress
+
+
+def _path(value: Any, label: str) -> Path | None:
+    """Return ``value`` as the path of a file; None if it is None or empty.
+
+    Raises
+    ------
+    InputError
+        If the value is not a path; ``label`` is its name in the message.
+    """
+    if value is None or value == "":
+        return None
+    if not isinstance(value, (str, os.PathLike)):
+        raise InputError(f"{label} must be the path of an .npz file, got {shown(value)}.")
+    check_name(Path(value))
+    return Path(value)
+
+
+@dataclass(frozen=True)
+class Checkpointing(DeclaredOptions):
+    """Options for writing and reading the state of a run in time."""
+
+    checkpoint: Path | None = option(
+        None,
+        "Of problems in time: an .npz file to which the state of the run is written every ``checkpoint_every`` steps "
+        "and at the end, each time completely.",
+        _path,
+    )
+    checkpoint_every: int = option(100, "Steps between two checkpoints.", partial(whole, least=1))
+    resume: Path | None = option(
+        None,
+        "A checkpoint of the same problem: the run continues from there, and ends with the same values, bit by bit, as "
+        "without the interruption. A later ``until`` makes a run longer.",
+        _path,
+    )
+
+    def check_for(self, problem: Equation) -> None:
+        """Raise, before anything is computed, if checkpoints are not possible for the equation ``problem``.
+
+        Raises
+        ------
+        InputError
+            If the equation is not one in time, or a file cannot be written or read.
+        """
+        write, resume = self.checkpoint, self.resume
+        if (write or resume) and not isinstance(problem, Evolution):
+            raise InputError(
+                f"checkpoint and resume are for problems in time, not for {problem.kind!r}; leave them out, or use "
+                "Heat."
+            )
+        if write is not None and (write.suffix != ".npz" or not write.parent.is_dir()):
+            raise InputError(f"a checkpoint must be an .npz file in a folder that exists, got {shown(str(write))}.")
+        if resume is not None and not resume.is_file():
+            raise InputError(f"no checkpoint {shown(str(resume))}; give the file that an earlier run wrote.")
+        if write is not None:
+            check_place(write)
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +161,7 @@ class OperatorCache:
 
     entries: dict[Hashable, Any] = field(default_factory=dict)
     shares_preconditioner: bool = False
-    shared: dict[int, ReusablePreconditioner] = field(default_factory=dict)
+    shared: dict[int, PreconditionedGMRES] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         # factors cannot be pickled, and are computed again
@@ -50,7 +173,7 @@ class OperatorCache:
         ``make`` must be no closure: if memory runs out, a closure would keep the tables of the form alive.
         """
         self.entries[key] = self.entries.pop(key) if key in self.entries else make(*arguments)
-        while len(self.entries) > MOST_CACHED:
+        while len(self.entries) > 4:  # a run in time has several, as steps before frames are shorter
             del self.entries[next(iter(self.entries))]
         return self.entries[key]
 
@@ -75,6 +198,27 @@ class _IdentityKey:
 
     def __hash__(self) -> int:
         return id(self.target)
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSystem:
+    """An operator with its prepared solver, and the constant functions that are taken out of its systems."""
+
+    operator: Operator
+    solver: PreparedSolver
+    constants: ConstantFunctions
+
+    def solve(
+        self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
+    ) -> tuple[Any, SolveReport]:
+        """Return the solution u (n, channels) and the report, as :meth:`ConstantFunctions.solve` does."""
+        return self.constants.solve(self.solver, b, tolerance, guess, progress)
+
+
+def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
+    """Return the operator A, bordered if there are pieces on which no condition or term determines a constant."""
+    free = form.free_constants(stiffness)
+    return stiffness if free is None else Bordered(stiffness, free)
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,9 +273,10 @@ class SolveContext:
         """
         lender = self.cache.shared.get(operator.size)
         if lender is not None:
-            return SharedPreconditioner(lender.for_operator(operator), lambda: self._prepare(operator))
+            return replace(lender, operator=operator, fallback=lambda: self._prepare(operator))
         prepared = self._prepare(operator)
-        if self.cache.shares_preconditioner and isinstance(prepared, ReusablePreconditioner):
+        shares = self.cache.shares_preconditioner and not operator.symmetric  # only equations with a velocity
+        if shares and isinstance(prepared, PreconditionedGMRES):
             self.cache.shared[operator.size] = prepared
         return prepared
 
@@ -140,9 +285,10 @@ class SolveContext:
         takes_levels = getattr(self.solver, "takes_levels", True)
         return self.solver.prepare(operator, self.discretized.levels(operator) if takes_levels else ())
 
-    def constants(self, operator: Operator) -> ConstantFunctions:
-        """Return the constant functions that are taken out of systems with ``operator`` before the solve."""
-        return ConstantFunctions.of(operator, self.discretized.constant)
+    def prepare_system(self, operator: Operator) -> PreparedSystem:
+        """Return ``operator`` with its prepared solver and the constant functions of the form."""
+        constants = ConstantFunctions.of(operator, self.discretized.constant)
+        return PreparedSystem(operator, self.prepare(operator), constants)
 
     def report(self, converged: bool, iterations: int, products: int, residual: float, reason: str) -> SolveReport:
         """Return the report of a solve that consists of several linear systems.
@@ -150,6 +296,11 @@ class SolveContext:
         ``products`` counts operator applications, ``residual`` is relative, ``reason`` says why the solve ended.
         """
         return SolveReport(self.solver_name, converged, iterations, products, residual, self.tolerance, reason)
+
+    def common_fields(self, operator: Operator, report: SolveReport, built: float) -> dict[str, Any]:
+        """Return the fields of a solution that all families fill alike; ``built`` is the time when the solve began."""
+        form, seconds = self.discretized, {"build": built - self.started, "solve": time.perf_counter() - built}
+        return {"discretized": form, "report": report, "work": form.work(operator, report), "seconds": seconds}
 
 
 def surely_positive(form: FormValues) -> bool:

@@ -1,32 +1,41 @@
-"""Problems whose channels are coupled at each point: one linear system for all channels.
+"""Systems of equations: channels that are coupled at each point, and the biharmonic equation.
 
 With A the operator of one channel and M_ij the mass matrix weighted with C_ij, and the channels of each spline
 numbered consecutively, the system is ``(A x I + sum_ij M_ij x e_i e_j') u = b`` with Kronecker products x. The
 multigrid levels are those of one channel, repeated for all channels.
+
+The biharmonic equation ``c u + Lap^2 u = f`` is solved as two equations of second order on the same unknowns. With
+``v = -Lap u``, K the operator of -Lap and M the mass matrix, ``K u - M v = r`` and ``c M u + K v = q``, where r and q
+come from the data of u and of v (Ciarlet and Raviart, 1974). For ``w = v + i s u``, ``s^2 = c``, both are the one
+complex system ``(K - i s M) w = q + i s r``. It has the size of K, and not the condition number of its square.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.families.context import SolveContext
+from cpmkit.families.context import PreparedSystem, SolveContext, with_border
 from cpmkit.forms.contract import Discretized, require
+from cpmkit.forms.free_constants import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import CsrOperator
+from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
-from cpmkit.scene.compound_equations import Coupled
+from cpmkit.linear.residuals import SolveReport
+from cpmkit.scene.compound_equations import Biharmonic, Coupled
+from cpmkit.scene.equations import Terms
 from cpmkit.solution.record import SolutionRecord
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
 
 #: Largest asymmetry of a symmetric C, as a share of its largest entry: rounding.
 SYMMETRIC_SHARE = 1e-12
@@ -59,9 +68,8 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     each_channel = np.asarray(np.kron(form.constant, np.eye(channels)), dtype=np.float64)
     constants = ConstantFunctions.of(operator, each_channel)
     values, report = constants.solve(prepared, b, context.tolerance, guess, context.progress)
-    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
-    work = form.work(operator, report)
-    return SolutionRecord(form, values.reshape(-1, channels), report, work, seconds, warnings=form.warnings())
+    common = context.common_fields(operator, report, built)
+    return SolutionRecord(values=values.reshape(-1, channels), warnings=form.warnings(), **common)
 
 
 def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
@@ -147,3 +155,126 @@ def _levels_for_channels(form: Discretized, stiffness: Operator, channels: int) 
             lines = (lines[:, None] * channels + np.arange(channels)[:, None]).reshape(-1, lines.shape[1])
         levels.append(replace(level, prolongation=prolongation, strip=strip, lines=lines))
     return levels
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BiharmonicRecord(SolutionRecord):
+    """The solution of a biharmonic problem, with its Laplacian.
+
+    Attributes
+    ----------
+    second : (unknowns, channels) float64
+        Lap u at the unknowns.
+    """
+
+    second: Floats
+
+    def laplacian(self, points: Any, side: Sides = None) -> Floats:
+        """Return Lap u at ``points``; parameters and shape as for :meth:`cpmkit.Solution.evaluate`."""
+        values: Floats = replace(self, values=self.second).evaluate(points, side)
+        return values
+
+    def arrays(self) -> dict[str, Any]:
+        """Return the lattice, the nodes, the values and the Laplacian as plain arrays, by name."""
+        return {**super().arrays(), "laplacian": self.second}
+
+
+def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
+    """Assemble and solve the system of a biharmonic problem, and return its solution.
+
+    Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there.
+
+    Raises
+    ------
+    InputError
+        If c is not zero and the linear solver does not solve complex systems.
+    ConvergenceError
+        If the solver does not reach the tolerance.
+    """
+    problem, form = context.scene.problem, context.discretized
+    assert isinstance(problem, Biharmonic)
+    require(form, "second Laplacian")
+    form.check(context.solver_name)
+    if problem.c and context.solver_name not in ("direct", "multigrid", "reference"):
+        raise InputError(
+            "a biharmonic problem with c takes solver='direct', 'multigrid' or 'reference', got "
+            f"{context.solver_name!r}: its system is complex."
+        )
+    stiffness = form.stiffness(Terms())
+    r = form.condition_load(stiffness)
+    q = form.load(problem.f) + form.condition_load(stiffness, of="laplacian")
+    built = time.perf_counter()
+    solve_pair = _solve_coupled if problem.c else _solve_in_turn
+    u, v, report, imbalances = solve_pair(context, stiffness, problem.c, r, q)
+    warnings = (*form.warnings(), *(text for defect in imbalances for text in defect.warnings))
+    common = context.common_fields(stiffness, report, built)
+    return BiharmonicRecord(values=u, second=-v, warnings=warnings, imbalances=imbalances, **common)
+
+
+#: u (n, channels), v (n, channels), the report, and the imbalances: the parts of f for which there is no solution.
+_Pair = tuple[Floats, Floats, SolveReport, tuple[Imbalance, ...]]
+
+
+def _solve_coupled(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
+    """Solve ``K u - M v = r`` and ``c M u + K v = q`` as one complex system; return u, v and the report.
+
+    ``stiffness`` is K; M is the mass matrix of equations in time, since for large c the consistent mass matrix leaves
+    some unknowns undetermined.
+    """
+    s, mass = float(np.sqrt(c)), context.discretized.mass_in_time
+    system = context.cache.get(("complex", s), context.prepare_system, ComplexShift(stiffness, s, mass))
+    w, report = system.solve(q + 1j * s * r, context.tolerance, progress=context.progress)
+    report = replace(report, operator_applications=2 * report.operator_applications)  # products with the real A
+    return np.ascontiguousarray(w.imag / s), np.ascontiguousarray(w.real), report, ()
+
+
+def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Floats, q: Floats) -> _Pair:
+    """Solve ``K v = q``, then ``K u = r + M v``, for c = 0; return u, v, the report and the imbalances of f.
+
+    On pieces where a constant is free, u has mean zero.
+    """
+    del c  # is zero
+    form = context.discretized
+    system = context.cache.get(("pair", 0.0), _prepare_laplacian, context, stiffness)
+    operator, imbalances = system.operator, tuple[Imbalance, ...]()
+    v, first = system.solve(q, context.tolerance, progress=context.progress)
+    if isinstance(operator, Bordered):
+        v, imbalances = balanced_solution(operator, q, v, form)
+    u, second = system.solve(r + _times_mass(form, v), context.tolerance, progress=context.progress)
+    if isinstance(operator, Bordered):
+        u, v = _with_mean_of_laplacian(operator, form, u, v)
+    return u, v, _combined_report(first, second), imbalances
+
+
+def _prepare_laplacian(context: SolveContext, stiffness: Stiffness) -> PreparedSystem:
+    """Return the prepared system of K, bordered on pieces where a constant is free."""
+    return context.prepare_system(with_border(context.discretized, stiffness))
+
+
+def _with_mean_of_laplacian(operator: Bordered, form: Discretized, u: Floats, v: Floats) -> tuple[Floats, Floats]:
+    """Return u with mean zero on free pieces, and v with the mean there that balances the fluxes of u at the edge.
+
+    ``K v = q`` leaves the mean of v free, and ``K u = r + M v`` has a solution for only one mean, which is computed
+    from the imbalance of the second system. A piece is free if no condition or term fixes a constant on it.
+    """
+    border = operator.border
+    u, means = border.remove_means(u)
+    indicator = border.indicator.toarray()
+    measure = (indicator * _times_mass(form, indicator)).sum(axis=0)
+    excess = operator.shift * means * ((indicator * border.constant_load.toarray()).sum(axis=0) / measure)[:, None]
+    return u, np.asarray(v - indicator @ excess)
+
+
+def _times_mass(form: Discretized, u: Floats) -> Floats:
+    """Return M u for u (n, k), with the mass matrix M of the form; u itself if the form has none."""
+    return u if form.mass is None else form.mass.apply(u)
+
+
+def _combined_report(first: SolveReport, second: SolveReport) -> SolveReport:
+    """Return the report of two successive solves: counts added, all else from the solve with the larger residual."""
+    worse = max(first, second, key=lambda report: report.residual)
+    return replace(
+        worse,
+        iterations=first.iterations + second.iterations,
+        operator_applications=first.operator_applications + second.operator_applications,
+    )

@@ -1,24 +1,26 @@
-"""Steady problems whose diffusivity depends on u, by Newton's method or with the diffusivity of the last iterate.
+"""Steady problems whose diffusivity or fluxes depend on u, as a sequence of linear problems on the same tables.
 
-The last step is always a linear steady problem with the diffusivity at the solution: it leaves the solution unchanged,
-and provides the warnings of linear problems.
+A diffusivity that depends on u is that of the last iterate, or linearised (Newton's method). The last step is always a
+linear steady problem with the diffusivity at the solution: it leaves the solution unchanged, and provides the warnings
+of linear problems. A flux ``du/db = j(u)`` is linearised at the last solution v: ``du/db = j(v) + j'(v) (u - v)`` is a
+Robin condition.
 """
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.errors import ConvergenceError, SceneError, place
 from cpmkit.families.context import OperatorCache, SolveContext
 from cpmkit.families.quasilinear_steps import State, Steps
 from cpmkit.families.steady import solve_steady
 from cpmkit.forms.contract import integrals, require
-from cpmkit.linear.solve_report import SolveReport
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.equations import Equation, Terms
 from cpmkit.scene.nonlinear_equations import QuasilinearEquation
 from cpmkit.solution.record import SolutionRecord
@@ -26,12 +28,6 @@ from cpmkit.types import Floats
 
 #: The largest number of steps of each method.
 MOST_STEPS = {"newton": 60, "lagged": 500}
-#: A method has converged when a step changes u by at most this share of its range; lagged steps converge slowly.
-CONVERGED_CHANGE_SHARE = {"newton": 1e-8, "lagged": 1e-6}
-#: The same share for the equations of a continuation, before the equation itself.
-APPROACHED_CHANGE_SHARE = 1e-2
-#: Share of the largest value that is added to the range, because of the rounding of solutions far from zero.
-ROUNDING_SHARE = 1e-5
 
 
 @dataclass(frozen=True)
@@ -74,21 +70,8 @@ class _FrozenEquation(Equation):
         return self.frozen_terms
 
 
-@dataclass(frozen=True, eq=False)
-class _StepCount:
-    """Counts of linear iterations and operator products in all steps so far, and the records of the steps."""
-
-    iterations: int = 0
-    products: int = 0
-    records: tuple[StepRecord, ...] = ()
-
-    def plus(self, report: SolveReport, record: StepRecord) -> _StepCount:
-        """Return the counts and records after one more step."""
-        return _StepCount(
-            self.iterations + report.iterations,
-            self.products + report.operator_applications,
-            (*self.records, record),
-        )
+#: The steps of an iteration so far, with the reports of their linear solves.
+_Steps = list[tuple[StepRecord, SolveReport]]
 
 
 def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
@@ -109,46 +92,51 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     if context.scene.channels > 1:
         raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {context.scene.channels}.")
     form.check(context.solver_name)
-    terms = replace(problem.terms(), f=_CachedData(problem.terms().f))
+    terms = problem.terms()
     u = _first_iterate(context, problem, terms)
-    penalty_scale = _mean_diffusivity(context, problem, u) if problem.uniform_penalty else None
+    penalty_scale = None
+    if problem.uniform_penalty:  # the geometric mean of the diffusivity
+        a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
+        penalty_scale = float(np.exp(np.log(a).mean()))
     steps = Steps(context, terms, problem.diffusivity_of_u, form.load(terms.f), penalty_scale)
-    u, count = _continued_iterate(steps, problem, u) if context.guess is None else (u, _StepCount())
-    u, count = _converge(steps, problem, u, count)
+    taken: _Steps = []
+    for nearer in problem.continuation if context.guess is None else ():
+        law = nearer.diffusivity_of_u
+        nearer_steps = replace(steps, terms=replace(terms, diffusivity=law), law=law)
+        u = _converge(nearer_steps, nearer, u, taken, 1e-2)
+    u = _converge(steps, problem, u, taken, 1e-8 if problem.method == "newton" else 1e-6)
     last = _solve_linear(context, steps.frozen_terms(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
-    report = replace(
-        last.report,
-        iterations=count.iterations + last.report.iterations,
-        operator_applications=count.products + last.report.operator_applications,
-        reason=f"{last.report.reason}; {name} converged in {len(count.records)} steps",
-    )
-    work: Any = replace(last.work, operator_applications=report.operator_applications)  # type: ignore[type-var]
-    seconds = {**last.seconds, "solve": time.perf_counter() - context.started - last.seconds["build"]}
+    total = _in_total(context, last, [*(report for _, report in taken), last.report], name, len(taken))
     return QuasilinearRecord(
         form,
-        last.values,
-        report,
-        work,
-        seconds,
-        warnings=last.warnings,
-        imbalances=last.imbalances,
-        history=count.records,
+        total.values,
+        total.report,
+        total.work,
+        total.seconds,
+        warnings=total.warnings,
+        imbalances=total.imbalances,
+        history=tuple(record for record, _ in taken),
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _CachedData:
-    """Data that every step evaluates at the same points; the values at the last points are cached."""
+def _in_total(
+    context: SolveContext, last: SolutionRecord, reports: Sequence[SolveReport], name: str, steps: int
+) -> SolutionRecord:
+    """Return the ``last`` solution of an iteration with the counts of all its linear solves, and all its seconds.
 
-    data: Data
-    cache: list[tuple[Floats, Floats]] = field(default_factory=list)
-    takes_time: ClassVar[bool] = False
-
-    def __call__(self, points: Floats) -> Floats:
-        if not self.cache or not np.array_equal(self.cache[0][0], points):
-            self.cache[:] = [(points, evaluate_data(self.data, points, None, "the right-hand side f"))]
-        return self.cache[0][1]
+    ``name`` is that of the iteration, which converged in so many ``steps``.
+    """
+    report = replace(
+        last.report,
+        iterations=sum(each.iterations for each in reports),
+        operator_applications=sum(each.operator_applications for each in reports),
+        reason=f"{last.report.reason}; {name} converged in {steps} steps",
+    )
+    work: Any = last.work
+    work = replace(work, operator_applications=report.operator_applications)
+    seconds = {**last.seconds, "solve": time.perf_counter() - context.started - last.seconds["build"]}
+    return replace(last, discretized=context.discretized, report=report, work=work, seconds=seconds)
 
 
 def _first_iterate(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
@@ -168,30 +156,10 @@ def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = No
     return solve_steady(replace(context, discretized=form, guess=guess, cache=OperatorCache()))
 
 
-def _continued_iterate(steps: Steps, problem: QuasilinearEquation, u: Floats) -> tuple[Floats, _StepCount]:
-    """Solve the equations of the continuation in turn, each from the solution of the one before.
+def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
+    """Step from u (n, 1) until a step changes u by at most a ``share`` of its range, and return u (n, 1).
 
-    Return the last solution (n, 1), from which the problem itself starts, and the count of the steps taken.
-
-    Raises
-    ------
-    ConvergenceError
-        If the steps of one equation do not converge.
-    """
-    count = _StepCount()
-    for nearer in problem.continuation:
-        law = nearer.diffusivity_of_u
-        nearer_steps = replace(steps, terms=replace(steps.terms, diffusivity=law), law=law)
-        u, count = _converge(nearer_steps, nearer, u, count, APPROACHED_CHANGE_SHARE)
-    return u, count
-
-
-def _converge(
-    steps: Steps, problem: QuasilinearEquation, u: Floats, count: _StepCount, share: float | None = None
-) -> tuple[Floats, _StepCount]:
-    """Step from u (n, 1) until a step changes u by at most a ``share`` of its range.
-
-    Return u (n, 1) after that step, and ``count`` with the steps taken added.
+    The steps are appended to those ``taken``. Lagged steps converge slowly.
 
     Raises
     ------
@@ -199,19 +167,18 @@ def _converge(
         If no step up to the largest number of steps changes u so little.
     """
     method, state = problem.method, steps.state(u)
-    share = CONVERGED_CHANGE_SHARE[method] if share is None else share
     step = steps.newton_step if method == "newton" else steps.lagged_step
     for _ in range(MOST_STEPS[method]):
         before = state.u
         state, report = step(state)
-        count = count.plus(report, _step_record(steps, problem, before, state))
-        change = count.records[-1].change
-        if change <= share:
-            return state.u, count
+        record = _step_record(steps, problem, before, state)
+        taken.append((record, report))
+        if record.change <= share:
+            return state.u
     other = "lagged" if method == "newton" else "newton"
     raise ConvergenceError(
         f"{problem.kind!r} did not converge in {MOST_STEPS[method]} steps of method={method!r}: u still changes by "
-        f"{change:.2g} of its range; use method={other!r}, a larger regularization, or start from the solution "
+        f"{record.change:.2g} of its range; use method={other!r}, a larger regularization, or start from the solution "
         "of a problem that is nearer to a linear one (guess of Prepared.solve).",
         report,
     )
@@ -221,7 +188,7 @@ def _step_record(steps: Steps, problem: QuasilinearEquation, before: Floats, sta
     """Return the record of the step from the iterate ``before`` (n, 1) to ``state``."""
     form = steps.context.discretized
     old, new = form.at_points(before), form.at_points(state.u)
-    size = float(np.ptp(new) + ROUNDING_SHARE * np.abs(new).max(initial=0.0)) or 1.0
+    size = float(np.ptp(new) + 1e-5 * np.abs(new).max(initial=0.0)) or 1.0
     return StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
 
 
@@ -241,8 +208,62 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
     return None if total is None else float(total[0] + rest)
 
 
-def _mean_diffusivity(context: SolveContext, problem: QuasilinearEquation, u: Floats) -> float:
-    """Return the geometric mean of the diffusivity over the form's points, at the iterate u (n, 1)."""
-    form = context.discretized
-    a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
-    return float(np.exp(np.log(a).mean()))
+def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
+    """Solve a steady scene with fluxes that depend on the solution, and return the solution.
+
+    Parameters
+    ----------
+    context : SolveContext
+        The context, with the discretised scene.
+    solve_linear : callable
+        Solves a scene whose conditions are linear.
+
+    Raises
+    ------
+    SceneError
+        If the scene has several channels, or the fluxes do not fix a free constant.
+    ResolutionError
+        If a flux grows with u faster than the spacing resolves.
+    ConvergenceError
+        If Newton's method does not converge.
+    """
+    scene, form = context.scene, context.discretized
+    if scene.channels > 1:
+        raise SceneError(f"a nonlinear flux takes one channel, the scene has {scene.channels}; solve them one by one.")
+    fluxes = form.state_fluxes
+    boundary_values = [np.full(len(flux.points), flux.guess) for flux in fluxes]
+    reports = []
+    for step in range(1, 31):
+        tangent = form.linearise(boundary_values)
+        solution = solve_linear(replace(context, discretized=tangent, cache=OperatorCache(), default_tolerance=False))
+        if not all(flux.grows(v) for flux, v in zip(fluxes, boundary_values, strict=True)):
+            _check_balance(solution)
+        reports.append(solution.report)
+        before, boundary_values = boundary_values, [flux.read(solution.values) for flux in fluxes]
+        now, then = (np.concatenate([np.zeros(0), *values]) for values in (boundary_values, before))
+        change, size = (float(np.abs(values).max(initial=0.0)) for values in (now - then, now))
+        # Linear solves to the default tolerance vary by about as much.
+        if step > 1 and change <= 1e-8 * size + np.finfo(float).tiny:
+            return _in_total(context, solution, reports, "Newton's method", step)
+    raise ConvergenceError(
+        f"Newton's method did not converge in {step} steps: u still changes by {change:.2g} on the "
+        "boundaries; give a guess nearer to the solution, or check that the flux does not grow with u.",
+        solution.report,
+    )
+
+
+def _check_balance(solution: SolutionRecord) -> None:
+    """Raise if the data of a solution had to be changed because the fluxes do not fix a free constant.
+
+    Raises
+    ------
+    SceneError
+        In this case, with a point of the piece on which the constant is free.
+    """
+    for defect in solution.imbalances:
+        if defect.of == "data" and defect.relative > defect.explained:
+            near = place(defect.near)
+            raise SceneError(
+                f"Nothing fixes the solution near {near}: the nonlinear flux does not change with u at the values "
+                "that Newton's method has, and the data do not balance without it; give another guess, or use Neumann."
+            )

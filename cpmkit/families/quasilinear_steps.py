@@ -16,7 +16,7 @@ from cpmkit.families.context import SolveContext
 from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Floats
@@ -99,10 +99,7 @@ class Steps:
         residual = b - stiffness.apply(u)
         border = form.free_constants(stiffness)
         if border is not None:
-            excess = np.linalg.solve(
-                (border.indicator.T @ border.constant_load).toarray(), border.indicator.T @ residual
-            )
-            residual = residual - border.constant_load @ excess
+            residual, _ = border.balance(residual)
         return State(u, stiffness, b, residual, border)
 
     def lagged_step(self, state: State) -> tuple[State, SolveReport]:

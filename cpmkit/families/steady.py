@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.families.context import SolveContext, operator_key, surely_positive
+from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, with_border
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered, LinearSystem
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
-from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.protocols import PreparedSolver, Stiffness
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.diffusivities import StateDiffusivity, mean_diffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Nonlinear
@@ -41,35 +39,16 @@ def assemble(form: Discretized) -> LinearSystem:
     form : Discretized
         The discretised scene.
     """
-    stiffness, operator = _operators(form)
-    return LinearSystem(operator, form.load(form.scene.problem.terms().f) + form.condition_load(stiffness))
-
-
-def _operators(form: Discretized) -> tuple[Stiffness, Operator]:
-    """Return the operator A of a steady problem, and A bordered on pieces where a constant is free.
-
-    A piece of the manifold is free if no condition or term determines the constant part of u there. Without such a
-    piece the second operator is A again.
-    """
     stiffness = form.stiffness(form.scene.problem.terms())
-    free = form.free_constants(stiffness)
-    return stiffness, stiffness if free is None else Bordered(stiffness, free)
+    b = form.load(form.scene.problem.terms().f) + form.condition_load(stiffness)
+    return LinearSystem(with_border(form, stiffness), b)
 
 
-@dataclass(frozen=True, eq=False)
-class _PreparedSystem:
-    """A, A bordered where constants are free, its prepared solver, and the constant functions of its systems."""
-
-    stiffness: Stiffness
-    operator: Operator
-    solver: PreparedSolver
-    constants: ConstantFunctions
-
-
-def _prepare_system(context: SolveContext) -> _PreparedSystem:
-    """Return the operators of a steady problem with their prepared solver."""
-    stiffness, operator = _operators(context.discretized)
-    return _PreparedSystem(stiffness, operator, context.prepare(operator), context.constants(operator))
+def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
+    """Return the operator A of a steady problem, and its system, bordered where a constant is free."""
+    form = context.discretized
+    stiffness = form.stiffness(form.scene.problem.terms())
+    return stiffness, context.prepare_system(with_border(form, stiffness))
 
 
 def solve_steady(context: SolveContext) -> SolutionRecord:
@@ -86,29 +65,24 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
     coarse_waves = unresolved_waves(form, terms)
     form.check(context.solver_name)
     load = form.load(terms.f)
-    system: _PreparedSystem = context.cache.get(("steady", operator_key(terms)), _prepare_system, context)
-    b = load + form.condition_load(system.stiffness)
+    stiffness, system = context.cache.get(("steady", operator_key(terms)), _prepare_system, context)
+    b = load + form.condition_load(stiffness)
     built = time.perf_counter()
     values, report = _solve_system(context, system, b)
-    work = form.work(system.operator, report)
     u, imbalances = form.remove_constants(system.operator, b, values)
     resonant, resonance = nearest_resonance(context, system.solver, u)
     small_c = () if isinstance(system.operator, Bordered) else system.constants.cancellation_warnings(b, values)
-    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
     unbalanced = [text for defect in imbalances for text in (*defect.warnings, *defect.nothing_given)]
     return SolutionRecord(
-        form,
-        u,
-        report,
-        work,
-        seconds,
+        values=u,
         warnings=(*form.warnings(), *coarse_waves, *resonant, *small_c, *unbalanced),
         imbalances=imbalances,
         resonance=resonance,
+        **context.common_fields(system.operator, report, built),
     )
 
 
-def _solve_system(context: SolveContext, system: _PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
+def _solve_system(context: SolveContext, system: PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
     """Return the solution (n, channels) of the system with right-hand side b, and the report.
 
     Raises
@@ -125,7 +99,7 @@ def _solve_system(context: SolveContext, system: _PreparedSystem, b: Floats) -> 
         if not square:
             raise
         try:
-            rough = system.constants.solve(system.solver, b, ROUGH_RESIDUAL)[0]
+            rough = system.solve(b, ROUGH_RESIDUAL)[0]
             causes, _ = nearest_resonance(context, system.solver, rough)
         except ConvergenceError:
             causes = [

@@ -43,7 +43,7 @@ from cpmkit.types import Floats, Ints, Side, Sides
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.linear.residuals import SolveReport
     from cpmkit.solution.display_mesh import DisplayMesh
 
 

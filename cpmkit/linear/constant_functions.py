@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.linear.protocols import Operator, PreparedSolver
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.types import Floats, Ints, Progress, no_progress
 
 

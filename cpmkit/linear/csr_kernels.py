@@ -1,8 +1,8 @@
-"""Compiled: products and sweeps with sparse matrices, full or given by the upper halves of their rows if symmetric.
+"""Compiled: products with sparse matrices, sweeps with their upper halves, and Cholesky factors of dense matrices.
 
-Matrices are CSR arrays: ``pointers`` (n + 1,), ``columns`` and ``entries``; pointers and columns are unsigned, so that
-no index is tested for its sign. Vectors are contiguous, (n, channels), and (channels, n) for symmetric matrices, whose
-rows begin with the entry on the diagonal.
+Sparse matrices are CSR arrays: ``pointers`` (n + 1,), ``columns`` and ``entries``; pointers and columns are unsigned,
+so that no index is tested for its sign. Vectors are contiguous, (n, channels), and (channels, n) for upper halves,
+whose rows begin with the entry on the diagonal.
 """
 
 from __future__ import annotations
@@ -11,26 +11,27 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.runtime.compilation import compiled, inlined
-from cpmkit.types import Bools, Floats
+from cpmkit.runtime.compilation import compiled, compiled_reordered, inlined
+from cpmkit.types import Floats
 
 
 @inlined
-def _row(pointers: Any, columns: Any, entries: Any, i: int, x: Floats, m: int) -> float:
-    """Return entry (i, m) of ``A x``, as the sum of four sums: additions to a single sum would wait for each other."""
-    first, second, third, fourth = 0.0, 0.0, 0.0, 0.0
-    k, stop = pointers[i], pointers[i + 1]
-    last = stop - (stop - k) % np.uint64(4)
-    while k < last:
-        first += entries[k] * x[columns[k], m]
-        second += entries[k + np.uint64(1)] * x[columns[k + np.uint64(1)], m]
-        third += entries[k + np.uint64(2)] * x[columns[k + np.uint64(2)], m]
-        fourth += entries[k + np.uint64(3)] * x[columns[k + np.uint64(3)], m]
-        k += np.uint64(4)
-    while k < stop:
-        first += entries[k] * x[columns[k], m]
+def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
+    """Return the scalar product of x with the entries from k to ``stop``.
+
+    Four sums are formed: additions to a single sum would wait for each other.
+    """
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    while (stop - k) % np.uint64(4):
+        a += np.float64(entries[k]) * x[columns[k]]
         k += np.uint64(1)
-    total: float = (first + second) + (third + fourth)
+    while k < stop:
+        a += np.float64(entries[k]) * x[columns[k]]
+        b += np.float64(entries[k + np.uint64(1)]) * x[columns[k + np.uint64(1)]]
+        c += np.float64(entries[k + np.uint64(2)]) * x[columns[k + np.uint64(2)]]
+        d += np.float64(entries[k + np.uint64(3)]) * x[columns[k + np.uint64(3)]]
+        k += np.uint64(4)
+    total: float = (a + b) + (c + d)
     return total
 
 
@@ -41,7 +42,7 @@ def fill_residual(
     """Fill the rows from ``start`` to ``stop`` of ``out`` (n, channels) with those of ``b - A x``."""
     for i in range(start, stop):
         for m in range(x.shape[1]):
-            out[i, m] = b[i, m] - _row(pointers, columns, entries, i, x, m)
+            out[i, m] = b[i, m] - _row_product(pointers[i], pointers[i + 1], columns, entries, x[:, m])
 
 
 @compiled
@@ -66,7 +67,7 @@ def step(
     """
     for i in range(start, stop):
         for m in range(x.shape[1]):
-            rest = b[i, m] - _row(pointers, columns, entries, i, x, m)
+            rest = b[i, m] - _row_product(pointers[i], pointers[i + 1], columns, entries, x[:, m])
             move[i, m] = momentum * move[i, m] + factor * inverse[i] * rest
             out[i, m] = x[i, m] + move[i, m]
 
@@ -85,12 +86,11 @@ def prolong(start: int, stop: int, pointers: Any, columns: Any, entries: Any, co
     """Add the rows from ``start`` to ``stop`` of ``P coarse`` to those of ``fine`` (n, channels)."""
     for i in range(start, stop):
         for m in range(fine.shape[1]):
-            fine[i, m] += _row(pointers, columns, entries, i, coarse, m)
+            fine[i, m] += _row_product(pointers[i], pointers[i + 1], columns, entries, coarse[:, m])
 
 
 @compiled
 def multiply(
-    needed: Bools,
     pointers: Any,
     columns: Any,
     entries: Floats,
@@ -99,14 +99,11 @@ def multiply(
     other_entries: Floats,
     width: int,
     room: int,
-    upper: bool,
-    first: float,
 ) -> tuple[Any, Any, Floats]:
     """Return pointers, columns (unsorted) and entries of ``A B``, which has ``width`` columns.
 
-    Rows that are not ``needed`` (n,) are empty. With ``upper``, rows have only the entry on the diagonal and those
-    right of it. The first entry of each row of A is multiplied by ``first``. ``room`` is the expected number of entries
-    of the product: unused room takes no memory, and an extension takes some time.
+    ``room`` is the expected number of entries of the product: unused room takes no memory, and an extension takes some
+    time.
     """
     met, total = np.full(width, -1, dtype=np.int32), np.zeros(width)  # of each column the last row, the entry
     starts = np.zeros(len(pointers), dtype=np.uint64)
@@ -114,9 +111,6 @@ def multiply(
     used = np.uint64(0)
     for i in range(len(pointers) - 1):
         begin = used
-        if not needed[i]:
-            starts[i + 1] = used
-            continue
         if used + np.uint64(width) >= np.uint64(len(sums)):
             most = used + np.uint64(1)
             for k in range(pointers[i], pointers[i + 1]):
@@ -125,16 +119,10 @@ def multiply(
                 more, further = np.empty(2 * most, dtype=np.uint32), np.empty(2 * most)
                 more[:used], further[:used] = out_columns[:used], sums[:used]
                 out_columns, sums = more, further
-        least = 0
-        if upper:
-            least, met[i], out_columns[used] = i, i, i
-            used += np.uint64(1)
         for k in range(pointers[i], pointers[i + 1]):
-            entry, row = entries[k] * (first if k == pointers[i] else 1.0), columns[k]
+            entry, row = entries[k], columns[k]
             for at in range(other_pointers[row], other_pointers[row + np.uint64(1)]):
                 column = other_columns[at]
-                if column < least:
-                    continue
                 total[column] += entry * other_entries[at]
                 out_columns[used] = column  # stays if it is new: a branch would often be mispredicted
                 used += np.uint64(met[column] != i)
@@ -186,33 +174,16 @@ def subtract_product(pointers: Any, columns: Any, entries: Any, x: Floats, out: 
             even = entries[k] * here
             k += unit
             if (stop - k) % np.uint64(2):
-                entry, j = np.float64(entries[k]), columns[k]
-                even += entry * values[j]
-                rest[j] -= entry * here
+                even += entries[k] * values[columns[k]]
+                rest[columns[k]] -= entries[k] * here
                 k += unit
             while k < stop:  # two sums, which do not wait for each other
-                entry, j = np.float64(entries[k]), columns[k]
-                even += entry * values[j]
-                rest[j] -= entry * here
-                entry, j = np.float64(entries[k + unit]), columns[k + unit]
-                odd += entry * values[j]
-                rest[j] -= entry * here
+                even += entries[k] * values[columns[k]]
+                rest[columns[k]] -= entries[k] * here
+                odd += entries[k + unit] * values[columns[k + unit]]
+                rest[columns[k + unit]] -= entries[k + unit] * here
                 k += np.uint64(2)
             rest[i] -= even + odd
-
-
-@compiled
-def move_by(rest: Floats, inverse: Floats, momentum: float, factor: float, x: Floats, move: Floats) -> None:
-    """Update ``move`` and ``rest`` (n, channels) by one step of an iteration, given the residual in ``rest``.
-
-    ``move`` becomes ``momentum move + factor D^-1 rest`` and ``rest`` becomes ``x + move``; ``inverse`` (n,) is the
-    diagonal of D^-1.
-    """
-    for i in range(len(inverse)):
-        scale = factor * inverse[i]
-        for m in range(rest.shape[1]):
-            move[i, m] = momentum * move[i, m] + scale * rest[i, m]
-            rest[i, m] = x[i, m] + move[i, m]
 
 
 @compiled
@@ -257,91 +228,38 @@ def sweep_down(pointers: Any, columns: Any, entries: Any, inverse: Floats, b: Fl
                 left[columns[k]] -= np.float64(entries[k]) * values[i]
 
 
-@inlined
-def _row_product(k: Any, stop: Any, columns: Any, entries: Any, x: Floats) -> float:
-    """Return the scalar product of x with the entries from k to ``stop``.
+@compiled_reordered
+def factorize_cholesky(a: Floats) -> bool:
+    """Overwrite the lower triangle of ``a`` (n, n) with L of A = L L'; return False if a pivot is not above zero.
 
-    Four sums are formed, which do not wait for each other.
+    The upper triangle is not read. Up to some hundred unknowns this is as fast as LAPACK with one thread; LAPACK with
+    several threads waits for them, and takes fifty times as long while other programs run.
     """
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    while (stop - k) % np.uint64(4):
-        a += np.float64(entries[k]) * x[columns[k]]
-        k += np.uint64(1)
-    while k < stop:
-        a += np.float64(entries[k]) * x[columns[k]]
-        b += np.float64(entries[k + np.uint64(1)]) * x[columns[k + np.uint64(1)]]
-        c += np.float64(entries[k + np.uint64(2)]) * x[columns[k + np.uint64(2)]]
-        d += np.float64(entries[k + np.uint64(3)]) * x[columns[k + np.uint64(3)]]
-        k += np.uint64(4)
-    total: float = (a + b) + (c + d)
-    return total
-
-
-@compiled
-def symmetric_sum(pointers: Any, columns: Any, entries: Floats) -> tuple[Any, Any, Floats]:
-    """Return pointers, columns and entries of the upper half of ``T + T'``, for a square T given by its CSR arrays."""
-    n, unit = len(pointers) - 1, np.uint64(1)
-    starts = np.zeros(n + 1, dtype=np.uint64)
-    for i in range(n):
-        for k in range(pointers[i], pointers[i + 1]):
-            if columns[k] < i:
-                starts[columns[k] + unit] += unit
-    for i in range(n):
-        starts[i + 1] += starts[i]
-    free = starts[:n].copy()
-    rows, turned = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n])
-    for i in range(n):
-        for k in range(pointers[i], pointers[i + 1]):
-            if columns[k] < i:
-                at = free[columns[k]]
-                rows[at], turned[at] = i, entries[k]
-                free[columns[k]] += unit
-    place = np.zeros(n, dtype=np.uint64)  # one above the position of a column, in this row or an earlier one
-    sums = np.zeros(n + 1, dtype=np.uint64)
-    room = len(columns) + n  # the diagonal of each row, and at most all its entries of T and T'
-    out_columns, both = np.empty(room, dtype=np.uint32), np.empty(room)
-    used = np.uint64(0)
-    for i in range(n):
-        begin = used
-        out_columns[used], both[used] = i, 0.0
-        used += unit
-        for k in range(pointers[i], pointers[i + 1]):  # each column is there once
-            if columns[k] == i:
-                both[begin] = 2.0 * entries[k]
-            elif columns[k] > i:
-                out_columns[used], both[used] = columns[k], entries[k]
-                used += unit
-                place[columns[k]] = used
-        for k in range(starts[i], starts[i + 1]):
-            j = rows[k]
-            if place[j] > begin:
-                both[place[j] - unit] += turned[k]
+    for i in range(len(a)):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(j):
+                total += a[i, k] * a[j, k]
+            if j < i:
+                a[i, j] = (a[i, j] - total) / a[j, j]
+            elif not a[i, i] - total > 0:  # NaN is refused too
+                return False
             else:
-                out_columns[used], both[used] = j, turned[k]
-                used += unit
-        sums[i + 1] = used
-    return sums, out_columns[:used], both[:used]
+                a[i, i] = np.sqrt(a[i, i] - total)
+    return True
 
 
-@compiled
-def full_matrix(pointers: Any, columns: Any, entries: Any) -> tuple[Any, Any, Any]:
-    """Return pointers, columns (ascending) and entries of a full symmetric matrix, given its upper half."""
-    n, unit = len(pointers) - 1, np.uint64(1)
-    starts = np.zeros(n + 1, dtype=np.uint64)
-    for i in range(n):
-        starts[i + 1] += pointers[i + 1] - pointers[i]
-        for k in range(pointers[i] + unit, pointers[i + 1]):
-            starts[columns[k] + unit] += unit
-    for i in range(n):
-        starts[i + 1] += starts[i]
-    free = starts[:n].copy()
-    out_columns, whole = np.empty(starts[n], dtype=np.uint32), np.empty(starts[n], dtype=entries.dtype)
-    for i in range(n):
-        for k in range(pointers[i], pointers[i + 1]):
-            j = columns[k]
-            if j != i:  # the entries of row i left of the diagonal are there already
-                out_columns[free[j]], whole[free[j]] = i, entries[k]
-                free[j] += unit
-            out_columns[free[i]], whole[free[i]] = j, entries[k]
-            free[i] += unit
-    return starts, out_columns, whole
+@compiled_reordered
+def solve_cholesky(lower: Floats, u: Floats) -> None:
+    """Overwrite u (channels, n) with ``(L L')^-1 u``, L in the lower triangle of ``lower`` (n, n)."""
+    n = len(lower)
+    for channel in range(len(u)):
+        for i in range(n):
+            total = 0.0
+            for k in range(i):
+                total += lower[i, k] * u[channel, k]
+            u[channel, i] = (u[channel, i] - total) / lower[i, i]
+        for i in range(n - 1, -1, -1):
+            u[channel, i] /= lower[i, i]
+            for k in range(i):
+                u[channel, k] -= u[channel, i] * lower[i, k]

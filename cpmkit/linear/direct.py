@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern, scatter_matrix
 from cpmkit.linear.protocols import Operator
-from cpmkit.linear.residuals import judge
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, no_progress
 
 if TYPE_CHECKING:
@@ -26,12 +25,6 @@ DENSE_SHARE = 0.08
 #: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
 #: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
 PIVOT_SHARE = 1e-3
-#: A residual below this share of the tolerance is not refined: by default 1e-14, which is rounding.
-REFINED_SHARE = 1e-4
-
-
-class IndefiniteError(ArithmeticError):
-    """A symmetric matrix or preconditioner has an eigenvalue that is not positive; the message names the place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +35,7 @@ class Cholesky:
 
     def solve(self, b: Floats) -> Floats:
         """Return u with ``A u = b``, for real or complex b (n,) or (n, channels)."""
-        from cpmkit.linear.dense_kernels import solve_cholesky
+        from cpmkit.linear.csr_kernels import solve_cholesky
 
         if np.iscomplexobj(b):
             return np.asarray(self.solve(b.real) + 1j * self.solve(b.imag))
@@ -60,7 +53,7 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
     n = matrix.shape[0]
     if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n or np.iscomplexobj(matrix.data):
         return None
-    from cpmkit.linear.dense_kernels import factorize_cholesky
+    from cpmkit.linear.csr_kernels import factorize_cholesky
 
     lower = np.ascontiguousarray(matrix.toarray(), dtype=np.float64)
     return Cholesky(lower) if factorize_cholesky(lower) else None
@@ -86,64 +79,41 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
     return splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=pivot_share, options=options)
 
 
-@dataclass(frozen=True, eq=False)
-class SymmetricFactors:
-    """Factors ``lu``, by SuperLU or Cholesky, of a symmetric matrix with eigenvalues of either sign."""
+def factorize_symmetric(matrix: csr_array, where: str, positive: bool = True) -> Any:
+    """Return the factors, with a method ``solve``, of a symmetric matrix, which is to be positive definite by default.
 
-    lu: Any
-
-    @classmethod
-    def of(cls, matrix: csr_array, where: str) -> Self:
-        """Return the factors of a symmetric matrix.
-
-        Raises
-        ------
-        IndefiniteError
-            If the matrix is singular; the message ends with ``where``, the part of the system that it belongs to.
-        """
-        return cls(_symmetric_lu(matrix, where, PIVOT_SHARE))
-
-    def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels) with ``A u = b``."""
-        return np.ascontiguousarray(self.lu.solve(b))
-
-
-class PositiveFactors(SymmetricFactors):
-    """Factors of a symmetric positive definite matrix, with all pivots on the diagonal."""
-
-    @classmethod
-    def of(cls, matrix: csr_array, where: str) -> Self:
-        """Return the factors of a symmetric matrix after checking that it is positive definite.
-
-        Raises
-        ------
-        IndefiniteError
-            If a pivot is not positive; the message ends with ``where``.
-        """
-        dense = cholesky(matrix)
-        if dense is not None:
-            return cls(dense)
-        lu = _symmetric_lu(matrix, where, 0.0)
-        negative = int(np.count_nonzero(~(lu.U.diagonal() > 0)))
-        if negative or (lu.perm_r != lu.perm_c).any():
-            raise IndefiniteError(f"it has {max(negative, 1)} eigenvalues of the wrong sign {where}")
-        return cls(lu)
-
-
-def _symmetric_lu(matrix: csr_array, where: str, pivot_share: float) -> Any:
-    """Return SuperLU's factors of a symmetric matrix; raise an IndefiniteError if it is singular."""
+    Raises
+    ------
+    IndefiniteError
+        If the matrix is singular, or not positive definite although it is to be ``positive``; the message ends with
+        ``where``, the part of the system that it belongs to.
+    """
+    dense = cholesky(matrix) if positive else None
+    if dense is not None:
+        return dense
     try:
-        return factorize_matrix(matrix, True, pivot_share)
+        lu = factorize_matrix(matrix, True, 0.0 if positive else PIVOT_SHARE)
     except RuntimeError as error:  # a pivot is exactly zero
         raise IndefiniteError(f"it is singular {where}") from error
+    if not positive:
+        return lu
+    negative = int(np.count_nonzero(~(lu.U.diagonal() > 0)))
+    if negative or (lu.perm_r != lu.perm_c).any():
+        raise IndefiniteError(f"it has {max(negative, 1)} eigenvalues of the wrong sign {where}")
+    return lu
 
 
 @dataclass(frozen=True, eq=False)
-class LowRankUpdate:
-    """The inverse of ``P + U V`` for a factorised matrix P, ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1`` (Woodbury).
+class BorderedFactors:
+    """The factors of ``A + s F W``, whose dense rows would fill sparse factors, as an update of :func:`pinned_matrix`.
+
+    With P the pinned matrix and ``A + s F W = P + U V``, the inverse is ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``
+    (Woodbury).
 
     Attributes
     ----------
+    pinned : SuperLU or Cholesky
+        Factors of P.
     solved_columns : (n, r) float64
         ``P^-1 U``.
     rows : csr_array (r, n)
@@ -152,38 +122,19 @@ class LowRankUpdate:
         ``(1 + V P^-1 U)^-1``.
     """
 
+    pinned: Any
     solved_columns: Floats
     rows: csr_array
     inverse: Floats
 
-    def apply(self, u: Floats) -> Floats:
-        """Return ``(P + U V)^-1 b`` from ``u = P^-1 b``, both (n, channels)."""
+    def solve(self, b: Floats) -> Floats:
+        """Return u (n, channels) with ``(A + s F W) u = b``."""
+        u = self.pinned.solve(b)
         return np.asarray(u - self.solved_columns @ (self.inverse @ (self.rows @ u)))
 
 
-@dataclass(frozen=True, eq=False)
-class OperatorFactors:
-    """The factors of an operator A, or of ``A + s F W`` if it has a border.
-
-    Attributes
-    ----------
-    lu : SuperLU or Cholesky
-        Factors of A; with a border, of :func:`pinned_matrix`.
-    update : LowRankUpdate or None
-        With a border, the update from the pinned matrix to ``A + s F W``, whose dense rows would fill sparse factors.
-    """
-
-    lu: Any
-    update: LowRankUpdate | None
-
-    def solve(self, b: Floats) -> Floats:
-        """Return u (n, channels) with ``A u = b``, or ``(A + s F W) u = b`` if the operator has a border."""
-        u: Floats = self.lu.solve(b)
-        return u if self.update is None else self.update.apply(u)
-
-
-def factorize_operator(operator: Operator) -> OperatorFactors:
-    """Return the factors of an operator.
+def factorize_operator(operator: Operator) -> Any:
+    """Return the factors, with a method ``solve``, of an operator, with its border if it has one.
 
     Raises
     ------
@@ -191,9 +142,15 @@ def factorize_operator(operator: Operator) -> OperatorFactors:
         If the matrix is singular.
     """
     if not isinstance(operator, Bordered):
-        return OperatorFactors(_dense_or_sparse_factors(operator.to_csr(), operator), None)
+        return _dense_or_sparse_factors(operator.to_csr(), operator)
+    from scipy.sparse import hstack, vstack
+
     lu = _dense_or_sparse_factors(pinned_matrix(operator), operator.operator)
-    return OperatorFactors(lu, _unpinning_update(lu, operator))
+    border, pinned = operator.border, _pinned_unknowns(operator.border)
+    columns = operator.shift * hstack([border.constant_load, -pinned]).toarray()
+    rows = vstack([border.mean, pinned.T]).tocsr()
+    solved = lu.solve(columns)
+    return BorderedFactors(lu, solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))
 
 
 def _dense_or_sparse_factors(matrix: csr_array, operator: Operator) -> Any:
@@ -214,18 +171,6 @@ def pinned_matrix(operator: Bordered) -> csr_array:
 def _pinned_unknowns(border: Border) -> csr_array:
     """Return the unit vectors (n, k) of one unknown of each piece: that with the largest weight in the piece's mean."""
     return scatter_matrix(np.asarray(border.mean.argmax(axis=1)).ravel(), border.mean.shape[1])
-
-
-def _unpinning_update(lu: Any, operator: Bordered) -> LowRankUpdate:
-    """Return the update from the pinned matrix ``A + s H H'``, with factors ``lu``, to ``A + s F W``."""
-    from scipy.sparse import hstack, vstack
-
-    border, pinned = operator.border, _pinned_unknowns(operator.border)
-    columns = operator.shift * hstack([border.constant_load, -pinned]).toarray()
-    stacked: Any = vstack([border.mean, pinned.T])
-    rows = stacked.tocsr()
-    solved = lu.solve(columns)
-    return LowRankUpdate(solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))
 
 
 @dataclass(frozen=True)
@@ -256,7 +201,7 @@ class PreparedDirect:
     """An operator with its factors, ready to solve."""
 
     operator: Operator
-    factors: OperatorFactors
+    factors: Any
 
     def solve(
         self, b: Floats, tolerance: float, guess: Floats | None = None, progress: Progress = no_progress
@@ -272,7 +217,7 @@ class PreparedDirect:
         progress("solve", 0.0)
         u = self.factors.solve(b)
         residual = b - self.operator.apply(u)
-        if np.linalg.norm(residual) > REFINED_SHARE * tolerance * np.linalg.norm(b):
+        if np.linalg.norm(residual) > 1e-4 * tolerance * np.linalg.norm(b):  # else it is rounding
             u += self.factors.solve(residual)
         progress("solve", 1.0)
         remedy = "ask for a larger solver_tolerance: rounding limits a direct solve"

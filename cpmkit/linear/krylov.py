@@ -1,87 +1,144 @@
-"""Krylov iterations on several channels at the same time, and their restarts from the true residual."""
+"""Krylov solvers: rounds of iterations that start from the true residual, and the iterations of these rounds.
+
+All channels advance together, each with its own scalars, so that a product reads the matrix once for all of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from itertools import count
-from typing import Any
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 
-from cpmkit.linear.direct import IndefiniteError
-from cpmkit.types import Floats, Progress
-
-#: Function that returns a correction (n, k), its iterations and its products with A, from a residual (n, k), the norms
-#: (k,) to which the residual is to fall, and the most iterations.
-Correction = Callable[[Any, Floats, int], tuple[Any, int, int]]
-#: End of the message of a solve that did not converge.
-REMEDY = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct'"
+from cpmkit.errors import ConvergenceError
+from cpmkit.linear.protocols import Operator, PreparedSolver
+from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
+from cpmkit.types import Floats, Progress, no_progress
 
 
-def solve_by_corrections(
-    residual_of: Callable[[Any], Any],
-    b: Any,
-    guess: Any,
-    tolerance: float,
-    correct: Correction,
-    *,
-    max_iterations: int,
-    target_share: float,
-    rounds: int | None = None,
-    round_iterations: int | None = None,
-    first_slack: float = 1.0,
-    stops_when_stalled: bool = False,
-) -> tuple[Any, int, int]:
-    """Return u (n, channels) with ``A u = b``, the iterations, and the number of products with A over all channels.
+class ApproximateInverse(Protocol):
+    """A linear approximation of the inverse of A; for conjugate gradients it is symmetric and positive."""
 
-    Each round computes the true residual and corrects the channels in which it is above the tolerance.
+    @property
+    def products(self) -> int:
+        """The number of products with A in one application."""
 
-    Parameters
+    def apply(self, b: Floats, /) -> Floats:
+        """Return an approximate solution x (n, channels) of ``A x = b``."""
+
+
+@dataclass(frozen=True, eq=False)
+class KrylovSolver(ABC):
+    """An operator with an iteration, ready to solve.
+
+    Attributes
     ----------
-    residual_of : callable
-        Returns ``b - A u`` (n, channels) for u.
-    b : (n, channels)
-        Right-hand sides.
-    guess : (n, channels) or None
-        The first u, zero if None.
-    tolerance : float
-        Relative residual that each channel has to reach.
-    correct : Correction
-        The Krylov iteration.
+    operator : Operator
+        A, with its border where constants are free.
+    preconditioner : ApproximateInverse
+        The preconditioner of A; None if the iteration has none.
     max_iterations : int
-        Most iterations of all rounds together.
-    target_share : float
-        Share of the tolerance that the iteration aims for, as its recursive residual drifts from the true residual.
-    rounds : int, optional
-        Most rounds.
-    round_iterations : int, optional
-        Most iterations of a round.
-    first_slack : float
-        In the first round a residual is accepted only if it is this many times smaller than the tolerance.
-    stops_when_stalled : bool
-        Whether to stop after a round that ended early without halving the residual of any channel.
+        Most iterations of a solve.
+    solver : str
+        Name of the solver, for reports.
+    slack : float
+        A guess is accepted only if its residual is this many times smaller than the tolerance.
+    fallback : callable, optional
+        Returns another solver of the same operator, for right-hand sides for which this one does not converge.
     """
-    size = np.linalg.norm(b, axis=0)
-    u = np.zeros_like(b) if guess is None else guess.copy()
-    u[:, size == 0] = 0.0  # the exact solution there, where no relative residual is defined
-    iterations = products = 0
-    ended_early, before = False, size
-    for number in count() if rounds is None else range(rounds):
-        residual = residual_of(u)
-        norms = np.linalg.norm(residual, axis=0)
-        if stops_when_stalled and ended_early and not np.any(norms < 0.5 * before):
-            break
-        products += b.shape[1]
-        unsolved = np.flatnonzero(norms > (tolerance if number else tolerance / first_slack) * size)
-        most = min(max_iterations - iterations, round_iterations or max_iterations)
-        if not len(unsolved) or most <= 0:
-            break
-        target = target_share * tolerance * size[unsolved]
-        step, taken, applied = correct(np.ascontiguousarray(residual[:, unsolved]), target, most)
-        u[:, unsolved] += step
-        iterations, products = iterations + taken, products + applied
-        ended_early, before = taken < most, norms
-    return u, iterations, products
+
+    operator: Operator
+    preconditioner: Any
+    max_iterations: int
+    solver: str
+    slack: float = 1.0
+    fallback: Callable[[], PreparedSolver] | None = None
+
+    #: Most iterations from one true residual to the next.
+    round_iterations: ClassVar[int] = 10**9
+
+    @abstractmethod
+    def correct(self, residual: Any, target: Floats, most: int, progress: Progress) -> tuple[Any, int, int]:
+        """Return an approximate solution x (n, k) of ``A x = residual``, the iterations, and the products with A.
+
+        The iteration stops when the norm of each column's residual is below its ``target`` (k,), or after ``most``
+        iterations.
+
+        Raises
+        ------
+        IndefiniteError
+            If A or the preconditioner turns out to be indefinite, and the iteration needs positive ones.
+        """
+
+    def solve(
+        self, b: Any, tolerance: float, guess: Any = None, progress: Progress = no_progress
+    ) -> tuple[Any, SolveReport]:
+        """Return u (n, channels) with ``A u = b``, and a report.
+
+        Raises
+        ------
+        ConvergenceError
+            If a channel's recomputed residual is above the tolerance, or the system turns out to be indefinite.
+        """
+        try:
+            return self._solve(b, tolerance, guess, progress)
+        except ConvergenceError:
+            if self.fallback is None:
+                raise
+        return self._prepared_fallback.solve(b, tolerance, guess, progress)
+
+    @cached_property
+    def _prepared_fallback(self) -> PreparedSolver:
+        """The solver that ``fallback`` returns, prepared at its first use."""
+        assert self.fallback is not None
+        return self.fallback()
+
+    def _solve(self, b: Any, tolerance: float, guess: Any, progress: Progress) -> tuple[Any, SolveReport]:
+        """Return u (n, channels) with ``A u = b``, and a report, without the fallback.
+
+        Each round computes the true residual and corrects the channels in which it is above the tolerance. The rounds
+        end when one has stopped early without halving the residual of any channel, as rounding then limits it.
+        """
+        size = np.linalg.norm(b, axis=0)
+        u = np.zeros_like(b) if guess is None else guess.copy()
+        u[:, size == 0] = 0.0  # the exact solution there, where no relative residual is defined
+        iterations = products = 0
+        accepted, stopped_early, before = tolerance / self.slack, False, size
+        residual = b if guess is None else b - self.operator.apply(u)
+        while True:
+            norms = np.linalg.norm(residual, axis=0)
+            if stopped_early and not np.any(norms < 0.5 * before):
+                break
+            products += b.shape[1]
+            unsolved = np.flatnonzero(norms > accepted * size)
+            most = min(self.max_iterations - iterations, self.round_iterations)
+            if not len(unsolved) or most <= 0:
+                break
+            target = 0.9 * tolerance * size[unsolved]  # the residual of the iteration drifts from the true residual
+            try:
+                step, taken, applied = self.correct(np.ascontiguousarray(residual[:, unsolved]), target, most, progress)
+            except IndefiniteError as error:
+                raise indefinite_error(self.solver, error, iterations, tolerance) from error
+            u[:, unsolved] += step
+            iterations, products = iterations + taken, products + applied
+            accepted, stopped_early, before = tolerance, taken < most, norms
+            residual = b - self.operator.apply(u)
+        progress("solve", 1.0)
+        remedy = "ask for a larger solver_tolerance or more max_iterations, or use solver='direct'"
+        return u, judge(self.operator, b, u, self.solver, tolerance, iterations, products, remedy)
+
+
+def indefinite_error(solver: str, error: IndefiniteError, iterations: int, tolerance: float) -> ConvergenceError:
+    """Return the ConvergenceError, with a report, for a solve whose system turned out to be indefinite."""
+    report = SolveReport(solver, False, iterations, 0, np.inf, tolerance, str(error))
+    return ConvergenceError(
+        f"The system is indefinite, and solver {solver!r} stopped after {iterations} iterations: {error}; use "
+        "solver='direct', or a smaller spacing.",
+        report,
+    )
 
 
 def conjugate_gradients(
@@ -107,11 +164,11 @@ def conjugate_gradients(
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])
-    shares = target / slack / np.sqrt(_dots(r, r))
+    shares = target / slack / np.sqrt(dots(r, r))
     first = start = None
     for iteration in range(most + 1):
         z = precondition(r)
-        energy, size = _dots(r, z), np.sqrt(_dots(r, r))
+        energy, size = dots(r, z), np.sqrt(dots(r, r))
         first = energy if first is None else first
         excess = np.maximum(size / target, np.sqrt(np.abs(energy / first)) / shares)
         unfinished = (size > 0) & ~(excess <= 1)
@@ -123,7 +180,7 @@ def conjugate_gradients(
             break
         direction = z + np.where(unfinished, energy / before, 0.0) * direction
         image = apply(direction)
-        curvature = _dots(direction, image)
+        curvature = dots(direction, image)
         if (unfinished & ~(curvature > 0)).any():
             raise IndefiniteError("it has eigenvalues of the wrong sign")
         alpha = np.divide(energy, curvature, out=np.zeros_like(energy), where=unfinished)
@@ -133,9 +190,9 @@ def conjugate_gradients(
     return x, iteration
 
 
-def _dots(a: Floats, b: Floats) -> Floats:
-    """Return the scalar product (channels,) of each column of a and b (n, channels)."""
-    return np.asarray(np.einsum("nc,nc->c", a, b))
+def dots(a: Floats, b: Floats) -> Floats:
+    """Return the scalar product a* b (channels,) of each column of a and b (n, channels)."""
+    return np.asarray(np.einsum("nc,nc->c", a.conj(), b))
 
 
 def gmres(
@@ -156,7 +213,7 @@ def gmres(
     Saad and Schultz, SIAM J. Sci. Stat. Comput. 7 (1986), preconditioned from the right, so that the residual that it
     minimises is that of the equations.
     """
-    start = _norms(residual)
+    start = np.linalg.norm(residual, axis=0)
     basis = [_over(residual, start)]
     hessenberg = np.zeros((len(start), most + 1, most), dtype=residual.dtype)
     finished, taken = start <= target, 0
@@ -166,13 +223,14 @@ def gmres(
         image = apply(precondition(basis[-1]))
         for _ in range(2):  # orthogonalised twice, against rounding
             for row, vector in enumerate(basis):
-                share = np.einsum("nc,nc->c", vector.conj(), image)
+                share = dots(vector, image)
                 image = image - vector * share
                 column[:, row] += share
-        column[:, -1] = _norms(image)
+        column[:, -1] = np.linalg.norm(image, axis=0)
         basis.append(_over(image, column[:, -1].real))
         taken += 1
-        norms = start * _least_residuals(hessenberg[:, : taken + 1, :taken])
+        rotation = np.linalg.qr(hessenberg[:, : taken + 1, :taken], mode="complete").Q
+        norms = start * np.abs(rotation[:, 0, -1])  # the least |e - H y|, with e the first unit vector
         finished |= norms <= target
         progress("solve", float(np.clip(1 - np.log(np.maximum(norms / target, 1.0)).max() / first, 0, 1)))
     if not taken:
@@ -181,17 +239,66 @@ def gmres(
     return precondition(sum(vector * weights[:, row] for row, vector in enumerate(basis[:-1]))), taken
 
 
-def _least_residuals(hessenberg: Any) -> Floats:
-    """Return min over y of ``|e - H y|`` (channels,) for each H (channels, k + 1, k), e the first unit vector."""
-    rotation = np.linalg.qr(hessenberg, mode="complete").Q
-    return np.asarray(np.abs(rotation[:, 0, -1]))
-
-
-def _norms(vectors: Any) -> Floats:
-    """Return the Euclidean norm (channels,) of each column of real or complex ``vectors`` (n, channels)."""
-    return np.asarray(np.sqrt(np.einsum("nc,nc->c", vectors.conj(), vectors).real))
-
-
 def _over(vectors: Any, norms: Floats) -> Any:
     """Return ``vectors`` (n, channels) divided by their ``norms`` (channels,); zero vectors stay zero."""
     return vectors * np.divide(1.0, norms, out=np.zeros_like(norms), where=norms > 0)
+
+
+@dataclass(frozen=True)
+class ReferenceSolver:
+    """The solver: BiCGSTAB as in King et al. (2024), section 5.4, with at most ``max_iterations`` iterations.
+
+    Faster solvers are measured against it: its iterations double when the spacing halves. The paper preconditions by
+    the diagonal of A, which is the same in every row: that does not change BiCGSTAB, and is left out.
+    """
+
+    takes_levels: ClassVar[bool] = False
+
+    max_iterations: int = 20_000
+
+    def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedReference:
+        """Return the iteration for an operator; nothing is computed before the solve."""
+        del levels
+        return PreparedReference(operator, None, self.max_iterations, "reference")
+
+
+class PreparedReference(KrylovSolver):
+    """An operator, ready to solve by BiCGSTAB."""
+
+    def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
+        """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`.
+
+        The iteration also ends when a channel breaks down; ``residual`` is overwritten.
+        """
+        shadow, direction = residual.copy(), residual.copy()
+        x = np.zeros_like(residual)
+        rho = dots(shadow, residual)
+        shadow_size = np.sqrt(rho.real)
+        start = np.log(shadow_size / target).max()
+        iteration = 0
+        while iteration < most:
+            iteration += 1
+            image = self.operator.apply(direction)
+            alpha = _ratio(rho, dots(shadow, image))
+            residual -= alpha * image
+            image_half = self.operator.apply(residual)
+            omega = _ratio(dots(image_half, residual), dots(image_half, image_half))
+            x += alpha * direction + omega * residual
+            residual -= omega * image_half
+            before, rho = rho, dots(shadow, residual)
+            size = np.sqrt(dots(residual, residual).real)
+            finished = size <= target
+            progress("solve", float(np.clip(1 - np.log(np.maximum(size / target, 1.0)).max() / start, 0, 1)))
+            broken = np.abs(rho) <= 1e-14 * shadow_size * size  # the shadow residual is orthogonal but for rounding
+            if finished.all() or np.any(broken & ~finished) or not np.isfinite(size).all():
+                break
+            beta = _ratio(rho, before) * _ratio(alpha, omega)
+            direction = residual + beta * (direction - omega * image)
+            if finished.any():  # a finished channel would divide zero by zero; it does not change any more
+                direction[:, finished], residual[:, finished] = 0.0, 0.0
+        return x, iteration, 2 * iteration * x.shape[1]
+
+
+def _ratio(a: Floats, b: Floats) -> Floats:
+    """Return a / b (channels,), zero where b is zero: there a channel is finished or has broken down, and is kept."""
+    return np.divide(a, b, out=np.zeros_like(a), where=b != 0)

@@ -84,7 +84,7 @@ def connected_unknowns(count: int, matrices: Iterable[tuple[csr_array, int, int]
     Each of ``matrices``, (matrix, first_row, first_column), connects the unknown ``first_row + i`` with the unknown
     ``first_column + j`` where it has an entry (i, j).
     """
-    from cpmkit.runtime.disjoint_sets import label_sets, unite_rows
+    from cpmkit.runtime.index_sets import label_sets, unite_rows
 
     parent = np.arange(count)
     for matrix, first_row, first_column in matrices:
@@ -105,6 +105,11 @@ def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | N
 
     matrix = eye_array(operator.size, format="csr") if mass is None else mass.to_csr()
     return (weight * matrix + factor * operator.to_csr()).tocsr()
+
+
+def without_border(operator: Operator) -> Operator:
+    """Return an operator without its border, itself if it has none."""
+    return operator.operator if isinstance(operator, Bordered) else operator
 
 
 def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
@@ -145,6 +150,11 @@ class Border:
     def constant_load(self) -> csr_array:
         """F (n, k), the load of a constant on each piece."""
         return self.indicator if self.load is None else self.load
+
+    def balance(self, b: Floats) -> tuple[Floats, Floats]:
+        """Return the part of b (n, channels) for which there is a solution, and lambda (k, channels)."""
+        excess = np.linalg.solve((self.indicator.T @ self.constant_load).toarray(), self.indicator.T @ b)
+        return np.asarray(b - self.constant_load @ excess), np.asarray(excess)
 
     def remove_means(self, u: Floats) -> tuple[Floats, Floats]:
         """Return u (n, channels) minus its mean on each piece, and the means (k, channels)."""

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol
 
 from cpmkit.types import Floats, Ints, Progress, no_progress
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.linear.residuals import SolveReport
 
 
 class Operator(Protocol):
@@ -68,18 +68,6 @@ class PreparedSolver(Protocol):
         ConvergenceError
             If the relative residual, recomputed after the solve, is above ``tolerance``.
         """
-
-
-@runtime_checkable
-class Preconditioner(PreparedSolver, Protocol):
-    """A prepared solver with a cheap, symmetric, positive definite approximation of the inverse of A."""
-
-    @property
-    def step_products(self) -> int:
-        """The number of products with A in one application, for each channel."""
-
-    def precondition(self, residual: Floats, /) -> Floats:
-        """Return the approximation of A^-1 ``residual``, (n, channels)."""
 
 
 class LinearSolver(Protocol):

@@ -6,13 +6,52 @@ A residual that rounding keeps from falling further is accepted: in float64, ``b
 
 from __future__ import annotations
 
+from dataclasses import asdict, dataclass
+from typing import Any
+
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.protocols import Operator
-from cpmkit.linear.solve_report import SolveReport
 from cpmkit.types import Floats
+
+
+@dataclass(frozen=True)
+class SolveReport:
+    """The outcome of a linear solve.
+
+    Attributes
+    ----------
+    solver : str
+        Name of the solver.
+    converged : bool
+        True if ``residual <= tolerance``, or if rounding forbids a smaller residual, as ``reason`` then states.
+    iterations : int
+        Largest number of iterations of a channel; 0 for a direct solver.
+    operator_applications : int
+        Number of products with A, of all channels together.
+    residual : float
+        The largest ``|b - A u| / |b|`` of a channel, in the Euclidean norm, recomputed from u; A includes its border,
+        if it has one. Where most of b is the image of a constant u, the denominator is the norm of the rest.
+    tolerance : float
+        The relative residual that was requested.
+    reason : str
+        The residual, the iterations and the tolerance in words.
+    """
+
+    solver: str
+    converged: bool
+    iterations: int
+    operator_applications: int
+    residual: float
+    tolerance: float
+    reason: str
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the report as a dictionary of plain values."""
+        return asdict(self)
+
 
 #: Rounding leaves a residual of at most this many times ``eps (|A| |u| + |b|)``: sums of about ten products, twice.
 ROUNDING_FACTOR = 4.0
@@ -63,7 +102,10 @@ def judge(
 
 
 def _relative_to(b: Floats, part: Floats) -> Floats:
-    """Return the norm of each column of ``part`` divided by that of b, (channels,); NaN is replaced by infinity."""
+    """Return the norm of each column of ``part`` divided by that of b, (channels,); infinite if b alone is zero."""
     defect, size = np.linalg.norm(part, axis=0), np.linalg.norm(b, axis=0)
-    ratios = np.where(size > 0, defect / np.where(size > 0, size, 1.0), np.where(defect > 0, np.inf, 0.0))
-    return np.where(np.isfinite(ratios), ratios, np.inf)
+    return np.asarray(np.divide(defect, size, out=np.where(defect == 0, 0.0, np.inf), where=size > 0))
+
+
+class IndefiniteError(ArithmeticError):
+    """A symmetric matrix or preconditioner has an eigenvalue that is not positive; the message names the place."""

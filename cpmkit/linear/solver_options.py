@@ -8,10 +8,10 @@ from typing import Any
 
 from cpmkit.errors import InputError, shown
 from cpmkit.linear.direct import DirectSolver
-from cpmkit.linear.jacobi import JacobiOrMultigrid, JacobiSolver
+from cpmkit.linear.krylov import ReferenceSolver
 from cpmkit.linear.multigrid.solver import MultigridSolver
+from cpmkit.linear.preconditioned import JacobiOrMultigrid, JacobiSolver
 from cpmkit.linear.protocols import LinearSolver
-from cpmkit.linear.reference import ReferenceSolver
 from cpmkit.plugins import call, factory, installed_kinds
 from cpmkit.runtime.arrays import positive, whole
 from cpmkit.runtime.messages import did_you_mean

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find_root, unite
+from cpmkit.runtime.index_sets import find_root, unite
 from cpmkit.types import Bools, Floats, Ints
 
 #: Where the sum of the weights of edges beyond an end is below this, the surface ends there: on rims.

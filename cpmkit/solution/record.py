@@ -14,7 +14,7 @@ from cpmkit.errors import InputError
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import MeasuredWork
 from cpmkit.forms.free_constants import Imbalance
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.summary import summarize

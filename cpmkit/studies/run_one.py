@@ -13,7 +13,7 @@ import numpy as np
 
 from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneError
 from cpmkit.facade import Solution
-from cpmkit.families.evolution.schedule import ROUNDED_STEP_SHARE
+from cpmkit.families.evolution.run_state import ROUNDED_STEP_SHARE
 from cpmkit.files.whole_files import check_place
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import cost_model

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.families.evolution.run_state import digest_arrays
+from cpmkit.families.evolution.checkpoints import digest_arrays
 
 CUT = ck.Boundary("cut", ck.source("analytic.point", at=[0.6, 0.8]), both=ck.Dirichlet([0.5, 1.0]))
 CIRCLE = ck.source("analytic.circle")

@@ -67,7 +67,7 @@ def test_short_steps_take_the_diagonal_in_any_unit(unit):
 @pytest.mark.usefixtures("no_factors")
 def test_where_it_takes_too_long_the_cycle_solves_and_nothing_is_remembered(monkeypatch):
     plain = heat_run(1.0).values
-    monkeypatch.setattr("cpmkit.linear.jacobi.MAX_BEFORE_MULTIGRID", 5)
+    monkeypatch.setattr("cpmkit.linear.preconditioned.MAX_BEFORE_MULTIGRID", 5)
     first, again = heat_run(1.0), heat_run(1.0)
     assert first.report.solver == "multigrid"
     assert first.report.iterations > 5

@@ -97,9 +97,7 @@ def test_a_strip_without_penalties_that_holds_whole_pieces_does_no_harm():
     assert iterations(space, operator, on_one) <= 25
 
 
-@pytest.mark.parametrize("rows", [4096, 64])
-def test_it_finds_what_the_direct_solver_finds(rows, monkeypatch):
-    monkeypatch.setattr("cpmkit.linear.csr_matrices.MIN_COARSE_ROWS", rows)  # of the parts of coarser matrices
+def test_it_finds_what_the_direct_solver_finds():
     space = sphere(0.1)
     beside, penalty = circle_beside(space, 0.31)
     operator = plus(stiffness_of(space), penalty)

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, SceneError
+from cpmkit.errors import ConvergenceError, InputError, SceneError
 from cpmkit.families.context import SolveContext, operator_key
-from cpmkit.linear.direct import IndefiniteError, PositiveFactors
-from cpmkit.linear.protocols import Operator, Preconditioner, PreparedSolver, Stiffness
+from cpmkit.linear.direct import factorize_symmetric
+from cpmkit.linear.preconditioned import PreconditionedCG
+from cpmkit.linear.protocols import Operator, PreparedSolver, Stiffness
+from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.diffusivities import mean_diffusivity
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 #: Distance of the shift from the number that is sought, in units of a typical eigenvalue of a manifold of this size:
 #: below the spectrum, and next to a number inside it.
@@ -76,9 +78,9 @@ class InverseIteration:
         return self.operator.symmetric and (self.mass is None or self.mass.symmetric)
 
     @property
-    def preconditioner(self) -> Preconditioner | None:
+    def preconditioner(self) -> PreconditionedCG | None:
         """The preconditioner that approximates a solve; None for unsymmetric problems and for direct solvers."""
-        return self.prepared if self.symmetric and isinstance(self.prepared, Preconditioner) else None
+        return self.prepared if self.symmetric and isinstance(self.prepared, PreconditionedCG) else None
 
     def image(self, v: Floats) -> Floats:
         """Return B v for v (n,) or (n, k)."""
@@ -99,7 +101,7 @@ class InverseIteration:
     def apply_preconditioner(self, residual: Floats) -> Floats:
         """Return the preconditioner times a residual (n, k)."""
         assert self.preconditioner is not None
-        self.products += self.preconditioner.step_products * residual.shape[1]
+        self.products += self.preconditioner.preconditioner.products * residual.shape[1]
         self.solves += 1
         self._report_progress()
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
@@ -153,7 +155,7 @@ def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) 
     """
     for _ in range(LOWERED_SHIFTS):
         try:
-            PositiveFactors.of(stiffness.minus_shifted_mass(shift, mass).to_csr(), "at the shift")
+            factorize_symmetric(stiffness.minus_shifted_mass(shift, mass).to_csr(), "at the shift")
         except IndefiniteError:
             shift, unit = shift - 4 * unit, 4 * unit
             continue
@@ -235,3 +237,65 @@ def _lanczos(iteration: InverseIteration, count: int, start: Floats, tolerance: 
         matrix, count, mass, sigma=iteration.shift, OPinv=inverse, v0=iteration.step(start), tol=tolerance
     )
     return EigenPairs(values, vectors)
+
+
+#: Largest number of unknowns in the range of a small B.
+MOST_MASS_UNKNOWNS = 64
+#: Largest eigenvalue that counts as zero, as a share of the largest of all: rounding.
+ROUNDING_SHARE = 1e-9
+
+
+def mass_unknowns(iteration: InverseIteration) -> Ints | None:
+    """Return the numbers of the unknowns in the range of B if they are few and the problem is symmetric; else None."""
+    if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
+        return None
+    matrix = iteration.mass.to_csr()
+    if np.count_nonzero(matrix.data) > MOST_MASS_UNKNOWNS**2:  # avoids a pass over a large matrix
+        return None
+    unknowns = np.unique(matrix.indices[matrix.data != 0])
+    return unknowns if len(unknowns) <= min(MOST_MASS_UNKNOWNS, matrix.shape[0] // 2) else None
+
+
+def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
+    """Return all eigenpairs with finite eigenvalues; ``unknowns`` are the numbers of those in the range of B.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than ``count`` pairs.
+    """
+    mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
+    sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
+    positive = sizes > ROUNDING_SHARE * sizes.max(initial=0.0)
+    root = directions[:, positive] * np.sqrt(sizes[positive])
+    images = np.zeros((n, root.shape[1]))
+    images[unknowns] = root
+    inverted = iteration.apply_inverse(images)
+    small = root.T @ inverted[unknowns]
+    theta, vectors = np.linalg.eigh(0.5 * (small + small.T))
+    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    if finite.sum() < count:
+        raise InputError(
+            f"count={count} is more than the {int(finite.sum())} eigenvalues that there are: lambda stands in the "
+            "conditions of so few points; ask for these."
+        )
+    return EigenPairs(iteration.shift + 1 / theta[finite], inverted @ (vectors[:, finite] / theta[finite]))
+
+
+def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
+    """Return all eigenpairs with finite eigenvalues of a problem with few unknowns, by a dense matrix.
+
+    Raises
+    ------
+    InputError
+        If there are fewer than ``count`` pairs.
+    """
+    n = iteration.operator.size
+    theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))
+    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    if finite.sum() < count:
+        raise InputError(
+            f"count={count} is more than the {int(finite.sum())} eigenvalues of a mesh or lattice with {n} unknowns; "
+            "ask for fewer, or use a finer mesh or a smaller spacing."
+        )
+    return EigenPairs(iteration.shift + 1 / theta[finite], vectors[:, finite])

@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.families.evolution.run_state import RunPlan, RunState, describe_run, digest_arrays, digest_run
-from cpmkit.families.evolution.schedule import REMEMBERED_MOMENTS, ROUNDED_STEP_SHARE, Moment
+from cpmkit.families.evolution.run_state import (
+    REMEMBERED_MOMENTS,
+    ROUNDED_STEP_SHARE,
+    Moment,
+    RunPlan,
+    RunState,
+    after_step,
+)
 from cpmkit.families.evolution.semidiscrete import SolveTally
 from cpmkit.files.array_files import SavedArray, read_json_table, read_saved
 from cpmkit.files.plain_values import record_from_table
@@ -132,3 +139,45 @@ def _same_times(times: Floats, expected: Sequence[float], plan: RunPlan) -> bool
     """Return True if ``times`` (k,) are the ``expected`` times up to rounding."""
     rounding = ROUNDED_STEP_SHARE * plan.evolution.step
     return len(times) == len(expected) and bool(np.abs(times - expected).max() <= rounding)
+
+
+def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
+    """Return a digest of the names, types, shapes and entries of arrays."""
+    digest = hashlib.blake2b(digest_size=16)
+    for name in sorted(arrays):
+        array = np.asarray(arrays[name])
+        text = array.dtype.kind == "U"
+        digest.update(f"{name} {'text' if text else array.dtype.str} {array.shape};".encode())
+        digest.update(str(array).encode() if text else np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def digest_run(plan: RunPlan, time: float) -> str:
+    """Return a digest of the operators, the initial values, and the data at the start and at ``time``."""
+    problem, start = plan.problem, plan.start
+    probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
+    tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]
+    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
+    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
+    if problem.reaction is not None:
+        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
+    digest = hashlib.blake2b(digest_size=16)
+    for array in [*tables, *data]:
+        digest.update(np.ascontiguousarray(array).data)
+    return digest.hexdigest()
+
+
+def describe_run(plan: RunPlan) -> dict[str, Any]:
+    """Return the definition of a run as plain values by names for messages; ``until`` is not part of it."""
+    form, evolution = plan.problem.form, plan.evolution
+    return {
+        "kind": evolution.kind,
+        "scheme": evolution.scheme,
+        "start": getattr(evolution, "start", ""),
+        "step": evolution.step,
+        **({"t0": evolution.t0} if evolution.t0 else {}),
+        "spacing": form.spacing,
+        **{name: value for name, value in form.describe().items() if isinstance(value, (int, float, str))},
+        "number of unknowns": form.size,
+        "number of channels": form.scene.channels,
+    }

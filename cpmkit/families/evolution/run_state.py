@@ -1,20 +1,108 @@
-"""A run in time: its plan, its state, and digests that identify the run of a checkpoint."""
+"""The steps of a run in time, and the moments at their ends.
+
+Steps are equal, except for a shorter step before a frame and before the end where the step does not fit.
+"""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.families.evolution.schedule import History, Moment, Step
-from cpmkit.families.evolution.semidiscrete import SemiDiscrete
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.pointwise import apply_after_step
 from cpmkit.types import Floats
+
+if TYPE_CHECKING:
+    from cpmkit.families.evolution.semidiscrete import SemiDiscrete
+
+#: Shares of a step up to this are rounding, and no step of their own.
+ROUNDED_STEP_SHARE = 1e-9
+#: Digits to which the ratio of a shortened step to the others is rounded, so that equal steps share a system.
+STEP_RATIO_DIGITS = 9
+#: Number of moments that schemes read.
+REMEMBERED_MOMENTS = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step in time.
+
+    Attributes
+    ----------
+    start, end : float
+        Times at the ends of the step.
+    length : float
+        ``end - start`` up to rounding; equal steps have equal lengths.
+    is_frame : bool
+        Whether the solution at the end is stored.
+    """
+
+    start: float
+    end: float
+    length: float
+    is_frame: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Moment:
+    """The unknowns at one time.
+
+    Attributes
+    ----------
+    u : (n, channels) float64
+        Values of the unknowns.
+    rate : (n, channels) float64 or None
+        For a wave the time derivatives of the unknowns; for leapfrog those half a step before.
+    length : float
+        Length of the step that ends at this time; zero at the start.
+    acceleration : (n, channels) float64 or None
+        For leapfrog the second derivatives at the start of that step.
+    time : float
+        The time, as the schedule has it.
+    """
+
+    u: Floats
+    rate: Floats | None
+    length: float
+    acceleration: Floats | None = None
+    time: float = 0.0
+
+
+History = Sequence[Moment]
+
+
+def schedule(until: float, step: float, frames: Sequence[float], start: float = 0.0) -> list[Step]:
+    """Return the steps from time ``start`` to ``until``, with a step that ends at each time in ``frames``.
+
+    Examples
+    --------
+    >>> [(each.end, each.length) for each in schedule(1.0, 0.4, ())]
+    [(0.4, 0.4), (0.8, 0.4), (1.0, 0.2)]
+    """
+    steps: list[Step] = []
+    begin = start
+    for stop in sorted({*(time for time in frames if time > start), until}):
+        steps += _between(begin, stop, step, stop in frames)
+        begin = stop
+    return steps
+
+
+def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator[Step]:
+    """Yield equal steps from ``start`` to ``stop``, the last one shorter if they do not fit.
+
+    ``is_frame`` is the property of the last step.
+    """
+    ratio = (stop - start) / step
+    whole = int(ratio + ROUNDED_STEP_SHARE)
+    rest = round(ratio - whole, STEP_RATIO_DIGITS)
+    lengths = [step] * whole + ([rest * step] if rest > ROUNDED_STEP_SHARE else []) or [stop - start]
+    times = [start, *(start + number * step for number in range(1, len(lengths))), stop]
+    for number, length in enumerate(lengths):
+        yield Step(times[number], times[number + 1], length, is_frame and number == len(lengths) - 1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,61 +178,6 @@ def rate_of_change(form: Discretized, start: Moment, history: History) -> float:
     return _rms(form, now - history[-2].u) / (history[-1].length * size) if size > 0 else 0.0
 
 
-def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history: History) -> list[str]:
-    """Return a warning in a list if a run that should have come to rest did not; else []."""
-    if evolution.rest is None:
-        return []
-    rate = rate_of_change(form, start, history)
-    if rate < evolution.rest:
-        return []
-    return [
-        f"The run did not come to rest until {evolution.until:g}: u still changes by {rate:.2g} of its size per unit "
-        f"of time, and rest={evolution.rest:g} was asked for; use a later `until`."
-    ]
-
-
 def _rms(form: Discretized, u: Floats) -> float:
     """Return the root mean square of u (n, channels) over the manifold, with the channels' squares summed."""
     return float(np.sqrt(max(np.trace(form.inner(u, u)), 0.0)))
-
-
-def describe_run(plan: RunPlan) -> dict[str, Any]:
-    """Return the definition of a run as plain values by names for messages; ``until`` is not part of it."""
-    form, evolution = plan.problem.form, plan.evolution
-    return {
-        "kind": evolution.kind,
-        "scheme": evolution.scheme,
-        "start": getattr(evolution, "start", ""),
-        "step": evolution.step,
-        **({"t0": evolution.t0} if evolution.t0 else {}),
-        "spacing": form.spacing,
-        **{name: value for name, value in form.describe().items() if isinstance(value, (int, float, str))},
-        "number of unknowns": form.size,
-        "number of channels": form.scene.channels,
-    }
-
-
-def digest_run(plan: RunPlan, time: float) -> str:
-    """Return a digest of the operators, the initial values, and the data at the start and at ``time``."""
-    problem, start = plan.problem, plan.start
-    probe = np.random.default_rng(0).normal(size=(problem.form.size, 1))
-    tables = [array for group in problem.groups for array in (group.stiffness.apply(probe), group.stiffness.diagonal)]
-    data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
-    data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
-    if problem.reaction is not None:
-        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
-    digest = hashlib.blake2b(digest_size=16)
-    for array in [*tables, *data]:
-        digest.update(np.ascontiguousarray(array).data)
-    return digest.hexdigest()
-
-
-def digest_arrays(arrays: Mapping[str, np.ndarray]) -> str:
-    """Return a digest of the names, types, shapes and entries of arrays."""
-    digest = hashlib.blake2b(digest_size=16)
-    for name in sorted(arrays):
-        array = np.asarray(arrays[name])
-        text = array.dtype.kind == "U"
-        digest.update(f"{name} {'text' if text else array.dtype.str} {array.shape};".encode())
-        digest.update(str(array).encode() if text else np.ascontiguousarray(array).data)
-    return digest.hexdigest()

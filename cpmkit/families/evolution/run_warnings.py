@@ -8,7 +8,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.families.context import surely_positive
-from cpmkit.families.evolution.schedule import History, Moment
+from cpmkit.families.evolution.run_state import History, Moment, rate_of_change
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
@@ -279,3 +279,16 @@ def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
     pair = ((now.rate - before.rate) / now.length, 0.5 * (before.u + now.u))
     acceleration, size = (float(np.trace(problem.form.inner(values, values))) for values in pair)
     return float((acceleration / size) ** 0.25) if size > 0 else 0.0
+
+
+def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history: History) -> list[str]:
+    """Return a warning in a list if a run that should have come to rest did not; else []."""
+    if evolution.rest is None:
+        return []
+    rate = rate_of_change(form, start, history)
+    if rate < evolution.rest:
+        return []
+    return [
+        f"The run did not come to rest until {evolution.until:g}: u still changes by {rate:.2g} of its size per unit "
+        f"of time, and rest={evolution.rest:g} was asked for; use a later `until`."
+    ]

@@ -26,7 +26,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from cpmkit.families.evolution.schedule import History, Moment, Step
+from cpmkit.families.evolution.run_state import History, Moment, Step
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, ShiftedSolver, largest_eigenvalue
 from cpmkit.scene.equations_in_time import Wave
 from cpmkit.types import Floats

@@ -13,12 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.families.context import SolveContext, operator_key
-from cpmkit.families.evolution.schedule import Moment
+from cpmkit.families.context import PreparedSystem, SolveContext, operator_key
+from cpmkit.families.evolution.run_state import Moment
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.constant_functions import ConstantFunctions
-from cpmkit.linear.protocols import PreparedSolver, Stiffness
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.protocols import Stiffness
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.pointwise import Reaction, reaction_rates
@@ -208,9 +207,8 @@ class ShiftedSolver:
         """Return the solution (n, k) for the k channels of a group."""
         depends_on_time = conditions_depend_on_time(self.problem.form.scene)  # and so may the mass matrix
         key = ("shifted", operator_key(group.terms), depends_on_time, factor)
-        prepared: tuple[PreparedSolver, ConstantFunctions] = self.context.cache.get(key, self._prepare, group, factor)
-        solver, constants = prepared
-        u, report = constants.solve(solver, right_side, self.context.tolerance, guess)
+        system: PreparedSystem = self.context.cache.get(key, self._prepare, group, factor)
+        u, report = system.solve(right_side, self.context.tolerance, guess)
         self.tally.add(report)
         return self._with_exact_totals(group, right_side, u)
 
@@ -230,20 +228,21 @@ class ShiftedSolver:
 
     @cached_property
     def _closed_pieces(self) -> list[tuple[Any, Floats] | None]:
-        """For each group the result of :meth:`_closed_pieces_of`."""
-        return [self._closed_pieces_of(group.stiffness) for group in self.problem.groups]
-
-    def _closed_pieces_of(self, stiffness: Stiffness) -> tuple[Any, Floats] | None:
-        """Return the indicators B of the pieces on which a constant is free, and B' M B.
+        """For each group the indicators B of the pieces on which a constant is free, and B' M B.
 
         None if A is not symmetric or there are no such pieces.
         """
-        free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
-        if free is None:
-            return None
-        return free.indicator, np.asarray(free.indicator.T @ self.problem.times_mass(free.indicator.toarray()))
+        pieces: list[tuple[Any, Floats] | None] = []
+        for stiffness in (group.stiffness for group in self.problem.groups):
+            free = self.problem.form.free_constants(stiffness) if stiffness.symmetric else None
+            of_group = None
+            if free is not None:
+                B = free.indicator
+                of_group = B, np.asarray(B.T @ self.problem.times_mass(B.toarray()))
+            pieces.append(of_group)
+        return pieces
 
-    def _prepare(self, group: ChannelGroup, factor: float) -> tuple[PreparedSolver, ConstantFunctions]:
-        """Return the prepared solver of ``M + factor A`` of a group, and the constant functions of its systems."""
-        operator = group.stiffness.scaled_plus_mass(factor, self.problem.form.mass_in_time)
-        return self.context.prepare(operator), self.context.constants(operator)
+    def _prepare(self, group: ChannelGroup, factor: float) -> PreparedSystem:
+        """Return the prepared system of ``M + factor A`` of a group."""
+        mass = self.problem.form.mass_in_time
+        return self.context.prepare_system(group.stiffness.scaled_plus_mass(factor, mass))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,15 +11,24 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import SolveContext
 from cpmkit.families.evolution.checkpoints import read_checkpoint, write_checkpoint
-from cpmkit.families.evolution.run_state import RunPlan, RunState, after_step, rate_of_change, rest_warning
+from cpmkit.families.evolution.run_state import (
+    REMEMBERED_MOMENTS,
+    Moment,
+    RunPlan,
+    RunState,
+    Step,
+    after_step,
+    rate_of_change,
+    schedule,
+)
 from cpmkit.families.evolution.run_warnings import (
     GrowthBound,
     growth_bound,
     heat_drift_warning,
+    rest_warning,
     run_warnings,
     wave_energy,
 )
-from cpmkit.families.evolution.schedule import REMEMBERED_MOMENTS, Moment, Step, schedule
 from cpmkit.families.evolution.schemes import (
     Scheme,
     backward_euler,
@@ -47,8 +55,6 @@ SCHEMES: dict[str, Scheme] = {
     "sbdf2": bdf2,
     "euler": backward_euler,
 }
-#: The ability of a form that each scheme needs.
-NEEDED_ABILITIES = {"leapfrog": "explicit steps", "newmark": "undamped steps"}
 
 
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
@@ -67,8 +73,8 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     assert isinstance(target, Evolution)
     evolution = target.with_scheme("explicit steps" not in form.cannot)
     form.check(context.solver_name)
-    if evolution.scheme in NEEDED_ABILITIES:
-        require(form, NEEDED_ABILITIES[evolution.scheme])
+    if evolution.scheme in ("leapfrog", "newmark"):
+        require(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
@@ -76,8 +82,7 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     solver = ShiftedSolver(problem, context)
     built = time.perf_counter()
     state = _run(context, plan, solver)
-    seconds = {"build": built - context.started, "solve": time.perf_counter() - built}
-    return _solution_at_end(context, plan, state, solver.tally, seconds)
+    return _solution_at_end(context, plan, state, solver.tally, built)
 
 
 def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
@@ -92,47 +97,42 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 def _start_moment(form: Discretized, evolution: Evolution, first: Step) -> Moment:
     """Return the moment at the start, from the initial data; ``first`` is the first step."""
-    t0 = evolution.t0
-    if not isinstance(evolution, Wave):
-        assert isinstance(evolution, (Heat, ReactionDiffusion))
-        u = form.interpolate(evolution.initial, "the initial data", t0, in_range=True)
-        return Moment(u, None, 0.0, time=t0)
-    u = form.interpolate(evolution.initial, "the initial data", t0)
-    rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=first.length)
+    assert isinstance(evolution, (Heat, ReactionDiffusion, Wave))
+    t0, rate = evolution.t0, None
+    if isinstance(evolution, Wave):
+        rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=first.length)
+    u = form.interpolate(evolution.initial, "the initial data", t0, in_range=rate is None)
     return Moment(u, rate, 0.0, time=t0)
 
 
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint, and return the state at the end."""
-    target, total, scheme = context.checkpointing, len(plan.steps), scheme_of(plan.evolution)
+    target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
+    scheme = SCHEMES[evolution.scheme]
+    if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
+        scheme = crank_nicolson
     growth = growth_bound(plan.problem, context.scene, plan.start)
     state = RunState(0, (plan.start,))
-    if plan.start.time in plan.evolution.frame_times:
+    if plan.start.time in evolution.frame_times:
         state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, plan.start.time))
     if target.resume is not None:
         state, tally = read_checkpoint(target.resume, plan)
         solver.tally.add(tally)
-    at_rest = _is_at_rest(plan, state)
-    while state.done < total and not at_rest:
+    ended = _has_ended(plan, state)
+    while not ended:
         state = _take_step(state, plan, solver, scheme, growth)
         context.progress("steps", state.done / total)
-        at_rest = _is_at_rest(plan, state)
-        ended = at_rest or state.done == total
+        ended = _has_ended(plan, state)
         if target.checkpoint is not None and (ended or state.done % target.checkpoint_every == 0):
             write_checkpoint(target.checkpoint, plan, state, solver.tally)
     return state
 
 
-def _is_at_rest(plan: RunPlan, state: RunState) -> bool:
-    """Return True if the run has come to rest and is to end then."""
+def _has_ended(plan: RunPlan, state: RunState) -> bool:
+    """Return True after the last step, or if the run has come to rest and is to end then."""
     rest = plan.evolution.rest
-    return rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
-
-
-def scheme_of(evolution: Evolution) -> Scheme:
-    """Return the function that takes a step of the equation's scheme."""
-    plain = isinstance(evolution, Heat) and evolution.start == "plain"
-    return crank_nicolson if plain and evolution.scheme == "crank-nicolson" else SCHEMES[evolution.scheme]
+    at_rest = rest is not None and rate_of_change(plan.problem.form, plan.start, state.history) < rest
+    return at_rest or state.done == len(plan.steps)
 
 
 def _take_step(
@@ -167,9 +167,9 @@ def _take_step(
 
 
 def _solution_at_end(
-    context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, seconds: Mapping[str, float]
+    context: SolveContext, plan: RunPlan, state: RunState, tally: SolveTally, built: float
 ) -> EvolvedRecord:
-    """Return the solution at the end of the run, with its frames."""
+    """Return the solution at the end of the run, with its frames; ``built`` is the time when the steps began."""
     u, total, end = state.history[-1].u, state.done, state.history[-1].time
     reason = (
         f"relative residual {tally.residual:.2e} at most in {total} steps with {tally.iterations} iterations, "
@@ -178,7 +178,7 @@ def _solution_at_end(
     report = context.report(True, tally.iterations, tally.operator_applications, tally.residual, reason)
     report = replace(report, solver=tally.solver or report.solver)  # the solver of the last step
     form = context.discretized
-    work = form.work(plan.problem.stiffness, report)
+    common = context.common_fields(plan.problem.stiffness, report, built)
     warnings = (
         *form.warnings(),
         *run_warnings(plan.problem, plan.evolution, plan.start, state.history),
@@ -186,7 +186,7 @@ def _solution_at_end(
         *rest_warning(form, plan.evolution, plan.start, state.history),
     )
     energy = wave_energy(plan.problem, state.history[-1], end)
-    last = EvolvedRecord(form, u, report, work, seconds, warnings=warnings, time=end, steps=total, energy=energy)
+    last = EvolvedRecord(values=u, warnings=warnings, time=end, steps=total, energy=energy, **common)
     # A run that came to rest has fewer frames than requested.
     step_number = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}
     energies = state.energies or (None,) * len(state.frames)

@@ -22,7 +22,7 @@ from cpmkit.forms.options import Options
 from cpmkit.grid.stencils import cross_offsets
 from cpmkit.linear.operators import matrix_of_rows, scatter_matrix
 from cpmkit.linear.protocols import Operator
-from cpmkit.linear.solve_report import SolveReport
+from cpmkit.linear.residuals import SolveReport
 from cpmkit.runtime.memory import ENTRY_BYTES
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import Data, evaluate_data

@@ -45,7 +45,7 @@ from cpmkit.types import Floats, Ints, Progress, no_progress
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.linear.residuals import SolveReport
 
 #: Number of times that initial ghosts are set by their formulas: near the boundary these read further ghosts.
 GHOST_READING_ROUNDS = 3

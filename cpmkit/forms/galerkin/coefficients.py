@@ -19,7 +19,7 @@ from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.runtime.caches import state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_values
 from cpmkit.scene.equations import Terms

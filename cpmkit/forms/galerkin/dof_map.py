@@ -16,7 +16,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find_root, unite
+from cpmkit.runtime.index_sets import find_root, unite
 from cpmkit.types import Bools, Floats, Ints
 
 #: A piece of a surface whose bounding box is shorter than this along every axis, in spacings, has one unknown; so has a
@@ -141,7 +141,7 @@ def components(count: int, pairs: Any) -> tuple[int, Ints]:
 
     ``pairs`` (t, 2) are the edges between the nodes 0 to ``count`` - 1.
     """
-    from cpmkit.runtime.disjoint_sets import label_sets, unite_pairs
+    from cpmkit.runtime.index_sets import label_sets, unite_pairs
 
     parent = np.arange(count)
     unite_pairs(parent, np.ascontiguousarray(pairs, dtype=np.int32))

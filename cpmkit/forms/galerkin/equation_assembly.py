@@ -21,7 +21,7 @@ from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import mean_coefficient
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
-from cpmkit.runtime.caches import state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms

@@ -41,8 +41,7 @@ from cpmkit.linear.operators import Border, Bordered, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
-from cpmkit.runtime.caches import state_without_cached
-from cpmkit.runtime.memory import release_memory
+from cpmkit.runtime.memory import release_memory, state_without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
@@ -52,7 +51,7 @@ from cpmkit.types import Floats, Ints, Side, Sides
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from cpmkit.linear.solve_report import SolveReport
+    from cpmkit.linear.residuals import SolveReport
 
 #: Data are not resolved if their projection differs by more than this share of their range: they have jumps or spikes.
 UNRESOLVED_SHARE = 0.1

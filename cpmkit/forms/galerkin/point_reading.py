@@ -18,7 +18,7 @@ from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
-from cpmkit.runtime.caches import WeakCache, state_without_cached
+from cpmkit.runtime.memory import WeakCache, state_without_cached
 from cpmkit.scene.boundary import BoundarySet, boundary_number, named_sides
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene

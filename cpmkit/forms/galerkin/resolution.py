@@ -20,7 +20,7 @@ from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.abilities import warnings_of
 from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.runtime.caches import state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats

@@ -1,17 +1,27 @@
-"""A symmetric V cycle over a form's levels, with coarser operators P' A P."""
+"""A V cycle over a form's levels, with coarser operators P' A P."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, as_symmetric_csr, coarse_operator, in_float32
-from cpmkit.linear.direct import IndefiniteError, PositiveFactors, SymmetricFactors
-from cpmkit.linear.multigrid.smoothers import COARSER_SWEEPS, FINEST_SWEEPS, Chebyshev, GaussSeidel, Smoother, Strip
+from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
+from cpmkit.linear.direct import factorize_matrix, factorize_symmetric
+from cpmkit.linear.krylov import dots
+from cpmkit.linear.multigrid.smoothers import (
+    MAX_BLOCK_UNKNOWNS,
+    Chebyshev,
+    GaussSeidel,
+    Schwarz,
+    Smoother,
+    WithStrip,
+)
+from cpmkit.linear.operators import with_diagonal
+from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.runtime.memory import release_memory
 from cpmkit.types import Floats, Ints
 
@@ -19,11 +29,8 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: Factor of Lanczos' estimate of the largest eigenvalue, which is a lower bound.
+#: Factor of the estimate of the largest eigenvalue, which is a lower bound.
 EIGENVALUE_MARGIN = 1.1
-#: A finest matrix with more entries is not rounded to float32: the rounded copy would be an eighth of the memory at the
-#: peak, and save a tenth of the time of a solve.
-MAX_ROUNDED_ENTRIES = 1 << 25
 #: A diagonal entry below this share of the largest counts as zero: a piece of one unknown whose constant is free.
 ZERO_DIAGONAL_SHARE = 1e-14
 #: Largest ratio of diagonal entries for float32: above it a cycle becomes indefinite, as penalties on slivers between
@@ -57,57 +64,46 @@ class Level:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothedLevel:
-    """The smoother of a level, with its matrix, and the prolongation from the next coarser level.
-
-    Entries are in float32, except on a large finest level and where the diagonal's entries differ too much. That
-    changes the cycle by about 1e-7, and not the solution, whose equations are in float64.
-    """
-
-    smoother: Smoother
-    prolongation: UnsignedCsr
-
-
-@dataclass(frozen=True, eq=False)
 class Cycle:
-    """A symmetric V cycle.
+    """A V cycle, symmetric if its smoothers are.
+
+    Entries are in float32, except where the diagonal's entries differ too much. That changes the cycle by about 1e-7,
+    and not the solution, whose equations are in float64.
 
     Attributes
     ----------
-    levels : tuple of SmoothedLevel
-        All levels but the coarsest, from the finest on; none where the matrix is small.
-    coarsest : SymmetricFactors
+    smoothers : sequence of Smoother
+        Smoothers of all levels but the coarsest, from the finest on; none where the matrix is small.
+    prolongations : sequence of UnsignedCsr
+        To each of these levels from the next coarser one.
+    coarsest : object with a method ``solve``
         Factors of the coarsest matrix.
     is_rounded : bool
         Whether entries are in float32.
     """
 
-    levels: tuple[SmoothedLevel, ...]
-    coarsest: SymmetricFactors
+    smoothers: Sequence[Smoother]
+    prolongations: Sequence[UnsignedCsr]
+    coarsest: Any
     is_rounded: bool = True
 
     @property
     def products(self) -> int:
         """The number of products with the finest matrix in one cycle."""
-        return self.levels[0].smoother.iteration.products if self.levels else 0
+        return self.smoothers[0].products if self.smoothers else 0
 
     def apply(self, b: Floats, depth: int = 0) -> Floats:
         """Return an approximate solution x (n, channels) of ``A x = b`` on level ``depth``."""
-        if depth == len(self.levels):
-            return self.coarsest.solve(b)
-        level = self.levels[depth]
-        x, residual = level.smoother.before(b)
-        level.prolongation.add_product(x, self.apply(level.prolongation.apply_transposed(residual), depth + 1))
-        return level.smoother.after(x, b)
+        if depth == len(self.smoothers):
+            return np.ascontiguousarray(self.coarsest.solve(b))
+        smoother, prolongation = self.smoothers[depth], self.prolongations[depth]
+        x, residual = smoother.before(b)
+        prolongation.add_product(x, self.apply(prolongation.apply_transposed(residual), depth + 1))
+        return smoother.after(x, b)
 
 
 def build_cycle(
-    matrix: csr_array,
-    levels: Sequence[Level],
-    piece: Ints,
-    waves: bool = False,
-    half: SymmetricCsr | None = None,
-    is_rounded: bool = True,
+    matrix: csr_array, levels: Sequence[Level], piece: Ints, waves: bool = False, is_rounded: bool = True
 ) -> Cycle:
     """Return the V cycle of a symmetric matrix.
 
@@ -121,8 +117,6 @@ def build_cycle(
         For each unknown, the number of the piece of the manifold with a free constant that it is on, -1 for none.
     waves : bool
         Whether A has negative eigenvalues, with eigenfunctions that all levels resolve.
-    half : SymmetricCsr, optional
-        The upper half of ``matrix``, if it exists already.
     is_rounded : bool
         Whether entries are rounded to float32 where the diagonal allows it.
 
@@ -131,39 +125,48 @@ def build_cycle(
     IndefiniteError
         If an eigenvalue has the wrong sign.
     """
-    is_rounded = is_rounded and not needs_float64(matrix.diagonal())
-    halves, strips = [as_symmetric_csr(matrix) if half is None else half], []
+    kind = np.float32 if is_rounded and not needs_float64(matrix.diagonal()) else np.float64
+    matrices, strips = [matrix], []
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
-        P, current = level.prolongation, halves[-1]
-        strip = _without_singular(level.strip, piece)
-        strips.append(_exact_strip(matrix if len(halves) == 1 else current, strip, waves, is_rounded))
-        coarser = coarse_operator(matrix, P) if current is None else current.galerkin_product(P)
-        halves.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
-        if len(halves) == 2:  # takes time, which only the largest level is worth
-            release_memory()
-        coarse_piece = np.full(P.shape[1], -1)
-        coarse_piece[P.indices] = np.repeat(piece, np.diff(P.indptr))
+        strips.append(_without_singular(level.strip, piece))
+        coarser = coarse_operator(matrices[-1], level.prolongation)
+        matrices.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
+        release_memory()
+        coarse_piece = np.full(len(coarser.indptr) - 1, -1)
+        coarse_piece[level.prolongation.indices] = np.repeat(piece, np.diff(level.prolongation.indptr))
         piece = coarse_piece
-    last = halves.pop()
-    coarsest = matrix if last is None or not levels else last.full().to_csr()
-    kind = SymmetricFactors if waves else PositiveFactors
-    factors = kind.of(_pin_constants(coarsest, piece), "on the coarsest level")
-    smoothed = []
-    for level in reversed(levels):  # the finest, which is the largest, when all others are rounded
-        current = halves.pop()
-        diagonal = matrix.diagonal() if current is None else current.diagonal
-        if current is None:
-            rows: SymmetricCsr | UnsignedCsr = in_float32(matrix, MAX_ROUNDED_ENTRIES if is_rounded else 0)
-        else:
-            rows = current.in_float32() if is_rounded else current
-        del current
-        if len(halves) == 1:
-            release_memory()
-        rows = rows.for_threads() if isinstance(rows, SymmetricCsr) else rows
-        smoother = _smoother(diagonal, rows, strips.pop(), waves, COARSER_SWEEPS if halves else FINEST_SWEEPS)
-        prolongation = UnsignedCsr.of(level.prolongation)
-        smoothed.append(SmoothedLevel(smoother, prolongation.in_float32() if is_rounded else prolongation))
-    return Cycle(tuple(reversed(smoothed)), factors, is_rounded)
+    pinned = matrices.pop()
+    smoothers = [
+        _smoother(each, strip, waves, kind, 1 if number else 2)
+        for number, (each, strip) in enumerate(zip(matrices, strips, strict=True))
+    ]
+    labels, first = np.unique(piece, return_index=True)
+    added = np.zeros(len(piece))  # one unknown of each free piece, which fixes its constant
+    added[first[labels >= 0]] = pinned.diagonal().max() or 1.0
+    coarsest = factorize_symmetric(with_diagonal(pinned, added), "on the coarsest level", positive=not waves)
+    prolongations = [UnsignedCsr.of(level.prolongation, kind) for level in levels]
+    return Cycle(smoothers, prolongations, coarsest, kind is np.float32)
+
+
+def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
+    """Return the cycle of a matrix with advection, down to a level that fits into one block.
+
+    From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there.
+
+    Raises
+    ------
+    RuntimeError
+        If a block is singular.
+    """
+    matrices, prolongations = [matrix], []
+    for level in levels:
+        if matrices[-1].shape[0] <= MAX_BLOCK_UNKNOWNS:
+            break
+        coarser = level.prolongation.T @ matrices[-1] @ level.prolongation
+        matrices.append((coarser if level.added is None else coarser + level.added).tocsr())
+        prolongations.append(UnsignedCsr.of(level.prolongation))
+    coarsest = factorize_matrix(matrices.pop(), symmetric_pattern=True)
+    return Cycle([Schwarz.of(each) for each in matrices], prolongations, coarsest, False)
 
 
 def needs_float64(diagonal: Floats) -> bool:
@@ -172,48 +175,50 @@ def needs_float64(diagonal: Floats) -> bool:
     return len(positive) > 0 and bool(positive.max() > MAX_DIAGONAL_RATIO * positive.min())
 
 
-def stabilise_lines(half: SymmetricCsr, lines: Ints) -> SymmetricCsr:
+def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
+    """Return P' A P; the entries of its rows are unsorted."""
+    fine, P, back = (UnsignedCsr.of(each) for each in (matrix, prolongation, prolongation.T.tocsr()))
+    return (back @ (fine @ P)).to_csr()
+
+
+def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
     """Return the matrix plus a penalty on the differences of order k - 1 of the unknowns of ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape
-    scale = LINE_STABILISATION * half.diagonal[lines].max(axis=1)
+    scale = LINE_STABILISATION * matrix.diagonal()[lines].max(axis=1)
     stencil = np.array([(-1.0) ** place * comb(k - 1, place) for place in range(k)])
     entries = np.sqrt(scale)[:, None] * stencil
-    rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, len(half)))
-    return SymmetricCsr.of((half.full().to_csr() + rows.T @ rows).tocsr())
+    rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, matrix.shape[0]))
+    return (matrix + rows.T @ rows).tocsr()
 
 
-def _exact_strip(matrix: csr_array | SymmetricCsr, unknowns: Ints, waves: bool, is_rounded: bool) -> Strip | None:
-    """Return the strip of ``unknowns`` (k,), for which the smoother solves exactly; None if there are none."""
-    if not len(unknowns):
-        return None
-    if isinstance(matrix, SymmetricCsr):
-        return Strip.of(matrix.rows_of(unknowns), unknowns, waves, is_rounded)
-    return Strip.of(matrix[unknowns].tocsr(), unknowns, waves, is_rounded and matrix.nnz <= MAX_ROUNDED_ENTRIES)
-
-
-def _smoother(
-    diagonal: Floats, rows: UnsignedCsr | SymmetricCsr, exact: Strip | None, waves: bool, sweeps: int
-) -> Smoother:
-    """Return the smoother of a level: Gauss-Seidel for matrices stored as upper halves, else Chebyshev, after a strip.
+def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
+    """Return the smoother of a level, with entries of the type ``kind``, for which ``strip`` (k,) is solved exactly.
 
     Raises
     ------
     IndefiniteError
         If an entry of the diagonal or an eigenvalue has the wrong sign.
     """
+    diagonal = matrix.diagonal()
     swept = abs(diagonal) > ZERO_DIAGONAL_SHARE * diagonal.max()
-    if exact is not None:
-        swept[exact.unknowns] = False
+    swept[strip] = False
     if (diagonal[swept] < 0).any():
         raise IndefiniteError("it has entries below zero on the diagonal")
     inverse = np.zeros(len(diagonal))
     inverse[swept] = 1 / diagonal[swept]
-    if isinstance(rows, SymmetricCsr) and not waves:
-        return Smoother(GaussSeidel(rows, inverse, sweeps), exact)
-    largest = EIGENVALUE_MARGIN * largest_eigenvalue(rows, inverse, waves)
-    return Smoother(Chebyshev(rows, inverse, largest, 3), exact)
+    if waves or uses_threads(matrix.nnz):
+        compiled = UnsignedCsr.of(matrix, kind)
+        largest = EIGENVALUE_MARGIN * largest_eigenvalue(compiled, inverse)
+        smoother: Smoother = Chebyshev(compiled, inverse, largest)
+    else:
+        smoother = GaussSeidel(SymmetricCsr.of(matrix, kind), inverse, sweeps)
+    if not len(strip):
+        return smoother
+    rows = matrix[strip].tocsr()
+    factors = factorize_symmetric(rows[:, strip].tocsr(), "beside boundaries", positive=not waves)
+    return WithStrip(smoother, strip, UnsignedCsr.of(rows, kind), factors)
 
 
 def _without_singular(strip: Ints, piece: Ints) -> Ints:
@@ -225,54 +230,22 @@ def _without_singular(strip: Ints, piece: Ints) -> Ints:
     return np.delete(strip, first[inside[labels + 1]])
 
 
-def _pin_constants(matrix: csr_array, piece: Ints) -> csr_array:
-    """Return the matrix with the diagonal increased at one unknown of each free piece, which fixes its constant."""
-    from scipy.sparse import dia_array
+def largest_eigenvalue(matrix: UnsignedCsr, inverse: Floats) -> float:
+    """Return the largest eigenvalue of ``D^-1 A`` by twelve steps of Lanczos' method, a lower bound within a hundredth.
 
-    labels, first = np.unique(piece, return_index=True)
-    added = np.zeros(len(piece))
-    added[first[labels >= 0]] = matrix.diagonal().max() or 1.0
-    return (matrix + dia_array((added[None, :], [0]), shape=matrix.shape)).tocsr()
-
-
-#: Relative residual of the eigenvector at which Lanczos' method stops: the eigenvalue is then right to 1e-2 or 3e-2.
-LANCZOS_RESIDUAL = 3e-2
-
-
-def largest_eigenvalue(matrix: UnsignedCsr | SymmetricCsr, inverse: Floats, waves: bool = False) -> float:
-    """Return the largest eigenvalue of ``D^-1 A`` by Lanczos' method, a lower bound within about a hundredth.
-
-    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero. 8 to 12 products are
-    usual.
-
-    Raises
-    ------
-    IndefiniteError
-        If there is a negative eigenvalue, and no ``waves`` are expected.
+    A is restricted to the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
     """
     root = np.sqrt(inverse)[:, None]
     v = np.random.default_rng(0).standard_normal(root.shape) * (root > 0)
-    before, beta = np.zeros_like(v), _dot(v, v) ** 0.5
+    before, beta = np.zeros_like(v), dots(v, v)[0] ** 0.5
     diagonal: list[float] = []
     off_diagonal: list[float] = []
-    while beta > 0 and len(diagonal) < 50:
-        v *= 1 / beta
-        before *= -beta
-        w = matrix.apply(root * v)
-        w *= root
-        w += before
-        diagonal.append(_dot(v, w))
+    while beta > 0 and len(diagonal) < 12:
+        v, before = v / beta, -beta * before
+        w = root * matrix.apply(root * v) + before
+        diagonal.append(dots(v, w)[0])
         w -= diagonal[-1] * v
-        before, v, beta = v, w, _dot(w, w) ** 0.5
-        values, vectors = np.linalg.eigh(np.diag(diagonal) + np.diag(off_diagonal, 1) + np.diag(off_diagonal, -1))
+        before, v, beta = v, w, dots(w, w)[0] ** 0.5
         off_diagonal.append(beta)
-        if beta * abs(vectors[-1, -1]) <= LANCZOS_RESIDUAL * values[-1]:
-            break
-    if diagonal and not waves and not values[0] > -LANCZOS_RESIDUAL * abs(values[-1]):
-        raise IndefiniteError("it has eigenvalues of the wrong sign")
-    return float(values[-1]) if diagonal else 1.0
-
-
-def _dot(a: Floats, b: Floats) -> float:
-    """Return the scalar product of a and b (n, channels)."""
-    return float(np.einsum("nc,nc->", a, b))  # BLAS would wake other threads, which then wait for work
+    upper = np.diag(diagonal) + np.diag(off_diagonal[:-1], 1)
+    return float(np.linalg.eigvalsh(upper, UPLO="U")[-1]) if diagonal else 1.0

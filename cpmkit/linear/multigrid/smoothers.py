@@ -1,19 +1,20 @@
-"""Smoothers of a level: Gauss-Seidel or Chebyshev iterations, and an exact solve on the strip near conditions.
+"""Smoothers of a level: iterations with an exact solve on the strip near conditions, and, for advection, blocks.
 
-Chebyshev's iteration is for large levels, whose products use all threads, and for waves. Penalties and couplings of
-conditions cause large eigenvalues of D^-1 A whose eigenvectors are zero outside the strip. The strip is solved
-exactly, and the iteration runs on the other unknowns, whose eigenvalues the conditions do not change.
+Penalties and couplings of conditions cause large eigenvalues of D^-1 A whose eigenvectors are zero outside the strip.
+The strip is solved exactly, and Gauss-Seidel's or Chebyshev's iteration runs on the other unknowns, whose eigenvalues
+the conditions do not change.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr
-from cpmkit.linear.direct import PositiveFactors, SymmetricFactors
+from cpmkit.linear.direct import factorize_matrix
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -22,45 +23,49 @@ if TYPE_CHECKING:
 #: Chebyshev's iteration damps eigenvalues of D^-1 A above this share of the largest; coarser levels damp the others.
 #: Spheres take 19 to 21 iterations with 1/8 and 16 to 19 with 1/16; scenes with conditions take no fewer with less.
 SMOOTHED_SHARE = 1 / 16
-#: Gauss-Seidel sweeps before and after a coarser level, on the finest level and on others, where two save no iteration.
-FINEST_SWEEPS, COARSER_SWEEPS = 2, 1
+#: Most unknowns of a block without its overlap: with half as many a cycle takes a third more time, as more unknowns are
+#: solved twice; with twice as many the factors have a third more entries.
+MAX_BLOCK_UNKNOWNS = 1500
+
+
+class Smoother(Protocol):
+    """Some steps towards the solution of ``A x = b``, before and after the correction from the next coarser level."""
+
+    @property
+    def products(self) -> int:
+        """The number of products with A before and after the coarser level together."""
+
+    def before(self, b: Floats, /) -> tuple[Floats, Floats]:
+        """Return x and ``b - A x``, both (n, channels), after steps from zero."""
+
+    def after(self, x: Floats, b: Floats, /) -> Floats:
+        """Return x (n, channels) after further steps; x may be overwritten. They are the adjoint of :meth:`before`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Chebyshev:
     """Chebyshev's iteration with D^-1 A on the unknowns where ``inverse`` (n,), the diagonal of D^-1, is not zero.
 
+    It is for waves, for which sweeps diverge at few nodes a wavelength, and for large levels, whose products use all
+    threads.
+
     Attributes
     ----------
-    matrix : UnsignedCsr or SymmetricCsr
+    matrix : UnsignedCsr
         A.
     inverse : (n,) float64
         The diagonal of D^-1.
     largest : float
         Upper end of the interval of damped eigenvalues, an upper bound of all eigenvalues.
-    steps : int
-        Number of products with A.
     """
 
-    matrix: UnsignedCsr | SymmetricCsr
+    matrix: UnsignedCsr
     inverse: Floats
     largest: float
-    steps: int
+    products: int = 6
 
-    @property
-    def products(self) -> int:
-        """The number of products with A before and after a coarser level together."""
-        return 2 * self.steps
-
-    def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after :attr:`steps` steps from x, zero if None."""
-        x = self.after(x, b)
-        return x, self.matrix.residual(x, b)
-
-    def after(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x (n, channels) after :attr:`steps` steps towards the solution of ``A x = b`` from x, zero if None.
-
-        The steps are their own adjoint.
+    def before(self, b: Floats) -> tuple[Floats, Floats]:
+        """Return x and ``b - A x``, both (n, channels), after three steps from zero.
 
         Notes
         -----
@@ -68,17 +73,17 @@ class Chebyshev:
         """
         centre, radius = self.largest * (1 + SMOOTHED_SHARE) / 2, self.largest * (1 - SMOOTHED_SHARE) / 2
         rho = radius / centre
-        if x is None:
-            move = b * (self.inverse / centre)[:, None]
-            x = move.copy()
-        else:
-            move = np.zeros_like(b)
-            x = self.matrix.step(x, b, self.inverse, 0.0, 1 / centre, move)
-        for _ in range(self.steps - 1):
+        move = b * (self.inverse / centre)[:, None]
+        x = move.copy()
+        for _ in range(2):
             after = 1 / (2 * centre / radius - rho)
             x = self.matrix.step(x, b, self.inverse, after * rho, 2 * after / radius, move)
             rho = after
-        return x
+        return x, self.matrix.residual(x, b)
+
+    def after(self, x: Floats, b: Floats) -> Floats:
+        """Return x (n, channels) after three steps from x; they are their own adjoint."""
+        return x + self.before(self.matrix.residual(x, b))[0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +113,9 @@ class GaussSeidel:
         """The number of products with A that take as much time as all sweeps."""
         return 2 * self.sweeps
 
-    def before(self, x: Floats | None, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after backward sweeps from x, zero if None."""
-        return self.matrix.sweep_backward(x, b, self.inverse, self.sweeps)
+    def before(self, b: Floats) -> tuple[Floats, Floats]:
+        """Return x and ``b - A x``, both (n, channels), after backward sweeps from zero."""
+        return self.matrix.sweep_backward(b, self.inverse, self.sweeps)
 
     def after(self, x: Floats, b: Floats) -> Floats:
         """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`before`."""
@@ -118,65 +123,116 @@ class GaussSeidel:
 
 
 @dataclass(frozen=True, eq=False)
-class Strip:
-    """The unknowns near conditions, which are solved for exactly while the others are fixed.
+class WithStrip:
+    """A smoother preceded by an exact solve for the unknowns near conditions, and followed by one after the level.
 
     Attributes
     ----------
+    iteration : Smoother
+        The smoother of the other unknowns.
     unknowns : (k,) int64
-        Numbers of these unknowns.
+        The unknowns near conditions, the strip.
     rows : UnsignedCsr
         Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
-    factors : SymmetricFactors
+    factors : object with a method ``solve``
         Factors of A restricted to them.
     """
 
+    iteration: Smoother
     unknowns: Ints
     rows: UnsignedCsr
-    factors: SymmetricFactors
+    factors: Any
 
-    @classmethod
-    def of(cls, rows: csr_array, unknowns: Ints, waves: bool = False, is_rounded: bool = True) -> Strip:
-        """Return the strip of ``unknowns`` (k,), given their ``rows`` (k, n) of A.
+    @property
+    def products(self) -> int:
+        """The number of products with A."""
+        return self.iteration.products
 
-        ``is_rounded`` is that of the level's matrix. With ``waves`` A may be indefinite on the strip, which can be as
-        wide as a wave on a coarse level.
+    def before(self, b: Floats) -> tuple[Floats, Floats]:
+        """Return x and ``b - A x``, both (n, channels), after the solve on the strip from zero and the iteration."""
+        on_strip = np.ascontiguousarray(self.factors.solve(b[self.unknowns]))
+        x, residual = self.iteration.before(b - self.rows.apply_transposed(on_strip))
+        x[self.unknowns] += on_strip
+        return x, residual
 
-        Raises
-        ------
-        IndefiniteError
-            If A restricted to the strip has a pivot that is not positive, and no ``waves`` are expected.
-        """
-        kind = SymmetricFactors if waves else PositiveFactors
-        factors = kind.of(rows[:, unknowns], "beside boundaries")
-        compiled_rows = UnsignedCsr.of(rows)
-        return cls(unknowns, compiled_rows.in_float32() if is_rounded else compiled_rows, factors)
-
-    def solve(self, x: Floats | None, b: Floats) -> Floats:
-        """Return x (n, channels), zero if None, changed on the strip so that its equations hold; x is overwritten."""
-        if x is None:
-            x = np.zeros_like(b)
-            x[self.unknowns] = self.factors.solve(b[self.unknowns])
-        else:
-            x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
+    def after(self, x: Floats, b: Floats) -> Floats:
+        """Return x (n, channels) after the iteration, and then solving for the strip with the others fixed."""
+        x = self.iteration.after(x, b)
+        x[self.unknowns] += self.factors.solve(self.rows.residual(x, b[self.unknowns]))
         return x
 
 
 @dataclass(frozen=True, eq=False)
-class Smoother:
-    """A solve on the strip and then an iteration before the coarser level; both in reverse order after it.
+class Schwarz:
+    """Exact solves on overlapping blocks of unknowns, after the coarser level only.
 
-    Each is the adjoint of the other, which makes the cycle symmetric.
+    An exact solve on a block damps in one step what a velocity transports through the block; smoothers by single
+    unknowns need as many steps as the block is wide, or diverge. A block is extended by the neighbours of its unknowns,
+    and only its own unknowns are corrected (restricted additive Schwarz: Cai and Sarkis, SIAM J. Sci. Comput. 21,
+    1999).
+
+    Attributes
+    ----------
+    matrix : csr_array (n, n)
+        A, whose pattern is symmetric.
+    blocks : sequence of (own, unknowns, factors)
+        For each block its own unknowns (m,), these and their neighbours (k,), both ascending, and SuperLU's factors of
+        the rows and columns of ``unknowns``. Each unknown is an own unknown of one block.
     """
 
-    iteration: Chebyshev | GaussSeidel
-    strip: Strip | None
+    matrix: csr_array
+    blocks: Sequence[tuple[Ints, Ints, Any]]
+    products: int = 1
+
+    @classmethod
+    def of(cls, matrix: csr_array) -> Schwarz:
+        """Return the smoother of a matrix.
+
+        Raises
+        ------
+        RuntimeError
+            If a block is singular.
+        """
+        blocks = []
+        for own in bisect_unknowns(matrix):
+            unknowns = np.unique(matrix[own].indices).astype(np.int64)
+            blocks.append((own, unknowns, factorize_matrix(matrix[unknowns][:, unknowns], symmetric_pattern=True)))
+        return cls(matrix, blocks)
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after smoothing from zero towards the solution."""
-        return self.iteration.before(None if self.strip is None else self.strip.solve(None, b), b)
+        """Return zeros and b, both (n, channels)."""
+        return np.zeros_like(b), b
 
     def after(self, x: Floats, b: Floats) -> Floats:
-        """Return x (n, channels) after smoothing towards the solution of ``A x = b``; x may be overwritten."""
-        x = self.iteration.after(x, b)
-        return x if self.strip is None else self.strip.solve(x, b)
+        """Return x (n, channels) after one solve on each block from the same residual."""
+        residual = b - self.matrix @ x
+        for own, unknowns, factors in self.blocks:
+            x[own] += factors.solve(residual[unknowns])[np.searchsorted(unknowns, own)]
+        return x
+
+
+def bisect_unknowns(matrix: csr_array) -> list[Ints]:
+    """Return compact parts of at most :data:`MAX_BLOCK_UNKNOWNS` unknowns each, in ascending order.
+
+    A part is bisected into the first and the second half of a breadth-first search from an unknown at its end.
+    """
+    open_parts, parts = [np.arange(matrix.shape[0])], []
+    while open_parts:
+        part = open_parts.pop()
+        if len(part) <= MAX_BLOCK_UNKNOWNS:
+            parts.append(np.sort(part))
+            continue
+        order = part[_breadth_first(matrix[part][:, part])]
+        open_parts += [order[: len(order) // 2], order[len(order) // 2 :]]
+    return parts
+
+
+def _breadth_first(matrix: csr_array) -> Ints:
+    """Return all unknowns in breadth-first order, piece by piece, each from an unknown at the end of its piece."""
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
+    orders = []
+    for start in np.unique(connected_components(matrix, directed=False)[1], return_index=True)[1]:
+        far = breadth_first_order(matrix, start, return_predecessors=False)[-1]
+        orders.append(breadth_first_order(matrix, far, return_predecessors=False))
+    return np.concatenate(orders).astype(np.int64)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from cpmkit.runtime.compilation import compiled
-from cpmkit.runtime.disjoint_sets import find_root
+from cpmkit.runtime.index_sets import find_root
 from cpmkit.types import Bools, Floats, Ints
 
 

@@ -116,7 +116,7 @@ class SplitTriangulation:
     @cached_property
     def _roots_of_vertices(self) -> tuple[Ints, Ints]:
         """(v + 1,) starts of the lists of original triangles at each vertex, and (3 m,) these lists joined."""
-        from cpmkit.runtime.inverse_index import inverse_index
+        from cpmkit.runtime.index_sets import inverse_index
 
         starts, places = inverse_index(self.cells.ravel(), len(self.vertices))
         return starts, places // 3

@@ -160,7 +160,7 @@ def symmetric_sum(read: SampleRows, rows: Ints, products: Sequence[tuple[Floats,
     from scipy.sparse import csr_array
 
     from cpmkit.forms.galerkin.space.pattern_kernels import pattern
-    from cpmkit.runtime.inverse_index import inverse_index
+    from cpmkit.runtime.index_sets import inverse_index
 
     columns, values, slopes, n = read
     kept = [np.flatnonzero(y.any(axis=(1, 2))) for _, y in products]

@@ -295,7 +295,7 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
     Each run is a sequence of k unknowns along an axis.
     """
     from cpmkit.forms.galerkin.space.pattern_kernels import add_squares
-    from cpmkit.runtime.inverse_index import inverse_index
+    from cpmkit.runtime.index_sets import inverse_index
 
     by_unknown = inverse_index(runs.ravel(), space.dof_map.size)
     add_squares(runs, *by_unknown, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))

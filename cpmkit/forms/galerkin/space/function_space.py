@@ -18,7 +18,7 @@ from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
-from cpmkit.runtime.caches import state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:

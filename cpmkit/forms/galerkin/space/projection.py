@@ -16,7 +16,7 @@ import numpy as np
 from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
-from cpmkit.runtime.caches import state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.types import Floats, no_progress
 
 if TYPE_CHECKING:

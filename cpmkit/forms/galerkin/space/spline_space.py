@@ -68,7 +68,7 @@ class SplineSpace:
         They are computed at each call, which takes a thirtieth of an assembly; stored they would add a tenth to the
         memory of the samples.
         """
-        from cpmkit.runtime.inverse_index import inverse_index
+        from cpmkit.runtime.index_sets import inverse_index
 
         start, order = inverse_index(self.dof_map.patch, len(self.dof_map.cells))
         return order, start
@@ -88,7 +88,7 @@ class SplineSpace:
 def build_spline_space(dof_map: DofMap, samples: Samples | QuantisedSamples) -> SplineSpace:
     """Return the spline space with the unknowns of ``dof_map`` and its ``samples``, quantised if they are not yet."""
     from cpmkit.forms.galerkin.space.pattern_kernels import next_neighbours, pattern, runs_of
-    from cpmkit.runtime.inverse_index import inverse_index
+    from cpmkit.runtime.index_sets import inverse_index
 
     samples = QuantisedSamples.of(samples, dof_map) if isinstance(samples, Samples) else samples
     n = dof_map.size
