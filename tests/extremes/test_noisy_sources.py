@@ -93,9 +93,9 @@ def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
 
 
 def test_no_smaller_spacing_is_advised_where_noise_is_the_fault():
-    one = case("square", 10)
-    scene = ck.Scene(Noisy(one.curve, 1e-2 * one.spacing), ck.ScreenedPoisson(1.0))
-    told = " ".join(sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress).warnings)
-    assert "loose ends" in told
+    circles = [ck.source("analytic.circle", center=[x, 0], radius=r) for x, r in ((0, 1.0), (3, 0.01))]
+    scene = ck.Scene(Noisy(ck.source("union", members=circles), 5e-4), ck.ScreenedPoisson(1.0))
+    told = " ".join(sample_scene(scene, Options(spacing=0.2, own=GalerkinOptions()), no_progress).warnings)
+    assert "is too small for the lattice" in told
     assert "compute closest points more exactly" in told
     assert "use a smaller spacing" not in told

@@ -1,4 +1,4 @@
-"""The test whether two points of a surface or a curve are connected along it near their chord: bisection."""
+"""The test whether two points of a surface are connected along it near their chord: bisection."""
 
 from __future__ import annotations
 
@@ -136,49 +136,3 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
     enters = np.where(along == 0, np.where(low <= point, -np.inf, np.inf), np.minimum(first, second)).max(axis=1)
     leaves = np.where(along == 0, np.where(point <= high, np.inf, -np.inf), np.maximum(first, second)).min(axis=1)
     return np.asarray(enters <= leaves)
-
-
-def connected_on_curve(
-    source: LocalSource, a: Floats, b: Floats, tangent_a: Floats, tangent_b: Floats, low: Floats, high: Floats
-) -> Bools:
-    """Return which pairs (n,) of points ``a`` and ``b`` (n, d) of a curve are connected along it near their chord.
-
-    The chord is bisected as in :func:`connected_on_surface`. All points must lie in the boxes from ``low`` to ``high``
-    (n, d). A tangent of zero is unknown.
-    """
-    connected, rows = np.zeros(len(a), dtype=bool), np.arange(len(a))
-    a, b, tangent_a, tangent_b = (np.array(values) for values in (a, b, tangent_a, tangent_b))
-    first_gap = gap = norms(b - a)
-    error = 6.0 * source.noise  # of a closest point's position
-    for _ in range(30):  # a limit; gaps close or stick before
-        middle = 0.5 * (a + b)
-        closest = source.closest_point(middle).points
-        chord = b - a
-        offset = np.maximum(_off_tangent(a, b, tangent_a), _off_tangent(a, b, tangent_b))
-        is_flat = (offset <= FLAT_SINE * norms(chord) + error) & (
-            norms(closest - middle) <= 0.05 * norms(chord) + error
-        )
-        to_a, to_b = norms(closest - a), norms(b - closest)
-        flat_a = _off_tangent(a, closest, tangent_a) <= FLAT_SINE * to_a + error
-        flat_b = _off_tangent(closest, b, tangent_b) <= FLAT_SINE * to_b + error
-        first_half = np.where(flat_a == flat_b, to_a >= to_b, flat_b)
-        keep_a = first_half[:, None]
-        a, tangent_a = np.where(keep_a, a, closest), np.where(keep_a, tangent_a, 0.0)
-        b, tangent_b = np.where(keep_a, closest, b), np.where(keep_a, 0.0, tangent_b)
-        new_gap = np.where(first_half, to_a, to_b)
-        inside = ((closest >= low[rows]) & (closest <= high[rows])).all(axis=1)
-        # A smaller gap than for surfaces: strands that cross in the next cell run side by side in this one.
-        closed = inside & (is_flat | (new_gap < np.maximum(5e-3 * first_gap, 10.0 * source.noise)))
-        connected[rows[closed]] = True
-        go = inside & ~closed & (new_gap <= GROWN_GAP * first_gap) & (new_gap <= STUCK_GAP * gap)
-        rows, first_gap, gap = rows[go], first_gap[go], new_gap[go]
-        a, b, tangent_a, tangent_b = a[go], b[go], tangent_a[go], tangent_b[go]
-        if not len(rows):
-            break
-    return connected
-
-
-def _off_tangent(a: Floats, b: Floats, tangent: Floats) -> Floats:
-    """Return the component (n,) of the chord from ``a`` to ``b`` across ``tangent`` (n, d); 0 if that is unknown."""
-    chord = b - a
-    return np.asarray(norms(chord - dots(chord, tangent)[:, None] * tangent) * (tangent != 0).any(axis=1))

@@ -2,27 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import product
-
 import numpy as np
 
 from cpmkit.grid.blocks import cell_levels
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.manifold.vector_algebra import norms
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import Polyline, chain_segments
+from cpmkit.meshing.contouring.curve_graph import trace_curve
 from cpmkit.meshing.insertion.surface_matching import TriangleSearch
 from cpmkit.types import Floats, Ints
-
-#: A step of a trace that moves by less than this share of a full step does not count.
-LEAST_STEP = 0.5
-#: After a corner a curve continues where it is farther than this share of a step from its part before the corner.
-LEAST_TURN = 0.2
-#: Number of last points of a trace that do not count as met again: the trace turned there.
-RECENT_POINTS = 8
-#: Largest number of steps of one trace.
-MAX_STEPS = 100_000
 
 
 def in_three_dimensions(points: Floats) -> Floats:
@@ -92,153 +82,23 @@ def trace_polylines(source: LocalSource, search: TriangleSearch, spacing: float)
     """Return polylines on all pieces of a curve that is known by closest points alone.
 
     Traces start at the closest points of cells of half a spacing that the curve may meet, and continue in steps of .15
-    L, where L is the local edge length of the triangles of ``search``. Where no step ahead leads on, the curve is
-    searched in all directions, so that traces go around corners. They end where no new point is found, or at a curve
-    that was traced already.
+    L, where L is the local edge length of the triangles of ``search``. Polylines end at junctions.
     """
     cells = next(blocks for side, blocks in cell_levels(source, 0.5 * spacing, 0.5) if side == 1)
     seeds = source.closest_point(np.asarray(cells * (0.5 * spacing), dtype=np.float64)).points
     size = float(np.median(search.local_size(in_three_dimensions(seeds))))
-    tracer = CurveTracer(source, 0.15 * size)
-    lines = []
-    while len(seeds):
-        line = tracer.trace_through(seeds[0])
-        seeds = seeds[1:]
-        if line is not None:
-            lines.append(refine_polyline(source, line, size))
-            seeds = seeds[tracer.distances(seeds) > tracer.step]
-    return lines
+    graph = trace_curve(source, seeds, 0.15 * size)
+    winding = Mesh.of(graph.vertices, graph.segments).winding
+    segments = np.where((winding < 0)[:, None], graph.segments[:, ::-1], graph.segments)
+    lines = chain_segments(graph.vertices, segments)
+    return [refine_polyline(source, _along_tangents(source, line), size) for line in lines]
 
 
-@dataclass(eq=False)
-class CurveTracer:
-    """Traces the pieces of a curve by closest points.
-
-    Attributes
-    ----------
-    source : LocalSource
-    step : float
-        The length of a step.
-    count : int
-        The number of points traced so far.
-    """
-
-    source: LocalSource
-    step: float
-    count: int = 0
-    _points: Floats = field(default_factory=lambda: np.empty((0, 3)))
-    _directions: Floats = field(default_factory=lambda: np.empty((0, 3)))
-
-    def distances(self, points: Floats) -> Floats:
-        """Return the distances (n,) of ``points`` (n, d) from the nearest point traced so far."""
-        from scipy.spatial import cKDTree
-
-        distance, _ = cKDTree(self._points[: self.count]).query(points)
-        return np.asarray(distance)
-
-    def trace_through(self, seed: Floats) -> Polyline | None:
-        """Return the piece of the curve through ``seed`` (d,), traced in both directions; None if it has no extent."""
-        ahead = self._points_around(seed)
-        ahead = ahead[norms(ahead - seed) > LEAST_STEP * self.step]
-        if not len(ahead):
-            return None
-        points, closed = self._trace_on([seed, ahead[0]])
-        if not closed:
-            back = ahead[(unit(ahead - seed) @ unit(ahead[:1] - seed)[0]) < -LEAST_TURN]
-            if len(back):
-                rest, _ = self._trace_on([points[0], back[0]], backward=True)
-                points = rest[:0:-1] + points
-        line = np.array(points)
-        if self.source.has_tangents and len(line) > 1:
-            middle = len(line) // 2
-            tangent = self.source.tangents(self.source.closest_point(line[middle : middle + 1]))[0]
-            line = line[::-1] if tangent @ (line[middle] - line[middle - 1]) < 0 else line
-        return Polyline(line, closed) if len(line) > 1 else None
-
-    def _trace_on(self, points: list[Floats], backward: bool = False) -> tuple[list[Floats], bool]:
-        """Return the points of the trace continued from two ``points``, and whether it came back to the first.
-
-        A ``backward`` trace starts at a point traced already.
-        """
-        first = self.count
-        direction = unit((points[1] - points[0])[None])[0]
-        for point in points[backward:]:
-            self._record(point, direction)
-        while len(points) < MAX_STEPS:
-            heading = unit((points[-1] - points[-2])[None])[0]
-            ahead = self.source.closest_point((points[-1] + self.step * heading)[None]).points[0]
-            turned = not self._leads_on(points[-1], ahead, heading)
-            if turned:
-                corner = self._end_ahead(points[-1], heading)
-                if np.linalg.norm(corner - points[-1]) > 1e-3 * self.step:
-                    points.append(corner)
-                    self._record(corner, heading)
-                after_corner = self._turn(points)
-                if after_corner is None:
-                    return points, False
-                ahead = after_corner
-            direction = unit((ahead - points[-1])[None])[0]
-            met = self._met_point(ahead, direction, turned)
-            if met is not None:
-                if 0 <= met - first < RECENT_POINTS and not backward:
-                    return points[met - first :], True
-                points.append(self._points[met])
-                return points, False
-            points.append(ahead)
-            self._record(ahead, direction)
-        return points, False
-
-    def _record(self, point: Floats, direction: Floats) -> None:
-        """Append a point (d,) of the trace and its direction (d,)."""
-        if self.count == len(self._points):
-            room = np.empty((max(256, self.count), len(point)))
-            self._points = np.concatenate([self._points.reshape(-1, len(point)), room])
-            self._directions = np.concatenate([self._directions.reshape(-1, len(point)), room])
-        self._points[self.count], self._directions[self.count] = point, direction
-        self.count += 1
-
-    def _leads_on(self, here: Floats, ahead: Floats, heading: Floats) -> bool:
-        """Return whether the step from ``here`` to the closest point ``ahead`` is long and follows ``heading``."""
-        way = ahead - here
-        length = float(np.linalg.norm(way))
-        return length > LEAST_STEP * self.step and float(way @ heading) > 0.7 * length
-
-    def _end_ahead(self, here: Floats, heading: Floats) -> Floats:
-        """Return the end or corner (d,) of the curve ahead of ``here`` along ``heading``; ``here`` if there is none."""
-        target = here + np.array([0.5, 1.0, 2.0])[:, None] * self.step * heading
-        closest = self._closest_near(here, target)
-        return closest[np.argmax((closest - here) @ heading)] if len(closest) else here
-
-    def _points_around(self, here: Floats) -> Floats:
-        """Return points (k, d) of the curve about a step away from ``here``, in all directions, the farthest first."""
-        directions = np.array([d for d in product((-1.0, 0.0, 1.0), repeat=self.source.dim) if any(d)])
-        closest = self._closest_near(here, here + self.step * unit(directions))
-        return closest[np.argsort(-norms(closest - here), kind="stable")]
-
-    def _closest_near(self, here: Floats, targets: Floats) -> Floats:
-        """Return the closest points (n, d) of ``targets`` (k, d) that are within one and a half steps of ``here``."""
-        closest = self.source.closest_point(targets).points
-        return closest[norms(closest - here) < 1.5 * self.step]
-
-    def _turn(self, points: list[Floats]) -> Floats | None:
-        """Return the point (d,) where the curve continues from a corner, as straight as possible; None at its end."""
-        here = points[-1]
-        ahead = self._points_around(here)
-        ahead = ahead[norms(ahead - here) > LEAST_STEP * self.step]
-        way = points[-2] - here
-        behind = np.clip((ahead - here) @ way / (way @ way), 0.0, None)
-        ahead = ahead[norms(ahead - here - behind[:, None] * way) > LEAST_TURN * self.step]
-        return ahead[np.argmin(unit(ahead - here) @ unit(way[None])[0])] if len(ahead) else None
-
-    def _met_point(self, place: Floats, direction: Floats, turned: bool) -> int | None:
-        """Return the number of the traced point that a step to ``place`` meets, None if there is none.
-
-        The trace must have the step's ``direction`` there, unless the step follows a corner (``turned``).
-        """
-        old = self.count - RECENT_POINTS
-        if old <= 0:
-            return None
-        gap = norms(self._points[:old] - place)
-        is_along = np.abs(self._directions[:old] @ direction) > 0.8
-        is_met = (gap < 0.7 * self.step) & (is_along | turned)
-        return int(np.argmin(np.where(is_met, gap, np.inf))) if is_met.any() else None
+def _along_tangents(source: LocalSource, line: Polyline) -> Polyline:
+    """Return a polyline in the direction of the curve's tangents, where it has some."""
+    middle = len(line.points) // 2
+    if source.has_tangents:
+        tangent = source.tangents(source.closest_point(line.points[middle : middle + 1]))[0]
+        if tangent @ (line.points[middle] - line.points[middle - 1]) < 0:
+            return Polyline(line.points[::-1], line.closed)
+    return line

@@ -1,0 +1,257 @@
+"""The graph of a curve that is known by closest points alone: its trace, with corners, junctions and crossings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from cpmkit.manifold.local_source import LocalSource
+from cpmkit.manifold.vector_algebra import dots, norms, unit
+from cpmkit.meshing.contouring.connectedness import CREASE_SHARE
+from cpmkit.meshing.contouring.contour_edges import connected_groups
+from cpmkit.meshing.contouring.curve_tracing import CurveTracer
+from cpmkit.types import Bools, Floats, Ints
+
+#: Segments whose chords come nearer than this, in steps, may cross.
+NEAR_CHORDS = 0.05
+
+
+@dataclass(frozen=True, eq=False)
+class CurveGraph:
+    """Segments on a curve, connected at its vertices.
+
+    Attributes
+    ----------
+    vertices : (v, d) float64
+        Points of the curve.
+    segments : (s, 2) int64
+        The vertices at the ends of each segment.
+    midpoints_on_curve : (s, d) float64
+        The closest points on the curve of the middles of the segments.
+    ends : (k,) int64
+        The vertices at which the curve is known to end.
+    """
+
+    vertices: Floats
+    segments: Ints
+    midpoints_on_curve: Floats
+    ends: Ints
+
+    @property
+    def midpoints(self) -> Floats:
+        """(s, d) midpoints of the segments on the curve, or on the chord for a segment across a corner."""
+        a, b = self.vertices[self.segments].transpose(1, 0, 2)
+        middle = 0.5 * (a + b)
+        has_corner = norms(self.midpoints_on_curve - middle) > CREASE_SHARE * norms(b - a)
+        return np.asarray(np.where(has_corner[:, None], middle, self.midpoints_on_curve))
+
+
+def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:
+    """Return the graph of the pieces of a curve through ``seeds`` (n, d), points of it, traced by equal steps."""
+    tracer = CurveTracer.of(source, step)
+    tracer.trace_all(seeds)
+    graph = _assemble(tracer)
+    if not len(graph.segments):
+        return graph
+    graph = split_at_vertices(source, add_self_crossings(source, graph, step), 0.05 * step)
+    return add_corners(source, graph, step)
+
+
+def _assemble(tracer: CurveTracer) -> CurveGraph:
+    """Return the graph that a tracer made; arms that come to other parts are prolonged beyond these."""
+    segments = np.concatenate([np.zeros((0, 2), dtype=np.int64), *tracer.segments])
+    last = np.concatenate([np.zeros(0, dtype=np.int64), *tracer.junctions])
+    vertices = tracer.points.copy()
+    vertices[last] = np.concatenate([vertices[:0], *tracer.beyond])
+    segments = np.unique(np.sort(segments[segments[:, 0] != segments[:, 1]], axis=1), axis=0)
+    on_curve = project_middles(tracer.source, vertices, segments)
+    prolonged = np.isin(segments, last).any(axis=1)
+    on_curve[prolonged] = vertices[segments[prolonged]].mean(axis=1)
+    return CurveGraph(vertices, segments, on_curve, last)
+
+
+def project_middles(source: LocalSource, vertices: Floats, segments: Ints) -> Floats:
+    """Return the closest points (s, d) of the middles of segments (s, 2)."""
+    return source.closest_point(vertices[segments].mean(axis=1)).points
+
+
+def split_at_vertices(source: LocalSource, graph: CurveGraph, reach: float) -> CurveGraph:
+    """Return the graph with segments split at vertices of others that lie on them."""
+    a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
+    vertex, segment, distance, share = near_chords(graph.vertices, a, b, reach)
+    length = norms(b - a)[segment]
+    lies_on = (distance < reach) & (np.minimum(share, 1 - share) * length > reach)
+    lies_on &= (graph.segments[segment] != vertex[:, None]).all(axis=1)
+    vertex, segment = vertex[lies_on], segment[lies_on]
+    segments = _split_segments(graph, segment, vertex, graph.vertices[vertex])
+    segments = np.unique(np.sort(segments[segments[:, 0] != segments[:, 1]], axis=1), axis=0)
+    return replace(graph, segments=segments, midpoints_on_curve=project_middles(source, graph.vertices, segments))
+
+
+def add_corners(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
+    """Return the graph with segments that cut a corner off halved where the tangents at their ends meet."""
+    a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
+    middle, length = 0.5 * (a + b), norms(b - a)
+    off = np.flatnonzero(norms(graph.midpoints_on_curve - middle) > 0.03 * length)
+    a, b, middle, length = a[off], b[off], middle[off], length[off]
+    reach = max(1e-3 * step, 30.0 * source.noise)
+    at_a, at_b = (unit(source.closest_point(x + reach * unit(y - x)).points - x) for x, y in ((a, b), (b, a)))
+    meeting, _ = _meeting_points(source, a, b, at_a, -at_b)
+    turned = (dots(at_a, -at_b) < 0.94) & (norms(meeting - middle) < length)
+    rows, meeting = off[turned], meeting[turned]
+    new = len(graph.vertices) + np.arange(len(rows))
+    vertices = np.concatenate([graph.vertices, meeting])
+    halves = np.concatenate([np.stack([graph.segments[rows, end], new], axis=1) for end in range(2)])
+    segments = np.concatenate([np.delete(graph.segments, rows, axis=0), halves])
+    on_curve = np.concatenate(
+        [np.delete(graph.midpoints_on_curve, rows, axis=0), project_middles(source, vertices, halves)]
+    )
+    return replace(graph, vertices=vertices, segments=segments, midpoints_on_curve=on_curve)
+
+
+def add_self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> CurveGraph:
+    """Return the graph with a common vertex where two strands cross that are not connected by one or two segments.
+
+    The parts by which arms were prolonged are left out.
+    """
+    i, j, points = _self_crossings(source, graph, step)
+    vertices = np.concatenate([graph.vertices, points])
+    old = len(graph.vertices)
+    new = old + np.arange(len(points))
+    same = _merge_into_new(vertices, old, 0.2 * step) if len(points) else np.arange(old)
+    segments = same[_split_segments(graph, np.concatenate([i, j]), np.tile(new, 2), np.tile(points, (2, 1)))]
+    segments = np.unique(np.sort(segments[segments[:, 0] != segments[:, 1]], axis=1), axis=0)
+    is_tip = np.zeros(len(vertices), dtype=bool)
+    is_tip[graph.ends] = True
+    is_tip &= same == np.arange(len(vertices))
+    segments = segments[~is_tip[segments].any(axis=1)]
+    used, segments = np.unique(segments, return_inverse=True)
+    vertices, segments = vertices[used], segments.reshape(-1, 2)
+    on_curve = project_middles(source, vertices, segments)
+    degree = np.bincount(segments.ravel(), minlength=len(vertices))
+    loose = np.flatnonzero((degree[segments] == 1).any(axis=1))
+    inner = (degree[segments[loose, 0]] == 1).astype(np.int64)
+    inner, outer = segments[loose, inner], segments[loose, 1 - inner]
+    beyond = vertices[outer] + 0.5 * step * unit(vertices[outer] - vertices[inner])
+    ends = norms(source.closest_point(beyond).points - vertices[outer]) < 5e-3 * step + 6.0 * source.noise
+    return CurveGraph(vertices, segments, on_curve, outer[ends])
+
+
+def _self_crossings(source: LocalSource, graph: CurveGraph, step: float) -> tuple[Ints, Ints, Floats]:
+    """Return the pairs (k,), (k,) of segments that cross without a common vertex, and the crossings (k, d)."""
+    from scipy.spatial import KDTree
+
+    a, b = graph.vertices[graph.segments].transpose(1, 0, 2)
+    on_curve = graph.midpoints_on_curve
+    reach = float(norms(b - a).max()) + 2 * NEAR_CHORDS * step
+    pairs = KDTree(on_curve).query_pairs(reach, output_type="ndarray")
+    i, j = pairs[~_are_linked(graph, pairs)].T.astype(np.int64)
+    best, along = np.full(len(i), np.inf), np.zeros((2, len(i), graph.vertices.shape[1]))
+    on_i, on_j = np.zeros_like(along[0]), np.zeros_like(along[0])
+    for start_i, end_i in ((a[i], on_curve[i]), (on_curve[i], b[i])):
+        for start_j, end_j in ((a[j], on_curve[j]), (on_curve[j], b[j])):
+            p, q = _nearest_on_chords(start_i, end_i, start_j, end_j)
+            distance = norms(p - q)
+            nearer = distance < best
+            best = np.where(nearer, distance, best)
+            on_i[nearer], on_j[nearer] = p[nearer], q[nearer]
+            along[0, nearer], along[1, nearer] = (end_i - start_i)[nearer], (end_j - start_j)[nearer]
+    directions = unit(along[0]), unit(along[1])
+    parallel = np.abs(dots(*directions)) >= 0.98
+    is_close = (best < NEAR_CHORDS * step) & ~parallel
+    i, j, best = i[is_close], j[is_close], best[is_close]
+    points, miss = _meeting_points(
+        source, on_i[is_close], on_j[is_close], directions[0][is_close], directions[1][is_close]
+    )
+    crossing = np.minimum(miss, best) < max(0.02 * step, 5.0 * source.noise)
+    return i[crossing], j[crossing], points[crossing]
+
+
+def _are_linked(graph: CurveGraph, pairs: Ints) -> Bools:
+    """Return which ``pairs`` (k, 2) of segments have a common vertex, or are connected by one or two other segments."""
+    from scipy.sparse import coo_array, eye_array
+
+    size = len(graph.vertices)
+    links = coo_array((np.ones(len(graph.segments)), tuple(graph.segments.T)), shape=(size, size))
+    step = (links + links.T + eye_array(size)).tocsr()
+    row, column = (step @ step).nonzero()
+    first, second = graph.segments[pairs[:, 0]], graph.segments[pairs[:, 1]]
+    codes = first[:, :, None] * size + second[:, None]
+    return np.asarray(np.isin(codes, row.astype(np.int64) * size + column).any(axis=(1, 2)))
+
+
+def _nearest_on_chords(a: Floats, b: Floats, c: Floats, d: Floats) -> tuple[Floats, Floats]:
+    """Return the points (n, d) of two chords, from a to b and from c to d, that are nearest to each other."""
+    u, v, w = b - a, d - c, a - c
+    uu, uv, vv, uw, vw = dots(u, u), dots(u, v), dots(v, v), dots(u, w), dots(v, w)
+    with np.errstate(all="ignore"):
+        s = (uv * vw - vv * uw) / (uu * vv - uv * uv)
+        s = np.clip(np.where(np.isfinite(s), s, 0.5), 0.0, 1.0)
+        t = np.clip(np.where(vv > 0, (s * uv + vw) / vv, 0.5), 0.0, 1.0)
+        s = np.clip(np.where(uu > 0, (t * uv - uw) / uu, 0.5), 0.0, 1.0)
+    return a + s[:, None] * u, c + t[:, None] * v
+
+
+def _meeting_points(
+    source: LocalSource, p: Floats, q: Floats, direction_p: Floats, direction_q: Floats
+) -> tuple[Floats, Floats]:
+    """Return points (n, d) of the curve where strands through p and q (n, d) meet, and their errors (n,).
+
+    The tangents of both strands are intersected, and the result is projected onto the curve. The error is the larger of
+    the distance between the tangents and the distance of this projection.
+    """
+    closest = source.closest_point(np.concatenate([p, q])).points
+    p, q = closest[: len(p)], closest[len(p) :]
+    cosine, off = dots(direction_p, direction_q), q - p
+    along_p = (dots(off, direction_p) - cosine * dots(off, direction_q)) / (1 - cosine * cosine)
+    along_q = (cosine * dots(off, direction_p) - dots(off, direction_q)) / (1 - cosine * cosine)
+    p, q = p + along_p[:, None] * direction_p, q + along_q[:, None] * direction_q
+    middle = 0.5 * (p + q)
+    points = source.closest_point(middle).points
+    return points, np.maximum(norms(p - q), norms(points - middle))
+
+
+def _merge_into_new(vertices: Floats, old: int, reach: float) -> Ints:
+    """Return the representative (v,) of each vertex: the first new vertex of those connected by steps up to ``reach``.
+
+    New vertices have the numbers from ``old`` on. Groups without a new vertex are represented by an old one.
+    """
+    from scipy.spatial import KDTree
+
+    pairs = KDTree(vertices[old:]).sparse_distance_matrix(KDTree(vertices), reach, output_type="coo_matrix")
+    count, group = connected_groups(pairs.row + old, pairs.col, len(vertices))
+    representative = np.empty(count, dtype=np.int64)
+    order = np.arange(len(vertices))[::-1]
+    order = np.concatenate([order[order < old], order[order >= old]])  # the first of the new ones is written last
+    representative[group[order]] = order
+    return np.asarray(representative[group])
+
+
+def _split_segments(graph: CurveGraph, segment: Ints, new: Ints, points: Floats) -> Ints:
+    """Return all segments (s, 2), with ``segment`` (k,) split at the vertices ``new`` (k,) at ``points`` (k, d)."""
+    a, b = graph.vertices[graph.segments[segment]].transpose(1, 0, 2)
+    order = np.lexsort((dots(points - a, b - a) / dots(b - a, b - a), segment))
+    segment, new = segment[order], new[order]
+    first = np.searchsorted(segment, np.arange(len(graph.segments)))
+    parts = np.bincount(segment, minlength=len(graph.segments))
+    return np.stack(
+        [np.insert(new, first, graph.segments[:, 0]), np.insert(new, first + parts, graph.segments[:, 1])], axis=1
+    )
+
+
+def near_chords(points: Floats, starts: Floats, stops: Floats, reach: float) -> tuple[Ints, Ints, Floats, Floats]:
+    """Return the pairs of points (n, d) and chords that may be within ``reach``, with their distances.
+
+    Returned are the row (p,) of each point, the number (p,) of the chord, the distance (p,) and the share (p,) of the
+    chord at which it is nearest.
+    """
+    from scipy.spatial import KDTree
+
+    far = 0.5 * float(norms(stops - starts).max(initial=0.0)) + reach
+    pairs = KDTree(points).sparse_distance_matrix(KDTree(0.5 * (starts + stops)), far, output_type="coo_matrix")
+    row, chord = pairs.row.astype(np.int64), pairs.col.astype(np.int64)
+    along, off = (stops - starts)[chord], points[row] - starts[chord]
+    square = dots(along, along)
+    share = np.clip(dots(off, along) / np.where(square > 0, square, 1.0), 0.0, 1.0)
+    return row, chord, norms(off - share[:, None] * along), share
