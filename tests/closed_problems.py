@@ -86,8 +86,8 @@ def on_half_sphere():
 
     def f(x):
         z = x[:, 2]
-        bent = (1 - z**2) * np.pi**2 * np.cos(np.pi * z) - 2 * np.pi * z * np.sin(np.pi * z)
-        return bent + np.cos(np.pi * z) + 3 * x[:, 0]
+        curved = (1 - z**2) * np.pi**2 * np.cos(np.pi * z) - 2 * np.pi * z * np.sin(np.pi * z)
+        return curved + np.cos(np.pi * z) + 3 * x[:, 0]
 
     points = sphere_points()
     points = points[points[:, 2] > 0]

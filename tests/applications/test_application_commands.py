@@ -110,7 +110,7 @@ def test_a_map_that_turns_the_equator_turns_the_sphere(folder: Path) -> None:
     assert np.abs(values - np.stack([-points[:, 1], points[:, 0], points[:, 2]], axis=1)).max() < 0.05
 
 
-def test_a_map_tells_energy_and_degree_and_begins_where_it_is_reported(folder: Path) -> None:
+def test_a_map_reports_energy_and_degree_and_starts_where_its_file_says(folder: Path) -> None:
     own = '\n[map]\ninitial = ["x", "y", "-z"]\nrest = 1e-3\ntexture = "z"\n'
     found = _run("map", MAP.split("[[")[0] + own + SPHERE)
     assert found.exit_code == 0, found.output

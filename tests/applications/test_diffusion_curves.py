@@ -71,16 +71,16 @@ def test_no_colour_leaves_the_range_of_its_own_side():
     found = diffusion_curves(SPHERE, [(EQUATOR, sides), (ARC, arc)], spacing=spacing).solution.evaluate(POINTS)
     below = POINTS[:, 2] < 0
     assert np.abs(found[below] - sides["right"]).max() < 1e-2
-    held = np.array([*north, *arc.values()])
+    imposed = np.array([*north, *arc.values()])
     tips = ARC.mesh(0.1)[0][[0, -1]]
     away = np.linalg.norm(POINTS[:, None] - tips, axis=2).min(axis=1) > 3 * spacing
     above = found[~below & away]
-    assert (above > held.min(axis=0) - 1e-2).all()
-    assert (above < held.max(axis=0) + 1e-2).all()
+    assert (above > imposed.min(axis=0) - 1e-2).all()
+    assert (above < imposed.max(axis=0) + 1e-2).all()
     assert np.ptp(above, axis=0).min() > 0.1
 
 
-def test_colours_at_a_tip_are_cut_off_at_those_that_are_held():
+def test_colours_at_a_tip_are_clipped_to_those_imposed():
     """Where two sides meet, what is solved for swings beyond both; a flux that is not zero may do so rightly."""
     arc = {"left": ["#402040", "#c04040", "#402040"], "right": lambda points: 0 * points + [0.5, 0.25, 0.75]}
     found = diffusion_curves(SPHERE, [(ARC, arc)], spacing=0.2)
@@ -166,10 +166,10 @@ def test_the_square_of_the_paper_keeps_to_its_colours():
     inside = Path(curve[large]).contains_points(points)
     outer = right(curve[large, 0])
     inner = np.concatenate([left(curve[large, 0]), right(curve[~large, 0])])
-    for part, held in ((~inside, outer), (inside, inner)):
+    for part, imposed in ((~inside, outer), (inside, inner)):
         seen = found[part & away]
-        assert (seen > held.min(axis=0) - 1e-2).all()
-        assert (seen < held.max(axis=0) + 1e-2).all()
+        assert (seen > imposed.min(axis=0) - 1e-2).all()
+        assert (seen < imposed.max(axis=0) + 1e-2).all()
     # beyond the loop its blue falls as that of a slit's end: by 2 / pi arctan(sqrt(length / distance))
     blue = found[inside & (np.linalg.norm(points - [-0.5, 0], axis=1) > 0.2), 2]
     assert (blue < 0.1 + 0.57 * 2 / np.pi * np.arctan(np.sqrt(0.03 / 0.2))).all()

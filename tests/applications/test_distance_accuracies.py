@@ -9,7 +9,6 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.accuracy import adaptive_run
-from cpmkit.accuracy.adaptive_run import Purpose
 from cpmkit.applications import geodesic_distance, signed_distance
 
 SPHERE = ck.source("analytic.sphere")
@@ -33,7 +32,7 @@ def test_a_tolerance_is_reached_and_reported() -> None:
 def clock_of_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a solve take a millisecond an unknown, whatever else the machine does, and nothing beside take time."""
 
-    def timed(purpose: Purpose, solution: ck.Solution, _: float, *estimates: Any) -> adaptive_run.TimedSolve:
+    def timed(purpose: Any, solution: ck.Solution, _: float, *estimates: Any) -> adaptive_run.TimedSolve:
         return Timed(purpose, solution, 1e-3 * solution.discretized.size, *estimates)
 
     Timed = adaptive_run.TimedSolve

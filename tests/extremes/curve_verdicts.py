@@ -9,10 +9,6 @@ from extremes.bare_curves import ORIGINS
 from extremes.curve_arcs import graph_counts
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.scene_sampling import sample_scene
-from cpmkit.forms.options import Options
-from cpmkit.plugin import no_progress
 
 #: The sum of the weights may be off by this share of the length.
 MOST_LENGTH_ERROR = 0.02
@@ -37,9 +33,8 @@ class Verdict:
 def geometry_verdict(case, number):
     """Return what is wrong with the samples on the lattice with the origin of that number."""
     scene, name = ck.Scene(case.curve, ck.ScreenedPoisson(_load(case.curve))), f"{case.name}, {ORIGINS[number]} origin"
-    options = Options(spacing=case.spacing, own=GalerkinOptions(), origin=case.origins[number])
     try:
-        sampled = sample_scene(scene, options, no_progress)
+        sampled = ck.discretize(scene, case.spacing, form="galerkin", origin=case.origins[number]).sampled
     except ck.CpmkitError as error:
         return Verdict(name, f"refused: {error}", (str(error),))
     counts, length = graph_counts(sampled.mesh.cells), sampled.samples.weights.sum()

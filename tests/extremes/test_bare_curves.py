@@ -7,11 +7,7 @@ from extremes.bare_curves import KINDS, ORIGINS, case
 from extremes.curve_verdicts import geometry_verdict, verdicts
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.scene_sampling import sample_scene
-from cpmkit.forms.options import Options
 from cpmkit.meshing.contouring import contoured_curves
-from cpmkit.plugin import no_progress
 
 #: Sixty, over all kinds and origins.
 FEW = [([*KINDS][i % len(KINDS)], 10 + i // len(KINDS), i % len(ORIGINS)) for i in range(60)]
@@ -53,5 +49,5 @@ def test_six_hundred_traces_and_solutions(seed):
 def test_a_square_with_sides_in_knot_planes_is_covered_once(spacing):
     square = case("square", 0).curve
     scene = ck.Scene(square, ck.ScreenedPoisson(1.0))
-    sampled = sample_scene(scene, Options(spacing=spacing, own=GalerkinOptions()), no_progress)
+    sampled = ck.discretize(scene, spacing, form="galerkin").sampled
     assert sampled.samples.weights.sum() == pytest.approx(4.0, rel=1e-9)

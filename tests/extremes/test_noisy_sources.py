@@ -13,11 +13,8 @@ from extremes.noisy import Noisy
 from made_cases import CASES, source_of
 
 import cpmkit as ck
-from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.scene_sampling import sample_scene
-from cpmkit.forms.options import Options
 from cpmkit.manifold.local_source import with_noise
-from cpmkit.plugin import localize, no_progress
+from cpmkit.plugin import localize
 
 SPHERE = ck.source("analytic.sphere", center=[0, 0, 0])
 
@@ -87,7 +84,7 @@ def test_a_noisy_sphere_is_as_right_as_its_noise_allows(size, spacing):
 def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
     one = case(kind, 10)
     scene = ck.Scene(Noisy(one.curve, share * one.spacing), ck.ScreenedPoisson(1.0))
-    sampled = sample_scene(scene, Options(spacing=one.spacing, own=GalerkinOptions()), no_progress)
+    sampled = ck.discretize(scene, one.spacing, form="galerkin").sampled
     assert graph_counts(sampled.mesh.cells) == one.curve.truth
     assert sampled.samples.weights.sum() == pytest.approx(one.curve.length, rel=5e-3)
 
@@ -95,7 +92,7 @@ def test_noisy_curves_have_the_right_ends_and_loops(kind, share):
 def test_no_smaller_spacing_is_advised_where_noise_is_the_fault():
     circles = [ck.source("analytic.circle", center=[x, 0], radius=r) for x, r in ((0, 1.0), (3, 0.01))]
     scene = ck.Scene(Noisy(ck.source("union", members=circles), 5e-4), ck.ScreenedPoisson(1.0))
-    told = " ".join(sample_scene(scene, Options(spacing=0.2, own=GalerkinOptions()), no_progress).warnings)
-    assert "is too small for the lattice" in told
-    assert "compute closest points more exactly" in told
-    assert "use a smaller spacing" not in told
+    message = " ".join(ck.discretize(scene, 0.2, form="galerkin").sampled.warnings)
+    assert "is too small for the lattice" in message
+    assert "compute closest points more exactly" in message
+    assert "use a smaller spacing" not in message

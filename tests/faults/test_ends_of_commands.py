@@ -71,7 +71,7 @@ def test_an_end_of_file_is_no_interruption(failing):
 
 @pytest.mark.parametrize(("before", "options"), [((), ("--traceback",)), (("--traceback",), ())])
 @pytest.mark.parametrize(("raised", "code"), [(ZeroDivisionError("a defect"), 3), (SceneError("It is wrong."), 1)])
-def test_the_traceback_is_shown_where_it_is_asked_for(failing, before, options, raised, code):
+def test_the_traceback_is_shown_on_request(failing, before, options, raised, code):
     result = failing(raised, *options, before=before)
     assert result.exit_code == code
     assert result.stderr.startswith("Traceback (most recent call last):")
@@ -145,14 +145,14 @@ def test_every_command_offers_the_traceback(run, command):
     assert "--traceback" in run(*command, "--help").stdout
 
 
-def test_the_help_tells_the_exit_codes(run):
-    told = " ".join(run("--help").stdout.split())
-    assert "0 done; 1 the scene or its solution failed; 2 the command line is wrong; 3 a bug" in told
-    assert "130 interrupted" in told
+def test_the_help_lists_the_exit_codes(run):
+    message = " ".join(run("--help").stdout.split())
+    assert "0 done; 1 the scene or its solution failed; 2 the command line is wrong; 3 a bug" in message
+    assert "130 interrupted" in message
     assert "are replaced" in " ".join(run("solve", "--help").stdout.split())
 
 
-def test_results_that_are_lost_are_told_with_those_that_are_there(run, square, monkeypatch):
+def test_results_that_are_lost_are_reported_with_those_that_are_there(run, square, monkeypatch):
     """The summary is printed and written, and the exit code says that something is amiss."""
     request = OutputRequest(Path("results"), ("u.npz", "summary.json"), None)
     loaded = SimpleNamespace(scene=square(3).scene, spacing=0.5, options={}, output=request)

@@ -140,19 +140,19 @@ def test_memory_that_runs_out_in_a_solve_is_one_sentence(monkeypatch, raised, fo
 
 @FORMS
 def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
-    held = []
+    references = []
 
     def allocate(tables, *rest):
         import weakref
 
-        held.append(weakref.ref(tables))
+        references.append(weakref.ref(tables))
         np.empty(10**17)
 
     monkeypatch.setattr("cpmkit.families.steady._operators", allocate)
     with pytest.raises(ck.ResolutionError, match="Memory ran out") as error:
         ck.solve(scene(), 0.3, form=form)
     assert error.value.__cause__ is not None
-    assert held[0]() is None
+    assert references[0]() is None
 
 
 @pytest.mark.parametrize(

@@ -107,7 +107,7 @@ def test_a_place_where_nothing_can_be_written(target):
         target(folder="/proc/results")
 
 
-def test_a_read_only_folder_is_told_by_what_the_system_says(target, monkeypatch):
+def test_a_read_only_folder_is_reported_in_the_words_of_the_system(target, monkeypatch):
     def refuse(dir):
         raise OSError(30, os.strerror(30))
 

@@ -146,7 +146,7 @@ def full_disk(size):
 
 
 @pytest.mark.parametrize("name", ["u.vtp", "u.ply", "u.npz"])
-def test_a_full_disk_is_told_and_the_earlier_file_stays(torus, tmp_path, name):
+def test_a_full_disk_is_reported_and_the_earlier_file_stays(torus, tmp_path, name):
     pytest.importorskip("pyvista")
     solution = torus(0.3)
     save(solution, tmp_path / name)
@@ -212,7 +212,7 @@ def test_two_solves_into_one_folder_leave_whole_results(tmp_path):
         assert np.isfinite(read["values"]).all()
 
 
-def test_a_record_that_does_not_fit_on_the_disk_is_told_and_the_lines_before_it_stay(tmp_path):
+def test_a_record_that_does_not_fit_on_the_disk_is_reported_and_the_lines_before_it_stay(tmp_path):
     file = tmp_path / "records.jsonl"
     append_record(file, {"run": 1})
     whole = file.read_bytes()

@@ -30,7 +30,7 @@ IRREGULAR = {
     "hidden", "risen", "spoken", "thrown", "worn", "written", "woven", "run", "spun",
 }  # fmt: skip
 #: Modules whose names are public.
-PUBLIC = ("cpmkit", "cpmkit.plugin", "cpmkit.testing", "cpmkit.errors", "cpmkit.applications")
+PUBLIC = ("cpmkit", "cpmkit.plugin", "cpmkit.testing", "cpmkit.errors", "cpmkit.applications", "cpmkit.view")
 #: Spacing of the two small solves in which a condition is followed, and the longest sequence that is searched for one.
 TRIP_SPACING, SEARCHED_ENTRIES = 0.1, 20
 

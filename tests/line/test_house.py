@@ -61,9 +61,9 @@ def linted(house):
 
 
 def test_all_contracts_are_kept(house):
-    status, told = linted(house)
-    assert status == 0, told
-    assert "0 broken" in told
+    status, message = linted(house)
+    assert status == 0, message
+    assert "0 broken" in message
 
 
 #: A file, what is planted in it, the contract that this breaks, and the import that is told of it.
@@ -100,11 +100,11 @@ def test_planted_imports_break_the_contracts_that_forbid_them(house):
     for file, planted, *_ in PLANTED:
         with (house / file).open("a", encoding="utf-8") as opened:
             opened.write(f"\n{planted}\n")
-    status, told = linted(house)
-    assert status == 1, told
+    status, message = linted(house)
+    assert status == 1, message
     for _, _, contract, found in PLANTED:
-        assert f"{contract} BROKEN" in told
-        assert f"{found} (l." in told
+        assert f"{contract} BROKEN" in message
+        assert f"{found} (l." in message
 
 
 @pytest.mark.parametrize("package", [*PLUGINS, EXAMPLE], ids=lambda package: package.name)

@@ -146,7 +146,7 @@ def test_warnings_are_those_of_the_new_data(form):
 
 
 @pytest.mark.parametrize(
-    ("given", "told"),
+    ("given", "message"),
     [
         ({"data": {"equator": ck.Dirichlet(1)}}, "holds conditions on left and right, got left"),
         ({"data": {"meridian": ck.Dirichlet(1)}}, "data are given for 'meridian'; the scene has edge, 'equator'"),
@@ -163,8 +163,8 @@ def test_warnings_are_those_of_the_new_data(form):
         ({"spacing": 0.1}, "no option 'spacing'"),
     ],
 )
-def test_what_the_tables_do_not_hold_is_refused(prepared, given, told):
-    with pytest.raises(ck.CpmkitError, match=told):
+def test_what_the_tables_do_not_hold_is_refused(prepared, given, message):
+    with pytest.raises(ck.CpmkitError, match=message):
         prepared.solve(**given)
 
 
@@ -202,8 +202,8 @@ def test_a_condition_from_outside_is_known_again():
 
 
 def test_one_condition_for_several_loops_takes_one():
-    bar, held = ck.source("analytic.segment", start=[0, 0], end=[1, 0]), ck.Dirichlet(0.0)
-    scene = ck.Scene(bar, ck.Laplace(), edge={0: held, 1: held})
+    bar, imposed = ck.source("analytic.segment", start=[0, 0], end=[1, 0]), ck.Dirichlet(0.0)
+    scene = ck.Scene(bar, ck.Laplace(), edge={0: imposed, 1: imposed})
     prepared = ck.prepare(scene, 0.05, form="collocation")
     moved = ck.Dirichlet(2.0)
     np.testing.assert_allclose(prepared.solve(data={"edge": {0: moved, 1: moved}}).evaluate([[0.5, 0]]), 2.0)

@@ -73,9 +73,9 @@ def site(tmp_path_factory):
 
 def test_the_wheel_holds_the_package_with_its_types_and_weights_and_no_more(site):
     folder = EXAMPLE / "cpmkit_neural"
-    held = {file.name for file in (site / "cpmkit_neural").iterdir()} - {"__pycache__"}
-    assert held == {file.name for file in folder.iterdir()} - {"__pycache__"}
-    assert {"py.typed", "spot.npz"} <= held
+    files = {file.name for file in (site / "cpmkit_neural").iterdir()} - {"__pycache__"}
+    assert files == {file.name for file in folder.iterdir()} - {"__pycache__"}
+    assert {"py.typed", "spot.npz"} <= files
     others = {entry.name for entry in site.iterdir()} - {"cpmkit_neural"}
     assert all(name.startswith("cpmkit_neural-") for name in others)
 
@@ -113,10 +113,10 @@ def own_tests(site, folder, *chosen):
     shutil.copytree(EXAMPLE / "tests", folder / "tests", ignore=shutil.ignore_patterns("__pycache__", ".*"))
     where = run(folder, site, "-c", "import cpmkit_neural; print(cpmkit_neural.__file__)")
     assert Path(where.strip()).is_relative_to(site)
-    told = run(folder, site, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "tests", *chosen)
-    assert "failed" not in told
-    assert "skipped" not in told
-    return told
+    output = run(folder, site, "-m", "pytest", "-rA", "-p", "no:cacheprovider", "tests", *chosen)
+    assert "failed" not in output
+    assert "skipped" not in output
+    return output
 
 
 def laws_kept(told):

@@ -58,7 +58,7 @@ def test_a_source_that_is_undefined_somewhere_is_named_with_the_place():
         ck.solve(ck.Scene(source, ck.ScreenedPoisson(lambda x: x[:, 1], c=1.0)), 0.25)
 
 
-def test_data_are_asked_at_the_boundary_itself():
+def test_data_are_evaluated_at_the_boundary_itself():
     """The angle about the axis has no value at the pole, where the surface's centre has its foot."""
 
     def data(x):

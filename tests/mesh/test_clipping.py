@@ -72,8 +72,8 @@ def test_each_cell_holds_as_much_as_lies_in_it():
     cells = lambda x: np.floor(x / SPACING + 0.5).astype(int) @ [10000, 100, 1]  # noqa: E731
     for cell, count in zip(*np.unique(cells(fine), return_counts=True), strict=True):
         counted = count / len(fine) * area
-        held = clipped.weights[cells(clipped.points) == cell].sum()
-        assert held == pytest.approx(counted, abs=2e-3 * SPACING**2)
+        weight = clipped.weights[cells(clipped.points) == cell].sum()
+        assert weight == pytest.approx(counted, abs=2e-3 * SPACING**2)
 
 
 def test_samples_lie_in_the_cells_of_their_pieces_in_any_unit():
@@ -154,10 +154,10 @@ def test_curved_triangles_that_cross_planes_often_count_once():
     area = areas_at(nodes, r, along * (1 - r)) @ (np.outer(weight, weight).ravel() / 4 * (1 - r))
     mesh = Mesh.of(nodes[:, :3].reshape(-1, 3), np.arange(3 * len(nodes)).reshape(-1, 3), nodes[:, 3:])
     clipped = quadrature(mesh, 1.0)
-    held = np.bincount(clipped.cell, clipped.weights)
-    assert np.quantile(np.abs(held / area - 1), 0.99) < 2e-3
-    assert np.abs(held / area - 1).max() < 1e-2
-    assert held[-1] == pytest.approx(area[-1], rel=1e-3)
+    weight = np.bincount(clipped.cell, clipped.weights)
+    assert np.quantile(np.abs(weight / area - 1), 0.99) < 2e-3
+    assert np.abs(weight / area - 1).max() < 1e-2
+    assert weight[-1] == pytest.approx(area[-1], rel=1e-3)
     assert np.bincount(clipped.cell).max() < 100
 
 

@@ -65,9 +65,9 @@ def test_edges_of_three_sheets_join_or_part_them_all():
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0.5], [-1, 1, 0.5], [-1, -1, 0.5]], dtype=float)
     mesh = Mesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]]))
     assert corners_at(mesh, 0) == 1
-    parted = with_cut(mesh, [[0, 1]])
-    assert corners_at(parted, 0) == 3
-    seen = half_facets(parted)
+    separated = with_cut(mesh, [[0, 1]])
+    assert corners_at(separated, 0) == 3
+    seen = half_facets(separated)
     assert seen.along[seen.cut == 0].tolist() == [-1, -1, 1] or seen.along[seen.cut == 0].tolist() == [1, 1, -1]
     assert (seen.cut >= 0).sum() == 3
 

@@ -32,9 +32,9 @@ def test_the_least_angle_at_an_edge_decides_whichever_way_triangles_are_wound():
 
 
 def test_planes_rims_and_edges_of_three_have_all_samples():
-    bent = roof(0.01)
-    third = replace(bent, vertices=np.r_[bent.vertices, [[0, 0, 1]]], cells=np.r_[bent.cells, [[0, 1, 4]]])
-    for one in (roof(0.0), bent, third, mesh(*(getattr(box(), name) for name in ("vertices", "faces")))):
+    curved = roof(0.01)
+    third = replace(curved, vertices=np.r_[curved.vertices, [[0, 0, 1]]], cells=np.r_[curved.cells, [[0, 1, 4]]])
+    for one in (roof(0.0), curved, third, mesh(*(getattr(box(), name) for name in ("vertices", "faces")))):
         np.testing.assert_allclose(one_point_limits(one, 1.0), 0.0, atol=1e-15)
     assert one_point_limits(mesh(BALL.vertices, BALL.faces), 1.0).min() == 5e-3
 

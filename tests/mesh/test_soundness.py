@@ -27,38 +27,38 @@ def parted(mesh, noise=0.0):
 
 @pytest.mark.parametrize("unit", [1e-6, 1.0, 1e6])
 @pytest.mark.parametrize("noise", [0.0, 1e-7])
-def test_parted_triangles_are_welded_to_a_closed_mesh(unit, noise):
+def test_separate_triangles_are_welded_to_a_closed_mesh(unit, noise):
     whole = octahedron(3, unit)
-    mesh, mended = repair(shuffled(parted(whole, noise)))
+    mesh, repaired = repair(shuffled(parted(whole, noise)))
     assert (len(mesh.vertices), len(mesh.cells)) == (len(whole.vertices), len(whole.cells))
-    assert mended == RepairReport(3 * len(whole.cells) - len(whole.vertices), 0, 0)
+    assert repaired == RepairReport(3 * len(whole.cells) - len(whole.vertices), 0, 0)
     edges = np.unique(np.sort(mesh.facets.reshape(-1, 2), axis=1), axis=0, return_counts=True)[1]
     assert (edges == 2).all()
 
 
 def test_a_sound_mesh_stays_as_it_is():
-    mesh, mended = repair(octahedron(2))
-    assert mended == RepairReport(0, 0, 0)
+    mesh, repaired = repair(octahedron(2))
+    assert repaired == RepairReport(0, 0, 0)
     again, _ = repair(mesh)
     assert (again.cells == mesh.cells).all()
     assert (again.vertices == mesh.vertices).all()
 
 
-def test_spheres_that_touch_at_a_vertex_are_parted():
+def test_spheres_that_touch_at_a_vertex_are_separated():
     one = octahedron(2)
     other = Mesh.of(one.vertices + [2.0, 0.0, 0.0], one.cells)
-    mesh, mended = repair(joined(one, other))
-    assert mended == RepairReport(1, 0, 1)
+    mesh, repaired = repair(joined(one, other))
+    assert repaired == RepairReport(1, 0, 1)
     assert pieces(mesh.cells) == 2
     assert len(mesh.vertices) == 2 * len(one.vertices)
 
 
-def test_a_pinched_neck_is_parted_though_the_surface_hangs_together():
+def test_a_pinched_neck_is_split_though_the_surface_is_connected():
     mesh = grid(6, 6)
     cells = np.where(mesh.cells == 40, 8, mesh.cells)  # (5, 5) is drawn to (1, 1)
     vertices = mesh.vertices.copy()
-    pinched, mended = repair(Mesh.of(vertices, cells))
-    assert mended.fans == 1
+    pinched, repaired = repair(Mesh.of(vertices, cells))
+    assert repaired.fans == 1
     assert pieces(pinched.cells) == 1
     assert len(pinched.vertices) == len(vertices)
 
@@ -66,27 +66,27 @@ def test_a_pinched_neck_is_parted_though_the_surface_hangs_together():
 def test_doubled_and_collapsed_triangles_count_once():
     mesh = octahedron(2)
     folded = np.concatenate([mesh.cells, mesh.cells[5:9][:, [1, 0, 2]], [[3, 3, 4]]])
-    mended_mesh, mended = repair(Mesh.of(mesh.vertices, folded))
-    assert mended == RepairReport(0, 5, 0)
-    assert quadrature(mended_mesh).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-14)
+    repaired_mesh, repaired = repair(Mesh.of(mesh.vertices, folded))
+    assert repaired == RepairReport(0, 5, 0)
+    assert quadrature(repaired_mesh).weights.sum() == pytest.approx(quadrature(mesh).weights.sum(), rel=1e-14)
 
 
 def test_three_sheets_hang_together_along_their_edge():
     vertices = np.array([[0, 0, 0], [0, 0, 1], [1, 0, 0.5], [-1, 1, 0.5], [-1, -1, 0.5]], dtype=float)
-    mesh, mended = repair(Mesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])))
-    assert mended == RepairReport(0, 0, 0)
+    mesh, repaired = repair(Mesh.of(vertices, np.array([[0, 1, 2], [0, 1, 3], [1, 0, 4]])))
+    assert repaired == RepairReport(0, 0, 0)
     assert pieces(mesh.cells) == 1
 
 
 def test_one_sided_strips_are_one_piece():
-    mesh, mended = repair(moebius()[0])
-    assert mended == RepairReport(0, 0, 0)
+    mesh, repaired = repair(moebius()[0])
+    assert repaired == RepairReport(0, 0, 0)
     assert pieces(mesh.cells) == 1
 
 
 def test_curves_stay_joined_where_three_segments_meet():
     vertices = np.array([[0, 0], [1, 0], [0, 0], [0, 1], [-1, 0], [0, 1e-9]], dtype=float)
-    mesh, mended = repair(Mesh.of(vertices, np.array([[0, 1], [2, 3], [4, 5], [3, 2]])))
-    assert mended == RepairReport(2, 1, 0)
+    mesh, repaired = repair(Mesh.of(vertices, np.array([[0, 1], [2, 3], [4, 5], [3, 2]])))
+    assert repaired == RepairReport(2, 1, 0)
     assert pieces(mesh.cells) == 1
     assert len(mesh.vertices) == 4

@@ -81,14 +81,14 @@ def test_what_is_halved_inherits_the_share():
     of = {tuple(sorted(ends)): k for k, ends in enumerate(edges.ends.tolist())}
     share = np.empty(3)
     share[[of[0, 1], of[1, 2], of[0, 2]]] = 0.1, 0.2, 0.3
-    for parted, expected in (
+    for separated, expected in (
         ([(0, 1)], {(0, 3): 0.1, (1, 3): 0.1, (2, 3): 0.2, (1, 2): 0.2, (0, 2): 0.3}),
         ([(0, 1), (1, 2)], {(0, 3): 0.1, (1, 3): 0.1, (1, 4): 0.2, (2, 4): 0.2, (3, 4): 0.3, (0, 4): 0.1, (0, 2): 0.3}),
         ([(0, 1), (1, 2), (0, 2)], {(3, 4): 0.3, (4, 5): 0.1, (3, 5): 0.2, (0, 3): 0.1, (2, 5): 0.3}),
     ):
         middle = np.full(3, -1)
-        middle[[of[ends] for ends in parted]] = 3 + np.arange(len(parted))
-        points = np.array([mesh.vertices[list(ends)].mean(axis=0) for ends in parted])
+        middle[[of[ends] for ends in separated]] = 3 + np.arange(len(separated))
+        points = np.array([mesh.vertices[list(ends)].mean(axis=0) for ends in separated])
         finer = halve_edges(mesh, middle, points).edges
         ends = map(tuple, np.sort(finer.ends, axis=1).tolist())
         found = dict(zip(ends, inherit_shares(edges, middle, share, finer), strict=True))

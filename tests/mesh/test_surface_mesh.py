@@ -60,7 +60,7 @@ def test_the_vertices_of_the_source_come_first_and_stay(torus):
     assert len(mesh.points) > mesh.original
 
 
-def test_a_curved_surface_is_parted_with_smooth_normals(torus):
+def test_a_curved_surface_is_split_with_smooth_normals(torus):
     mesh = display_mesh(torus(0.1))
     red = mesh.values[mesh.cells][:, :, 0]
     assert np.ptp(red, axis=1).max() < 0.1  # around the tube it changes by 0.85, at the wave by as much at once
@@ -204,7 +204,7 @@ def test_a_mesh_coarser_than_the_grid_is_refined_and_its_vertices_come_first(tor
     np.testing.assert_allclose(np.linalg.norm(mesh.normals, axis=1), 1)
 
 
-def test_a_surface_without_a_mesh_is_told_what_to_do(square):
+def test_a_surface_without_a_mesh_is_refused_with_a_remedy(square):
     solution = square(2)
     object.__setattr__(solution, "surface", object())
     with pytest.raises(InputError, match=r"has no method mesh\(spacing\)"):

@@ -6,7 +6,7 @@ from sample_shapes import moebius, octahedron
 from cpmkit.mesh.mesh import Mesh
 
 
-def test_cells_that_were_turned_are_told():
+def test_cells_that_were_turned_are_marked():
     sphere, rng = octahedron(3), np.random.default_rng(3)
     turned = rng.uniform(size=len(sphere.cells)) < 0.4
     cells = np.where(turned[:, None], sphere.cells[:, ::-1], sphere.cells)
@@ -15,7 +15,7 @@ def test_cells_that_were_turned_are_told():
     assert abs(int(found[0])) == 1
 
 
-def test_segments_that_were_turned_are_told():
+def test_segments_that_were_turned_are_marked():
     number = np.arange(20)
     cells = np.stack([number, np.roll(number, -1)], axis=1)
     turned = number % 3 == 0

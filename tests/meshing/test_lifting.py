@@ -72,7 +72,7 @@ def test_boxes_that_are_moved_or_stand_side_by_side_are_boxes():
         assert areas(localize(source, np.zeros(3)), 0.3)[1] == pytest.approx(area, rel=1e-12)
 
 
-def test_triangles_beside_creases_stay_flat_and_others_are_bent():
+def test_triangles_beside_creases_stay_flat_and_others_are_curved():
     """Caps are polygons; between the rings at their rims the side is round to the fourth order."""
     errors = []
     for sections in (16, 32, 64):

@@ -93,8 +93,8 @@ def test_chords_of_boundaries_are_flipped():
     assert sorted(sorted(cell) for cell in flipped.cells.tolist()) == [[0, 1, 3], [0, 1, 4], [1, 2, 3], [1, 2, 4]]
     x = vertices[flipped.cells]
     assert (np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])[:, 2] > 0).all()
-    bent = replace(mesh, vertices=vertices + [[0, 0, 0], [0, 0.7, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-    for kept in (bent, replace(mesh, cells=cells[1:]), replace(mesh, cut=np.array([[0, 2], [1, 2]]))):
+    curved = replace(mesh, vertices=vertices + [[0, 0, 0], [0, 0.7, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
+    for kept in (curved, replace(mesh, cells=cells[1:]), replace(mesh, cut=np.array([[0, 2], [1, 2]]))):
         np.testing.assert_array_equal(flip_chords(kept).cells, kept.cells)
 
 

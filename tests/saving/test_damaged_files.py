@@ -79,9 +79,9 @@ def shapes(heat):
 
 
 def test_arrays_of_another_shape_or_type_are_refused(files, tmp_path):
-    for changes, told in shapes(files["heat"]):
+    for changes, message in shapes(files["heat"]):
         arrays = {name: array for name, array in (files["heat"] | changes).items() if array is not None}
-        with pytest.raises(ck.InputError, match=told):
+        with pytest.raises(ck.InputError, match=message):
             resumed(arrays, tmp_path)
 
 
@@ -101,7 +101,7 @@ def test_what_a_crash_of_the_machine_leaves_is_refused(content, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["heat", "solution"])
-def test_arrays_that_nobody_asked_for_are_not_read(name, files, tmp_path, monkeypatch):
+def test_arrays_that_nothing_needs_are_not_read(name, files, tmp_path, monkeypatch):
     """Their headers promise more than any machine has: to read one would be an error of its own."""
     path = tmp_path / "large.npz"
     np.savez_compressed(path, **files[name])
@@ -165,9 +165,9 @@ def summaries(solution):
 def test_summaries_that_are_none_are_refused(files, tmp_path):
     for text, without, with_scene in summaries(files["solution"]):
         arrays = files["solution"] | {"summary": np.array(text)}
-        for scene, told in ((None, without), (SCENE, with_scene)):
-            if told is not None:
-                with pytest.raises(ck.InputError, match=told):
+        for scene, message in ((None, without), (SCENE, with_scene)):
+            if message is not None:
+                with pytest.raises(ck.InputError, match=message):
                     loaded(arrays, tmp_path, scene)
 
 
@@ -190,8 +190,8 @@ def test_arrays_of_a_solution_that_do_not_fit_are_refused(files, tmp_path):
         ({"lattice_spacing": np.array(-0.2)}, "another scene than the one given: its nodes are elsewhere"),
         ({"lattice_frames": np.zeros((2, 3, 1))}, "holds lattice_"),
     ]
-    for changes, told in wrong:
-        with pytest.raises(ck.InputError, match=told):
+    for changes, message in wrong:
+        with pytest.raises(ck.InputError, match=message):
             loaded(solution | changes, tmp_path)
 
 

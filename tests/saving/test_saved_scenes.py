@@ -75,10 +75,10 @@ OTHERS = {
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_a_scene_that_differs_in_one_thing_is_refused_and_the_thing_named(name, tmp_path):
-    ours, other, told = OTHERS[name]
+    ours, other, message = OTHERS[name]
     file = saved(ours, tmp_path)
     np.testing.assert_array_equal(ck.load(file, ours).evaluate([[0.3, 0]]), ck.solve(ours, 0.1).evaluate([[0.3, 0]]))
-    with pytest.raises(ck.InputError, match=f"another scene than the one given: .*{told}"):
+    with pytest.raises(ck.InputError, match=f"another scene than the one given: .*{message}"):
         ck.load(file, other)
 
 

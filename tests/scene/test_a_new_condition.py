@@ -112,11 +112,11 @@ def test_one_that_couples_both_sides_is_given_across():
 
 
 def test_equations_that_do_not_take_it_say_why():
-    for problem, told in (
+    for problem, message in (
         (ck.Biharmonic(1.0), "'convection' says nothing of Lap u; a biharmonic problem takes SimplySupported"),
         (ck.Eigen(), "data where an eigenvalue problem takes zero"),
     ):
-        with pytest.raises(ck.SceneError, match=f"the edge's condition.* {told}"):
+        with pytest.raises(ck.SceneError, match=f"the edge's condition.* {message}"):
             at_one_end(Convection(2.0, 1.0), problem)
     assert at_one_end(Convection(2.0), ck.Eigen()).channels == 1
     with pytest.raises(ck.SceneError, match="the edge's condition: 'radiation' needs a steady equation; use Dirichlet"):
@@ -132,7 +132,7 @@ def test_its_data_have_channels():
         at_one_end(colours, ck.Poisson([1.0, 2.0]))
 
 
-def test_it_is_told_by_its_kind_and_what_it_was_given():
+def test_it_is_described_by_its_kind_and_its_data():
     scene = on_the_sphere(ck.ScreenedPoisson(1.0), left=Convection(2.0, ambient), right=Convection(2.0, 3.0))
     assert "Convection left, Convection right" in str(ck.explain(scene, spacing=0.2, dry_run=True))
     told = describe_scene(scene)["boundaries"][0]

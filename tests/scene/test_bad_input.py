@@ -90,7 +90,7 @@ def test_an_order_that_is_not_offered(order):
 
 
 @pytest.mark.parametrize(
-    ("option", "told"),
+    ("option", "message"),
     [
         ({"order": 3}, "order must be 1 or 2, got 3; use form=.galerkin."),
         ({"order": 4, "degree": 5}, "order must be 1 or 2, got 4; use form=.galerkin."),
@@ -98,9 +98,9 @@ def test_an_order_that_is_not_offered(order):
         ({"balance": 5}, "no option `balance` any more: use form=.galerkin."),
     ],
 )
-def test_options_that_left_name_what_to_use_instead(option, told):
+def test_options_that_left_name_what_to_use_instead(option, message):
     for ask in (ck.solve, ck.explain, ck.prepare, ck.discretize, ck.estimate_error):
-        with pytest.raises(ck.InputError, match=told):
+        with pytest.raises(ck.InputError, match=message):
             ask(sphere_scene(), 0.2, **option)
 
 
@@ -157,11 +157,11 @@ def test_a_point_away_from_the_manifold(form, surface, at):
 
 
 @FORMS
-def test_a_boundary_somewhat_off_the_surface_is_told(form):
+def test_a_boundary_somewhat_off_the_surface_gives_a_warning(form):
     off = ck.Boundary("off", ck.source("analytic.circle", radius=1.07, normal=[0, 0, 1]), both=ck.Dirichlet(1.0))
-    (told,) = [text for text in ck.solve(sphere_scene(boundaries=[off]), 0.1, form=form).warnings if "'off'" in text]
-    assert told.startswith("Boundary 'off' lies up to 0.07")
-    assert "off the surface, 0.7" in told
+    (message,) = [text for text in ck.solve(sphere_scene(boundaries=[off]), 0.1, form=form).warnings if "'off'" in text]
+    assert message.startswith("Boundary 'off' lies up to 0.07")
+    assert "off the surface, 0.7" in message
 
 
 def test_a_boundary_of_another_dimension():

@@ -93,7 +93,7 @@ def test_the_two_points_of_the_refusal_serve_far_from_zero():
     assert signed(chosen, one, 1e-3, place) > 0 > signed(chosen, other, 1e-3, place)
 
 
-def test_what_a_rule_names_is_told_before_anything_is_built():
+def test_errors_of_a_rule_are_reported_before_anything_is_built():
     both = ck.Boundary("cut", circle(0.3), both=ck.Dirichlet(1.0))
     assert "left is named by a rule" in str(ck.explain(scene(Bare(SPHERE), both), 0.2, dry_run=True))
     assert "left is named by a rule" not in str(ck.explain(scene(SPHERE, both), 0.2, dry_run=True))
@@ -156,7 +156,7 @@ def test_equal_data_need_no_left_on_a_surface_that_has_none():
         signed(scene(STRIP, unlike(core, left_of=[1.2, 0, 0])), [1.1, 0.0, 0.0], 0.1)
 
 
-def test_the_two_sides_of_a_curve_without_a_left_cannot_be_asked_for():
+def test_the_two_sides_of_a_curve_without_a_left_cannot_be_read():
     core = ck.Boundary("core", ck.source("analytic.circle", normal=TOP), both=ck.Dirichlet(1.0))
     solution = ck.solve(scene(STRIP, core), 0.14)
     with pytest.raises(ck.InputError, match="must be 'left' or 'right' of a boundary that has sides"):

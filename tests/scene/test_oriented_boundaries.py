@@ -57,7 +57,7 @@ def test_signs_are_found_once_whatever_the_spacings_and_lattices():
     assert kept.oriented(kept.boundaries[0]).left is left
 
 
-def test_nothing_is_asked_where_the_sources_say_which_side_is_left():
+def test_no_closest_point_is_computed_where_the_sources_say_which_side_is_left():
     given = ck.Scene(SPHERE, ck.Laplace(), [cut(curve=lambda circle: circle)])
     assert given.oriented(given.boundaries[0]).left.queries == (0, 0)
 
@@ -78,7 +78,7 @@ def test_all_spacings_and_the_boundary_itself_agree_on_left():
         assert all(np.array_equal(one, up) for one in signs)
 
 
-def test_an_oriented_boundary_tells_feet_left_and_tips_without_a_lattice():
+def test_an_oriented_boundary_has_feet_left_and_tips_without_a_lattice():
     arc = ck.source("analytic.arc", normal=TOP, x_axis=[1, 0, 0], start=0.0, end=np.pi / 2)
     found = orient(ck.Boundary("arc", arc, both=ck.Dirichlet(1.0)), SPHERE)
     assert found.has_sides

@@ -44,12 +44,12 @@ def test_the_p_laplacian_and_total_variation(tmp_path):
     assert np.allclose(found, by_hand(ck.TotalVariation(lambda x: 1.0 * (x[:, 0] > 0), 10.0, 0.1)), atol=1e-9)
 
 
-@pytest.mark.parametrize(("problem", "told"), [
+@pytest.mark.parametrize(("problem", "message"), [
     ('kind = "elliptic"\ndiffusivity = [1, 2]', "a list of 2 lists of 2 numbers or formulas"),
     ('kind = "elliptic"\ndiffusivity = [[1, 2], [0, 1]]', "symmetric"),
     ('kind = "nonlinear-diffusion"\ndiffusivity = "1 + v"', "diffusivity of .problem."),
     ('kind = "p-laplacian"\np = 3', "regularization"),
 ])  # fmt: skip
-def test_what_is_refused(tmp_path, problem, told):
-    with pytest.raises(CpmkitError, match=told):
+def test_what_is_refused(tmp_path, problem, message):
+    with pytest.raises(CpmkitError, match=message):
         solved(tmp_path, problem)

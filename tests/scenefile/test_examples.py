@@ -35,9 +35,9 @@ SLOW = "09-fish-fins.toml"
 def test_scene_loads_and_is_explained(name, example):
     wanted = loaded(example(name, *MESHES.get(name, [])))
     assert wanted.spacing is not None
-    told = str(ck.explain(wanted.scene, spacing=(5 if name in MESHES else 3) * wanted.spacing, dry_run=True))
+    message = str(ck.explain(wanted.scene, spacing=(5 if name in MESHES else 3) * wanted.spacing, dry_run=True))
     for boundary in wanted.scene.boundaries:
-        assert boundary.name in told
+        assert boundary.name in message
 
 
 @pytest.mark.parametrize("name", APPLICATIONS)

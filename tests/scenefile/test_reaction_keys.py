@@ -53,7 +53,7 @@ def test_initial_data_and_kappa_of_one_number_are_for_all_channels_of_the_reacti
 
 
 @pytest.mark.parametrize(
-    ("problem", "told"),
+    ("problem", "message"),
     [
         ('kappa = 0.1\nreaction = ["u3", "u1"]\n', "u3"),
         ("kappa = 0.1\nreaction = [1, 2]\n", "one formula a channel"),
@@ -65,7 +65,7 @@ def test_initial_data_and_kappa_of_one_number_are_for_all_channels_of_the_reacti
         ('kappa = 0.1\nreaction = ["u2"]\n', "uses 'u2'"),
     ],
 )
-def test_what_is_no_reaction_is_refused_in_one_sentence(tmp_path, problem, told):
-    with pytest.raises(CpmkitError, match=told) as refused:
+def test_what_is_no_reaction_is_refused_in_one_sentence(tmp_path, problem, message):
+    with pytest.raises(CpmkitError, match=message) as refused:
         loaded(tmp_path, RUN + problem)
     assert "\n" not in str(refused.value)

@@ -115,7 +115,7 @@ def written(folder, **parts):
 
 
 @pytest.mark.parametrize(("part", "text", "message"), REFUSED, ids=[text[:40] for _, text, _ in REFUSED])
-def test_what_is_not_accepted_is_told(tmp_path, part, text, message):
+def test_characters_that_are_not_accepted_are_reported(tmp_path, part, text, message):
     file = written(tmp_path, **{part: text})
     with pytest.raises((ck.InputError, ck.PluginError), match=message):
         ck.load_scene(file)
@@ -165,7 +165,7 @@ def test_links_lead_no_results_out(tmp_path, monkeypatch):
     assert [file.name for file in (outside / "given").iterdir()] == ["summary.json"]
 
 
-def test_where_all_is_ascii_names_that_it_cannot_hold_are_escaped_or_told(tmp_path):
+def test_in_ascii_other_names_are_escaped_or_refused(tmp_path):
     environment = {**os.environ, "LC_ALL": "C", "PYTHONUTF8": "0"}
 
     def called(command):

@@ -38,7 +38,7 @@ def test_on_a_curve_second_order_wins_and_the_ball_is_worst(name, tmp_path):
 
 
 @pytest.mark.slow  # always: an open cut in the level set's own tests, and the ball at a point
-def test_on_the_open_curve_orders_are_those_asked_for_and_the_ball_is_worst(tmp_path):
+def test_on_the_open_curve_orders_are_those_requested_and_the_ball_is_worst(tmp_path):
     series = series_of("compare-open-curve", tmp_path, methods=["cpm", "ball"])
     assert all(np.array(series["ball", 3, None].errors) > 3 * np.array(series["cpm", 3, 1].errors))
     assert series["cpm", 3, 2].fitted_order >= 1.8

@@ -104,10 +104,10 @@ def check_row(name, parted, mixed):
 def test_sheets_bring_the_method_near_to_finite_elements_and_the_first_rows_are_printed_again(name, real_mesh):
     real_mesh(MESHES[name][0])
     entries = measured(name)
-    parted, mixed = (entry.percent("rms_without_mean") for entry in entries)
+    separated, mixed = (entry.percent("rms_without_mean") for entry in entries)
     bound, worse = BOUNDS[name]
-    assert parted <= bound
-    assert mixed >= worse * parted
+    assert separated <= bound
+    assert mixed >= worse * separated
     check_row(name, *entries)
 
 
@@ -119,7 +119,7 @@ def test_the_second_rows_of_the_table_are_printed_again(name, real_mesh):
 
 
 @pytest.mark.parametrize("key", ASKED)
-def test_the_table_holds_what_was_asked(key):
+def test_the_table_has_the_errors_that_were_required(key):
     assert float(table()[key]["rms mean removed, with sheets"]) <= ASKED[key]
 
 
@@ -128,8 +128,8 @@ def test_the_plain_method_is_nowhere_far_ahead_in_the_table():
     assert len(rows) == 20
     assert {title for title, _ in rows} == {title for _, title in MESHES.values()}
     for key, row in rows.items():
-        parted, mixed = (float(row[f"rms mean removed, {label}"]) for label in ("with sheets", "without sheets"))
-        assert parted <= BEHIND.get(key, 1.1) * mixed
+        separated, mixed = (float(row[f"rms mean removed, {label}"]) for label in ("with sheets", "without sheets"))
+        assert separated <= BEHIND.get(key, 1.1) * mixed
 
 
 @pytest.mark.parametrize("name", MESHES)
@@ -268,7 +268,7 @@ def test_one_method_that_fails_leaves_its_cells_empty(folder, tmp_path):
     assert report.failed == 1
 
 
-def test_one_spacing_can_be_asked_for(made, folder, tmp_path, monkeypatch):
+def test_one_spacing_can_be_selected(made, folder, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     file = made[0].parent / "plate.toml"
     assert {record["spacing"] for record in read_records(folder / "records.jsonl")} == {0.2}
@@ -279,7 +279,7 @@ def test_one_spacing_can_be_asked_for(made, folder, tmp_path, monkeypatch):
         run_study(load_study(file), folder, spacings=[0.3])
 
 
-def test_a_run_is_told_in_percent_of_the_half_range(folder):
+def test_a_run_is_reported_in_percent_of_the_half_range(folder):
     first, _ = read_records(folder / "records.jsonl")
     percent = 100 * first["rms_error"] / first["half_range"]
     assert run_sentence(first).startswith(

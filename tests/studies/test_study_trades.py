@@ -66,19 +66,19 @@ def test_tolerances_and_seconds_are_runs_beside_spacings():
         ({"tolerances": [0.1], "spacings": [0.1], "step_per_spacing": 0.5}, "step_per_spacing of .sweep. ties"),
     ],
 )
-def test_what_cannot_be_asked_for_is_refused(given, message):
+def test_targets_that_are_not_accepted_are_refused(given, message):
     with pytest.raises(SceneError, match=message):
         Sweep({}, **given)
 
 
 @pytest.mark.parametrize("key", ["tolerance", "seconds"])
-def test_what_is_asked_for_stands_in_the_sweep(file, key):
+def test_targets_stand_in_the_sweep(file, key):
     file.write_text(TEXT + f"[discretization]\n{key} = 0.5\n")
     with pytest.raises(SceneError, match=f"a study's {key} stands in {key.removesuffix('s')}"):
         load_study(file)
 
 
-def test_a_record_tells_what_was_asked_for_and_what_came(file, tmp_path):
+def test_a_record_has_the_target_and_the_result(file, tmp_path):
     study = load_study(file)
     outcome = run_study(study, tmp_path)
     assert (outcome.made, outcome.failed) == (8, 0)

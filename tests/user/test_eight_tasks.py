@@ -24,9 +24,9 @@ def run(name, monkeypatch, folder, spacing):
     assert replaced == 1
     coarse = re.sub(r"width=[0-9]+", "width=200", coarse)
     monkeypatch.chdir(folder)
-    held = {}
-    exec(compile(coarse, name, "exec"), held)
-    return held
+    names = {}
+    exec(compile(coarse, name, "exec"), names)
+    return names
 
 
 def counted(name):

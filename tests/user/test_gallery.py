@@ -71,11 +71,11 @@ def test_one_that_fails_stops_no_other_and_is_reported(gallery, tmp_path, capsys
     broken = gallery.Job(("broken.png",), 2.0, ("-c", "raise SystemExit('no such mesh')"))
     lazy = gallery.Job(("lazy.png",), 1.5, ("-c", "pass"))
     assert gallery.main([str(tmp_path), "--at-once", "1"], [broken, lazy, written(gallery, "b.png")]) == 1
-    told = capsys.readouterr().out
-    assert told.index("broken.png begins, about 2 s") < told.index("[1/3] broken.png: FAILED: no such mesh")
-    assert "lazy.png: FAILED: it did not write lazy.png" in told
-    assert "[3/3] b.png: 0 s" in told
-    assert "2 failed: broken.png, lazy.png" in told
+    message = capsys.readouterr().out
+    assert message.index("broken.png begins, about 2 s") < message.index("[1/3] broken.png: FAILED: no such mesh")
+    assert "lazy.png: FAILED: it did not write lazy.png" in message
+    assert "[3/3] b.png: 0 s" in message
+    assert "2 failed: broken.png, lazy.png" in message
     assert (tmp_path / "b.png").is_file()
     assert {path.name for path in tmp_path.iterdir()} == {"b.png", gallery.RECORDS}
 

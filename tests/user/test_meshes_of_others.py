@@ -126,7 +126,7 @@ def test_a_grid_of_two_dimensions_is_the_surface_of_its_quads(kind):
 def test_what_is_no_surface_is_refused():
     pyvista, meshio = pytest.importorskip("pyvista"), pytest.importorskip("meshio")
     tetrahedron = np.arange(4)[None]
-    for wrong, told in (
+    for wrong, message in (
         (pyvista.Line(), "PolyData with lines"),
         (3.0, r"closest_point\), or of a mesh its arrays, the pair .*, got float"),
         ((VERTICES, VERTICES), "faces"),
@@ -138,5 +138,5 @@ def test_what_is_no_surface_is_refused():
         (SimpleNamespace(p=VERTICES.T, t=tetrahedron.T), r"with cells of shape \(1, 4\), and triangles"),
         (SimpleNamespace(v=VERTICES, t=tetrahedron), r"with cells of shape \(1, 4\), and triangles"),
     ):
-        with pytest.raises(ck.CpmkitError, match=told):
+        with pytest.raises(ck.CpmkitError, match=message):
             ck.Scene(wrong, ck.ScreenedPoisson("x*y"))

@@ -62,7 +62,7 @@ def test_a_bar_appears_after_two_seconds_and_goes(terminal):
     assert shown.endswith(("\r", "\x1b[K"))
 
 
-def test_it_is_shown_at_once_or_never_where_that_is_asked_for(terminal):
+def test_it_is_shown_at_once_or_never_on_request(terminal):
     work(True, Clock())
     assert "band" in terminal.getvalue()
     before = terminal.getvalue()

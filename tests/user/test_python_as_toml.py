@@ -53,7 +53,7 @@ def test_text_is_the_function_that_it_spells(told, function):
 
 
 @pytest.mark.parametrize(
-    ("make", "told"),
+    ("make", "message"),
     [
         (lambda: ck.Poisson("x +"), "f of poisson: the formula 'x \\+' does not parse"),
         (lambda: ck.Dirichlet("sinn(x)"), "value of dirichlet: .*did you mean 'sin'"),
@@ -66,8 +66,8 @@ def test_text_is_the_function_that_it_spells(told, function):
         (lambda: ck.Scene(CIRCLE, ck.Laplace(), edge=ck.Laplace()), "edge. must be .*a number or formula"),
     ],
 )
-def test_what_is_no_datum_is_refused_with_its_place(make, told):
-    with pytest.raises(ck.CpmkitError, match=told):
+def test_what_is_no_datum_is_refused_with_its_place(make, message):
+    with pytest.raises(ck.CpmkitError, match=message):
         make()
 
 

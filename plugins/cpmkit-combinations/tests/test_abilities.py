@@ -7,7 +7,7 @@ import pytest
 from cpmkit_combinations.wrapper import ABILITIES, PassingRules
 
 import cpmkit as ck
-from cpmkit.manifold import abilities
+from cpmkit import plugin
 
 KINDS = [field.name for field in fields(PassingRules)]
 SHIFT, TURN, SCALE = np.array([3.0, -2.0]), 0.7, 2.0
@@ -71,7 +71,7 @@ class Able:
 
     def advice(self, spacing, /):
         target = f"The circle was asked at {spacing:g}."
-        return abilities.Advice(1e-3 * spacing, (target,), 1e-4 * spacing, (target,), foot_count=7)
+        return plugin.Advice(1e-3 * spacing, (target,), 1e-4 * spacing, (target,), foot_count=7)
 
 
 class Pair(Able):
@@ -104,13 +104,14 @@ def test_the_table_answers_for_every_ability():
     rules = [getattr(passing, kind) for passing in ABILITIES.values() for kind in KINDS]
     assert all(len(rule) > 20 for rule in rules if isinstance(rule, str))
     assert all(rule.__doc__ for rule in rules if not isinstance(rule, str))
-    assert set(ABILITIES) == set(abilities.ABILITIES)
+    names = [name for name in plugin.GROUPS["Abilities of sources"] if name.startswith("Has")]
+    assert set(ABILITIES) == {getattr(plugin, name) for name in names}
 
 
 @pytest.mark.parametrize("ability", ABILITIES, ids=lambda ability: ability.__name__)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_combination_has_an_ability_or_says_why_not(kind, ability):
-    of = Pair(np.zeros(2)) if ability is abilities.HasMembers and kind == "moved" else FIRST
+    of = Pair(np.zeros(2)) if ability is plugin.HasMembers and kind == "moved" else FIRST
     assert isinstance(made(kind, of)[0], ability) == (not isinstance(getattr(ABILITIES[ability], kind), str))
 
 
@@ -158,7 +159,7 @@ def test_given_meshes_are_those_of_the_source(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_warnings_and_floors_are_asked_at_the_spacing_of_the_source(kind):
+def test_warnings_and_floors_are_those_at_the_spacing_of_the_source(kind):
     source, _, _, scale = made(kind)
     advice = source.advice(0.1)
     assert advice.floor == pytest.approx(1e-4 / scale)
@@ -180,12 +181,12 @@ def test_a_wrapper_has_no_more_than_its_sources_and_a_mixed_union_leaves_directi
     point = ck.source("analytic.point", at=[9.0, 9.0])
     for kind in KINDS[:3]:
         has = {ability for ability in ABILITIES if isinstance(made(kind, ck.source("analytic.circle"))[0], ability)}
-        assert not has & {abilities.HasLeft, abilities.HasValues}
-        assert {abilities.HasNormals, abilities.HasMesh, abilities.HasTranslation} <= has
+        assert not has & {plugin.HasLeft, plugin.HasValues}
+        assert {plugin.HasNormals, plugin.HasMesh, plugin.HasTranslation} <= has
     mixed, alike = (ck.source("union", members=[FIRST, one]) for one in (point, SECOND))
     lost = {ability for ability in ABILITIES if isinstance(alike, ability) > isinstance(mixed, ability)}
-    directions = {abilities.HasNormals, abilities.HasCreases, abilities.HasTangents, abilities.HasLeft}
-    assert lost == {*directions, abilities.HasLocalMinima}
+    directions = {plugin.HasNormals, plugin.HasCreases, plugin.HasTangents, plugin.HasLeft}
+    assert lost == {*directions, plugin.HasLocalMinima}
 
 
 def test_members_move():

@@ -125,7 +125,7 @@ def test_a_point_in_an_area_has_no_sides_and_is_warned_of():
         ck.Laplace(),
         [ck.Boundary("pin", pin, both=ck.Dirichlet(1)), ck.Boundary("ring", rim, both=ck.Dirichlet(0))],
     )
-    assert any("'pin'" in told and "too small" in told for told in ck.solve(scene, 0.1).warnings)
+    assert any("'pin'" in message and "too small" in message for message in ck.solve(scene, 0.1).warnings)
 
 
 @pytest.mark.parametrize("normal", [[1.0, 0.0], [0.83, 0.41]], ids=["square to the rim", "at a slant"])

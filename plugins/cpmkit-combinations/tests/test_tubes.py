@@ -81,7 +81,7 @@ def test_feet_of_queries_beside_the_curve_are_on_the_tube_and_stay(share, dim):
 
 
 @pytest.mark.parametrize(
-    ("around", "radius", "told"),
+    ("around", "radius", "message"),
     [
         (RING, 1.2, "meets itself"),
         (KNOT, 1.0, "meets itself"),
@@ -89,6 +89,6 @@ def test_feet_of_queries_beside_the_curve_are_on_the_tube_and_stay(share, dim):
         (RING, 0.0, "above zero"),
     ],
 )
-def test_what_is_no_tube_is_refused(around, radius, told):
-    with pytest.raises(ck.InputError, match=told):
+def test_what_is_no_tube_is_refused(around, radius, message):
+    with pytest.raises(ck.InputError, match=message):
         ck.source("tube", around=around, radius=radius)

@@ -199,7 +199,7 @@ def test_solvers_are_those_of_every_form():
         (ck.Biharmonic(1.0), "no second Laplacian, which 'biharmonic' needs; use"),
     ],
 )
-def test_what_it_cannot_do_is_told_with_what_can(problem, what):
+def test_unsupported_problems_are_refused_with_an_alternative(problem, what):
     with pytest.raises(ck.SceneError, match=f"{what}.* backend='cpm'"):
         solve(problem=problem)
 

@@ -200,8 +200,8 @@ def test_three_curves_meet_at_a_common_vertex():
 
 def test_a_junction_holds_a_value_on_all_of_its_sides_and_couples_no_two():
     surface, at = star([1, 0], [-0.6, 0.8], [-0.6, -0.8]), ck.source("analytic.point", at=[0, 0])
-    held = ck.Scene(surface, ck.Laplace(), [ck.Boundary("at", at, both=ck.Dirichlet(2.0))], edge=ck.Dirichlet(0.0))
-    solution = ck.solve(held, 0.1, backend="fem")
+    imposed = ck.Scene(surface, ck.Laplace(), [ck.Boundary("at", at, both=ck.Dirichlet(2.0))], edge=ck.Dirichlet(0.0))
+    solution = ck.solve(imposed, 0.1, backend="fem")
     np.testing.assert_allclose(solution.evaluate([[0.5, 0], [-0.3, 0.4], [-0.3, -0.4]]), 1.0, atol=1e-9)
     seam = ck.Boundary("at", at, across=ck.Transmission())
     with pytest.raises(ck.SceneError, match="'at' couples two sides, and has only one on this mesh, or three"):

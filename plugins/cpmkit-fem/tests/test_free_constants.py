@@ -37,12 +37,12 @@ def test_each_piece_has_a_constant_of_its_own(octahedron):
         faces=np.concatenate([faces, faces + len(vertices)]),
     )
     equator = ck.source("analytic.circle", normal=[0, 0, 1])
-    held = ck.Boundary("equator", equator, both=ck.Dirichlet(1.0))
+    imposed = ck.Boundary("equator", equator, both=ck.Dirichlet(1.0))
 
     def solved(boundaries):
         return ck.solve(ck.Scene(two, ck.Poisson(lambda x: 2 * x[:, 2]), boundaries), backend="fem")
 
-    both, one = solved([]), solved([held])
+    both, one = solved([]), solved([imposed])
     assert [len(solution.imbalances) for solution in (both, one)] == [2, 1]
     first, second = np.split(both.values[:, 0], 2)
     np.testing.assert_allclose(first, second, atol=1e-10)

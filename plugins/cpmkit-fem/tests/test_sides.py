@@ -79,7 +79,7 @@ def test_third_order_with_elements_of_degree_2():
     assert errors[-1] < 1.2e-4
 
 
-def test_a_point_on_a_curve_reads_the_left_unless_the_right_is_asked_for(octahedron):
+def test_a_point_on_a_curve_reads_the_left_unless_the_right_is_requested(octahedron):
     vertices, faces = octahedron(4)
     surface = ck.source("mesh.triangles", vertices=vertices, faces=faces)
     solution = ck.solve(scene(surface, "dirichlet", "neumann"), backend="fem")
@@ -103,8 +103,8 @@ def test_u_is_continuous_past_the_end_of_a_curve():
     angle = np.linspace(0.3, 1.4, 100)
     slit = ck.source("mesh.polyline", points=np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1))
     sphere = ck.source("analytic.sphere")
-    held = ck.Boundary("slit", slit, left=ck.Neumann(0.0), right=ck.Neumann(0.0))
-    solution = ck.solve(ck.Scene(sphere, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]), [held]), 0.1, backend="fem")
+    imposed = ck.Boundary("slit", slit, left=ck.Neumann(0.0), right=ck.Neumann(0.0))
+    solution = ck.solve(ck.Scene(sphere, ck.ScreenedPoisson(lambda x: 3 * x[:, 2]), [imposed]), 0.1, backend="fem")
 
     def jump(at):
         one = np.array([[np.cos(at), np.sin(at), 0.01], [np.cos(at), np.sin(at), -0.01]])

@@ -32,8 +32,8 @@ def minus_laplacian(p):
     length = np.linalg.norm(g, axis=1)
     n = g / length[:, None]
     hzz = 2 - 4 * s + 8 * z**2
-    bent = 2 * n[:, 0] ** 2 + 2 * n[:, 1] ** 2 + hzz * n[:, 2] ** 2 - 8 * z * n[:, 0] * n[:, 2]
-    k = (4 + hzz - bent) / length
+    curved = 2 * n[:, 0] ** 2 + 2 * n[:, 1] ** 2 + hzz * n[:, 2] ** 2 - 8 * z * n[:, 0] * n[:, 2]
+    k = (4 + hzz - curved) / length
     return 2 * n[:, 0] * n[:, 1] + k * (n[:, 0] * y + n[:, 1] * x)
 
 

@@ -37,12 +37,12 @@ def test_a_distance_to_a_source_makes_its_offset():
 def test_what_has_no_gradient_warns():
     noise = lambda p: torus_distance(p) + 1e-4 * np.sin(1e4 * p[:, 0])  # noqa: E731
     made = ck.source("levelset.callable", phi=noise, bounds=BOX, resolution=32)
-    (told,) = made.advice(0.1).warnings
-    assert "taken by differences" in told
-    assert "gradient=" in told
+    (message,) = made.advice(0.1).warnings
+    assert "taken by differences" in message
+    assert "gradient=" in message
 
 
-def test_single_precision_is_told():
+def test_single_precision_is_reported():
     made = ck.source("levelset.callable", phi=lambda p: torus_distance(p.astype(np.float32)), bounds=BOX)
     assert 1e-6 < made.slope_error < 1e-2
 

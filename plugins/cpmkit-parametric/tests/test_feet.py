@@ -100,7 +100,7 @@ def test_feet_in_the_tube_agree_with_closed_forms(name):
     ],
     ids=["figure eight", "bend of radius 1e-3", "corner", "rosette with loops"],
 )
-def test_crossing_and_sharply_bent_curves_give_the_global_closest_point(x, range, periodic):
+def test_crossing_and_sharply_curved_curves_give_the_global_closest_point(x, range, periodic):
     source = curve(x=x, range=range, periodic=periodic)
     lower, upper = source.bounds
     queries = np.random.default_rng(3).uniform(lower - 0.3, upper + 0.3, (1000, 2))

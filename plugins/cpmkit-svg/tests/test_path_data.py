@@ -40,7 +40,7 @@ def test_commands_say_the_same_in_two_ways(text, same):
 
 @pytest.mark.parametrize("large", [0, 1])
 @pytest.mark.parametrize("sweep", [0, 1])
-def test_arcs_lie_on_their_ellipse_and_turn_the_way_that_is_asked(large, sweep):
+def test_arcs_lie_on_their_ellipse_and_turn_the_way_that_is_given(large, sweep):
     """Of the two ellipses and four arcs through two points; y is downwards, so a sweep is clockwise as one sees it."""
     rx, ry, turn = 3.0, 1.5, np.radians(25)
     points = drawn(f"M 1 0 A {rx} {ry} 25 {large} {sweep} 2.5 1")
@@ -65,7 +65,7 @@ def test_points_along_a_cubic_leave_it_by_less_than_is_said():
     assert len(flatten_cubics(np.linspace([[0.0, 0.0]], [[1.0, 1.0]], 4).reshape(1, 4, 2))) == 2
 
 
-def test_subpaths_are_parted_by_moves_and_closings():
+def test_subpaths_are_separated_by_moves_and_closings():
     found = subpaths("M0 0 L1 0 Z L 0 2 M 5 5 L 6 6 M 7 7", "d")
     assert [(len(one.cubics), one.closed) for one in found] == [(2, True), (1, False), (1, False)]
     np.testing.assert_array_equal(found[1].cubics[0, [0, -1]], [[0, 0], [0, 2]])

@@ -9,7 +9,6 @@ from model_problems import angle_after, on_circle, order_of, sphere_points
 
 import cpmkit as ck
 from cpmkit.families.evolution.stepping import semidiscrete
-from cpmkit.forms.collocation.form import Collocation
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
 THETA_C = 1.022 * np.pi
@@ -198,7 +197,7 @@ def test_nothing_need_pin_the_solution():
 def start_error(h, form, monkeypatch=None):
     """Error after five steps of 1e-12 on an arc with Dirichlet ends, and on a circle with a Dirichlet cut."""
     if monkeypatch is not None:
-        monkeypatch.setattr(Collocation, "_apply_formulas", lambda self, u, datum: u)
+        monkeypatch.setattr("cpmkit.forms.collocation.form.Collocation._apply_formulas", lambda self, u, datum: u)
 
     def u(x):
         return np.sin(2 * np.arctan2(x[:, 1], x[:, 0])) + x[:, 0]

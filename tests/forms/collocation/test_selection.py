@@ -48,7 +48,7 @@ def test_stencils_are_not_written_to_and_read_twins_and_ghosts():
     assert np.count_nonzero(read >= band.inner) > 10  # ghosts
 
 
-def test_rows_and_unknowns_are_told_apart():
+def test_rows_and_unknowns_are_distinguished():
     ghosts = [SimpleNamespace(nodes=range(count), unknowns=unknowns) for count, unknowns in ((4, 2), (0, 0), (2, 1))]
     unknowns = Unknowns(SimpleNamespace(nodes=range(5), inner=3), ghosts)
     assert (unknowns.rows, unknowns.count) == (11, 6)

@@ -104,7 +104,7 @@ def test_t_junctions_are_joined_and_the_error_stays_within_a_factor_of_three():
 def test_rims_apart_and_a_mesh_that_is_closed_have_no_seam():
     open_ball = FACES[np.abs(VERTICES[FACES].mean(axis=1)[:, 2]) > 0.05]
     for faces in (FACES, open_ball):
-        assert not any("other rims" in told for told in form_of(VERTICES, faces).discretized.warnings())
+        assert not any("other rims" in message for message in form_of(VERTICES, faces).discretized.warnings())
 
 
 def test_spheres_that_touch_at_a_vertex_share_nothing():
@@ -142,7 +142,7 @@ def test_fifty_specks_give_a_warning_and_do_no_harm(solver):
 @pytest.mark.parametrize("mesh", [*(plate(0.05 * share) for share in (1, 0.4, 0.1)), *map(fold, (45, 20, 5, 2))])
 def test_thin_plates_and_folds_gives_a_warning(mesh):
     form = form_of(*mesh, spacing=0.05).discretized
-    assert any("is thin, folded or creased on this lattice" in told for told in form.warnings())
+    assert any("is thin, folded or creased on this lattice" in message for message in form.warnings())
     assert form.diagnosis().order < 1.0
 
 

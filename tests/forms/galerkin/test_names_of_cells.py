@@ -12,14 +12,14 @@ SHEET = np.stack(np.meshgrid(np.linspace(-1, 1, 17), np.linspace(-1, 1, 17)), ax
 
 
 def test_a_mesh_of_the_users_is_named_and_so_is_a_triangulation():
-    mended = RepairReport(welded=0, doubled=2, fans=1)
+    repaired = RepairReport(welded=0, doubled=2, fans=1)
     for bend in ("flat", "normals"):
-        cells, touch = repair_warnings(mended, bend)
+        cells, touch = repair_warnings(repaired, bend)
         assert cells.startswith("2 cells of the mesh had")
         assert "clean the mesh" in cells
         assert touch.startswith("Parts of the mesh touch")
         assert "join them by an edge" in touch
-    for text in repair_warnings(mended, "closest_point"):
+    for text in repair_warnings(repaired, "closest_point"):
         assert "of the triangulation of the surface" in text
         assert "use a smaller spacing" in text
         assert "mesh" not in text

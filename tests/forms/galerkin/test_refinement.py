@@ -7,9 +7,8 @@ from scipy.sparse.linalg import splu
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.choice import options_of
-from cpmkit.forms.contract import integrals
 from cpmkit.forms.galerkin.discretize_scene import discretize_in_regions
-from cpmkit.forms.galerkin.refinement.regions import Regions, cells_of_codes, codes_of_cells
+from cpmkit.forms.galerkin.refinement.regions import Regions
 from cpmkit.forms.galerkin.scene_sampling import insert_scene
 from cpmkit.linear.solver_options import make_solver
 
@@ -66,11 +65,6 @@ def cap():
     return refined_in(in_a_cap, levels=2)
 
 
-def test_cells_and_their_codes():
-    cells = np.random.default_rng(1).integers(-1000, 1000, size=(50, 3))
-    assert np.array_equal(cells_of_codes(codes_of_cells(cells), 3), cells)
-
-
 def test_neighbouring_cells_differ_by_one_level_at_most():
     found = Regions(1.0, 2).with_subdivided(np.array([3]), np.array([[17, 5]]), 4)
     places = np.indices((200, 200)).reshape(2, -1).T / 200 * 4 - 0.47
@@ -107,20 +101,6 @@ def test_matrices_are_symmetric_and_positive(cap):
     np.linalg.cholesky(matrix.toarray() - 1e-6 * np.eye(matrix.shape[0]))  # fails unless all eigenvalues are larger
 
 
-def test_capped_spaces_lie_in_finer_ones(cap):
-    """A coarser space's function, prolonged, has the same values at the samples."""
-    from cpmkit.forms.galerkin.refinement.hierarchical_splines import prolongation_to, representations
-
-    levels = cap.space.levels
-    coarse, fine = representations(levels, 1), representations(levels, 2)
-    u = np.random.default_rng(2).normal(size=coarse[1].shape[1])
-    prolonged = prolongation_to(levels, 2, coarse[1]) @ u
-    on_leaves = cap.space.used[2]
-    np.testing.assert_allclose(
-        (fine[2] @ prolonged)[on_leaves], (levels[2].prolongation @ (coarse[1] @ u))[on_leaves], atol=1e-12
-    )
-
-
 def test_a_level_everywhere_is_the_uniform_space():
     """The lattice of level 1 has its node a quarter of h before that of level 0."""
     form = refined_in(everywhere)
@@ -155,7 +135,7 @@ def test_gradients_and_integrals_are_read(cap):
     exact = np.stack([1 + x[:, 1] * x[:, 2], x[:, 0] * x[:, 2], x[:, 0] * x[:, 1]], axis=1)
     exact -= np.sum(exact * x, axis=1)[:, None] * x
     assert np.abs(cap.gradient(u, x)[:, 0] - exact).max() < 0.01
-    assert integrals(cap, np.ones((cap.size, 1)))[0] == pytest.approx(4 * np.pi, rel=1e-4)
+    assert cap.point_weights.sum() == pytest.approx(4 * np.pi, rel=1e-4)
 
 
 def test_two_sided_data_across_levels():
@@ -275,8 +255,8 @@ def test_a_refined_solution_estimates_its_error_and_is_saved(tmp_path):
 
 
 def test_explaining_solves_nothing():
-    told = str(ck.explain(spike()[0], spacing=0.2, refine="auto", dry_run=True))
-    assert "refine" in told
+    message = str(ck.explain(spike()[0], spacing=0.2, refine="auto", dry_run=True))
+    assert "refine" in message
 
 
 @pytest.mark.parametrize(
@@ -286,7 +266,7 @@ def test_explaining_solves_nothing():
         (ck.source("analytic.circle"), SMOOTH, "surfaces"),
     ],
 )
-def test_what_is_not_carried_is_refused(surface, problem, said):
+def test_problems_that_are_not_supported_are_refused(surface, problem, said):
     with pytest.raises(SceneError, match=said):
         ck.solve(ck.Scene(surface, problem), 0.2, refine="auto")
 

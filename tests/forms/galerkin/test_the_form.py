@@ -174,8 +174,8 @@ def test_forms_are_chosen_with_a_reason():
     assert reason(order=2) == "the only one with the option 'order'"
     heat = ck.Scene(SPHERE, ck.Heat(xy, until=0.1, step=0.05))
     assert "curves and surfaces" in ck.discretize(heat, 0.3).describe()["form_reason"]
-    carried = replace(heat, problem=ck.Heat(xy, until=0.1, step=0.05, velocity=np.zeros_like))
-    assert "curves and surfaces" in ck.discretize(carried, 0.3).describe()["form_reason"]
+    transported = replace(heat, problem=ck.Heat(xy, until=0.1, step=0.05, velocity=np.zeros_like))
+    assert "curves and surfaces" in ck.discretize(transported, 0.3).describe()["form_reason"]
     leaping = replace(heat, problem=ck.Wave(xy, until=0.1, step=0.05, scheme="leapfrog"))
     assert "explicit steps" in ck.discretize(leaping, 0.3).describe()["form_reason"]
     assert reason(degree=5) == "the only one with degree=5"

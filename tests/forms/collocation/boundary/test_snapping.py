@@ -28,7 +28,7 @@ def test_the_answer_is_that_of_the_curve_on_the_surface(radius):
     assert np.abs(answers[1] - answers[0]).max() < 1e-6
 
 
-def test_the_distance_is_told():
+def test_the_distance_is_reported():
     problem, _, _ = scene(great_circle(1.02))
     assert "snapped by up to 0.02" in str(ck.explain(problem, 0.1, form="collocation", dry_run=True))
     solution = ck.solve(problem, 0.1, form="collocation")
@@ -36,8 +36,8 @@ def test_the_distance_is_told():
     assert solution.summary()["discretization"]["snapped_by"]["cut"] == pytest.approx(0.02)
     problem, _, _ = scene(great_circle(1.1))
     assert any(
-        "'cut' lies up to 0.1 off the surface, 1 spacings" in told
-        for told in ck.solve(problem, 0.1, form="collocation").warnings
+        "'cut' lies up to 0.1 off the surface, 1 spacings" in message
+        for message in ck.solve(problem, 0.1, form="collocation").warnings
     )
 
 

@@ -169,7 +169,7 @@ def test_a_free_constant_costs_no_iterations(boundaries):
     assert free <= 1.3 * screened
 
 
-def test_what_does_not_balance_is_left_out_and_told():
+def test_data_that_do_not_balance_are_left_out_and_reported():
     def unbalanced(x):
         return np.exp(x[:, 2]) + x[:, 0] * x[:, 1]
 

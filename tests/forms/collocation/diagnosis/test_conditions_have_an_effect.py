@@ -60,7 +60,7 @@ def test_a_loop_too_short_for_the_spacing_is_refused():
         ck.solve(scene, 0.2, form="collocation")
 
 
-def test_a_surface_without_a_mesh_tells_both_ways_out():
+def test_a_surface_without_a_mesh_is_refused_with_both_remedies():
     with pytest.raises(ck.SceneError, match=r"as far as nodes lie past its edge; leave it out, .*a smaller spacing"):
         ck.solve(ck.Scene(Bare(CIRCLE), ck.ScreenedPoisson(1.0), edge=ck.Dirichlet(1.0)), 0.1, form="collocation")
 

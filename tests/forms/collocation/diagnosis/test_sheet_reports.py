@@ -107,7 +107,7 @@ def test_facets_of_a_smooth_mesh_are_no_creases(closest, edges):
     )
 
 
-def test_an_explanation_from_coarser_lattices_is_of_the_spacing_that_was_asked_for(monkeypatch):
+def test_an_explanation_from_coarser_lattices_is_of_the_given_spacing(monkeypatch):
     monkeypatch.setattr("cpmkit.forms.collocation.collocation_cost.DRY_RUN_CELLS", 400)
     scene = ck.Scene(ck.source("analytic.torus", major=1.0, minor=0.15), ck.ScreenedPoisson(1.0))
     for spacing, sharp in ((0.06, True), (0.03, False)):

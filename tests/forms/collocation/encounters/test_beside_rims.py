@@ -20,10 +20,10 @@ def test_a_cut_at_any_distance_from_an_end_holds(at):
     np.testing.assert_allclose(found, 1 + (x - at) / (1 - at), atol=1e-9)
 
 
-def test_the_strip_between_is_told_with_its_width():
-    (told,) = cut_segment(0.08).warnings
-    assert "Boundary 'cut' runs 0.08 from a rim, 0.8 spacings, near (0.08, 0)" in told
-    assert "a spacing of 0.027 would resolve it" in told
+def test_the_strip_between_is_reported_with_its_width():
+    (message,) = cut_segment(0.08).warnings
+    assert "Boundary 'cut' runs 0.08 from a rim, 0.8 spacings, near (0.08, 0)" in message
+    assert "a spacing of 0.027 would resolve it" in message
     assert cut_segment(0.2).warnings == ()
 
 

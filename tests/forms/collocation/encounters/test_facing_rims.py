@@ -25,10 +25,10 @@ def test_a_gap_that_is_bridged_is_refused(gap):
 
 
 @pytest.mark.parametrize(("gap", "leak"), [(0.2, "45%"), (0.3, "23%"), (0.49, "6%")])
-def test_a_wider_gap_is_told_with_a_bound_of_what_leaks(gap, leak):
+def test_a_wider_gap_is_reported_with_a_bound_of_the_leak(gap, leak):
     solution = open_circle(gap)
-    (told,) = gaps(solution.warnings)
-    assert f"up to {leak} of the difference" in told
+    (message,) = gaps(solution.warnings)
+    assert f"up to {leak} of the difference" in message
     length = 2 * np.pi - gap
     exact = (np.array([0.5, 1.0, 1.5]) * np.pi - gap / 2) / length
     assert np.abs(solution.evaluate([[0, 1], [-1, 0], [0, -1]]) - exact).max() < float(leak[:-1]) / 100
@@ -39,7 +39,7 @@ def test_the_spacing_that_is_named_does():
     assert not gaps(open_circle(0.7).warnings)
 
 
-def test_explain_tells_of_it_too():
+def test_explain_reports_it_too():
     arc = ck.source("analytic.arc", radius=1.0, start=0.1, end=2 * np.pi - 0.1)
     scene = ck.Scene(arc, ck.Laplace(), edge=ENDS)
     assert gaps(ck.explain(scene, 0.1, form="collocation", dry_run=True).warnings)
@@ -73,16 +73,16 @@ def test_pieces_that_touch_corners_and_small_openings_face_nothing():
     def segment(start, end):
         return ck.source("analytic.segment", start=start, end=end)
 
-    bent = ck.source("union", members=[segment([0, 0], [1, 0]), segment([1, 0], [1, 1])])
+    curved = ck.source("union", members=[segment([0, 0], [1, 0]), segment([1, 0], [1, 1])])
     straight = ck.source("union", members=[segment([0, 0], [1, 0]), segment([1, 0], [2, 0])])
     box, tube = ck.source("analytic.box", lower=[0, 0], upper=[1, 1]), ck.source("analytic.cylinder", radius=0.3)
-    for surface in (bent, straight, box, tube):
+    for surface in (curved, straight, box, tube):
         assert not gaps(
             ck.explain(ck.Scene(surface, ck.ScreenedPoisson(1.0)), 0.15, form="collocation", dry_run=True).warnings
         )
 
 
-def test_a_small_hole_is_told_and_not_refused():
+def test_a_small_hole_is_reported_and_not_refused():
     cap = ck.source("analytic.cap", height=-0.995)  # its hole is one spacing wide
     solution = ck.solve(ck.Scene(cap, ck.ScreenedPoisson(1.0)), 0.2, form="collocation")
     assert "as good as closed" in gaps(solution.warnings)[0]

@@ -30,7 +30,7 @@ def test_two_boundaries_at_one_place_with_different_values_contradict_each_other
 
 
 @pytest.mark.parametrize("reverse", [False, True])
-def test_two_at_one_place_that_agree_are_told_and_solved(reverse):
+def test_two_at_one_place_that_agree_give_a_warning_and_are_solved(reverse):
     one = ck.Boundary("a", ring(), left=ONE, right=ZERO)
     left, right = (ck.Dirichlet(0.0), ck.Dirichlet(1.0)) if reverse else (ck.Dirichlet(1.0), ck.Dirichlet(0.0))
     other = ck.Boundary("b", ring(direction=(0, 0, -1 if reverse else 1)), left=left, right=right)
@@ -54,10 +54,10 @@ def ends(solution):
     return [text for text in solution.warnings if "with different values on its sides" in text]
 
 
-def test_open_ends_with_different_values_are_told_with_their_place():
-    (told,) = ends(solved([ck.Boundary("open", arc(2.0), left=ONE, right=ZERO)]))
-    assert "'open' ends near (" in told
-    assert "and at its other end" in told
+def test_open_ends_with_different_values_give_a_warning_with_their_place():
+    (message,) = ends(solved([ck.Boundary("open", arc(2.0), left=ONE, right=ZERO)]))
+    assert "'open' ends near (" in message
+    assert "and at its other end" in message
     assert not ends(solved([ck.Boundary("open", arc(2.0), both=ONE)]))
     assert not ends(solved([ck.Boundary("closed", ring(), left=ONE, right=ZERO)]))
 
@@ -68,7 +68,7 @@ def lens(height):
     return ck.source("mesh.polyline", points=np.concatenate([upper, upper[::-1] * [1, -1]]), closed=True)
 
 
-def test_flanks_of_a_tip_that_face_each_other_are_told_and_those_of_a_blunt_one_not():
+def test_flanks_of_a_tip_that_face_each_other_give_a_warning_and_those_of_a_blunt_one_none():
     square = ck.source("analytic.box", lower=[-1, -1], upper=[1, 1])
     for height, told in ((0.25, 1), (2.0, 0)):
         solution = solved([ck.Boundary("lens", lens(height), left=ONE, right=ZERO)], square, 0.1)
@@ -86,7 +86,7 @@ def test_a_short_ring_around_a_limb_is_warned_of_by_its_bends_and_the_galerkin_f
         assert np.abs(separated.evaluate(points, side={"ring": side}) - value).max() < 1e-2
 
 
-def test_a_narrow_tip_is_told_wherever_the_lattice_lies():
+def test_a_narrow_tip_gives_a_warning_wherever_the_lattice_lies():
     """A wedge of 30 degrees along an axis of the lattice, whose medial axis passes nodes or runs between them."""
     box, spacing = ck.source("analytic.box", lower=[-1, -0.5], upper=[0.2, 0.5]), 0.05
     rise = 0.8 * np.tan(np.radians(15))

@@ -75,22 +75,22 @@ def test_an_eigenvalue_of_the_wrong_sign_is_refused():
     assert eigen.eigenvalues[:2] == pytest.approx([0, 0], abs=1e-6)
 
 
-def test_heat_that_leaks_is_told_and_heat_that_stays_is_not():
+def test_heat_that_leaks_gives_a_warning_and_heat_that_stays_none():
     """Of a tube 1.5 spacings thick it is not kept, of a sphere it is, with a source that is added to it and without."""
 
     def warm(points):
         return np.exp(-((points - 3.5 * AXES[0] - AXES[1]) ** 2).sum(axis=1) / 2)
 
     tube = ck.solve(ck.Scene(Capsule(1.5, 0.0), ck.Heat(warm, until=1.0, step=0.1)), 1.0, form="collocation")
-    (told,) = [
+    (message,) = [
         text for text in tube.warnings if text.startswith("Heat was gained on a piece that nothing flows out of")
     ]
-    assert "3.7% of the heat there" in told
+    assert "3.7% of the heat there" in message
     for f in (0.0, 2.0):
         heat = ck.Heat(lambda x: np.exp(x[:, 2]), until=0.5, step=0.1, f=f)
         assert not ck.solve(ck.Scene(ck.source("analytic.sphere"), heat), 0.2, form="collocation").warnings
 
 
 def test_a_mean_that_was_far_off_says_by_how_much_the_rest_may_be_off():
-    (told,) = Imbalance("mean", value=(0.33,), size=(0.3,), explained=0.01).warnings
-    assert "the rest of the solution may be off by up to 110.0% of its range" in told
+    (message,) = Imbalance("mean", value=(0.33,), size=(0.3,), explained=0.01).warnings
+    assert "the rest of the solution may be off by up to 110.0% of its range" in message

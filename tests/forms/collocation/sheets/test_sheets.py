@@ -77,7 +77,7 @@ def test_a_picture_can_show_the_twins():
     assert not len(bare)
 
 
-def test_the_plain_method_mixes_sheets_and_can_be_asked_for(tmp_path):
+def test_the_plain_method_mixes_sheets_and_can_be_selected(tmp_path):
     scene, points, exact = circles(0.05)
     plain = ck.solve(scene, 0.025, sheets=False)
     assert np.abs(plain.evaluate(points) - exact).max() > 1

@@ -46,6 +46,6 @@ def test_a_ring_about_one_of_two_sheets_is_reported():
 )
 def test_sheets_and_bends_inside_the_band_are_reported(kind, keys, spacing, warned):
     scene = ck.Scene(ck.source(kind, **keys), ck.ScreenedPoisson(1.0))
-    told = ck.solve(scene, spacing, form="collocation").warnings
-    assert any("bends more sharply than the band is wide" in text for text in told) == warned
-    assert warned or not told
+    message = ck.solve(scene, spacing, form="collocation").warnings
+    assert any("bends more sharply than the band is wide" in text for text in message) == warned
+    assert warned or not message

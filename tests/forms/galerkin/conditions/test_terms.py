@@ -132,8 +132,8 @@ def test_a_point_of_a_surface_fixes_the_constant():
     scene, one = pinned(ck.Dirichlet(3.0))
     assert np.abs(one.solved() - 3.0).max() < 1e-8
     assert point_warnings(scene, one.conditions.samples, 0.2) == ()
-    held = pinned(ck.Dirichlet(3.0), edge=ck.Dirichlet(1.0))
-    assert "'pin': a point of a surface, or" in point_warnings(held[0], held[1].conditions.samples, 0.2)[0]
+    imposed = pinned(ck.Dirichlet(3.0), edge=ck.Dirichlet(1.0))
+    assert "'pin': a point of a surface, or" in point_warnings(imposed[0], imposed[1].conditions.samples, 0.2)[0]
 
 
 def test_a_point_of_a_surface_takes_no_flux():
@@ -258,6 +258,8 @@ def test_data_have_channels_and_times():
 def test_a_ring_just_above_a_knot_plane_keeps_every_eigenvalue_above_zero():
     """With samples clipped at knot planes, a sixth of the spacing above one: the least was -1e-4 at a penalty of 40."""
     ring_there = ck.source("analytic.circle", center=[0, 0, -0.5], radius=np.sqrt(0.75), normal=[0, 0, 1])
-    held = ck.Scene(ck.source("analytic.sphere"), ck.Laplace(), [ck.Boundary("ring", ring_there, both=ck.Dirichlet(3))])
-    solution = ck.solve(held, 0.15, form="galerkin", solver="multigrid")  # its cycle refuses such eigenvalues
+    imposed = ck.Scene(
+        ck.source("analytic.sphere"), ck.Laplace(), [ck.Boundary("ring", ring_there, both=ck.Dirichlet(3))]
+    )
+    solution = ck.solve(imposed, 0.15, form="galerkin", solver="multigrid")  # its cycle refuses such eigenvalues
     np.testing.assert_allclose(solution.evaluate([[0, 0, 1.0], [0, 0, -1.0]]), 3.0, atol=1e-7)

@@ -52,18 +52,18 @@ def test_rows_read_the_gradient_of_roots(spacings):
     assert len(spacings) == 1 or order_of(spacings, errors) > 1.5
 
 
-@pytest.mark.parametrize("held", ["left", "right"])
-def test_a_value_on_one_side_and_a_flux_on_the_other(held):
+@pytest.mark.parametrize("imposed", ["left", "right"])
+def test_a_value_on_one_side_and_a_flux_on_the_other(imposed):
     """Fourth roots: u = r^(1/4) sin((pi - t)/4) + r^(3/4) sin(3 (pi - t)/4) / 2, or with -t for t."""
-    sign = 1 if held == "left" else -1
+    sign = 1 if imposed == "left" else -1
 
     def value(x):
         u, v = flat(x).T
         r, t = np.hypot(u, v), np.pi - sign * np.arctan2(v, u)
         return r**0.25 * np.sin(t / 4) + 0.5 * r**0.75 * np.sin(0.75 * t)
 
-    other = {"left": "right", "right": "left"}[held]
-    sides = {held: ck.Dirichlet(0.0), other: ck.Neumann(0.0)}
+    other = {"left": "right", "right": "left"}[imposed]
+    sides = {imposed: ck.Dirichlet(0.0), other: ck.Neumann(0.0)}
     scene = ck.Scene(
         PLATE, ck.Laplace(), [ck.Boundary("slit", segment([-1, 0], [0, 0]), **sides)], edge=ck.Dirichlet(value)
     )
