@@ -19,7 +19,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource, HasMesh, vertex_normals
+from cpmkit.plugin import ClosestPointSource, HasMesh, Mesh, vertex_normals
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import warn_each
@@ -219,9 +219,8 @@ def _closed_mesh(surface: ClosestPointSource, spacing: float) -> tuple[Floats, I
     if not isinstance(surface, HasMesh) or surface.manifold_dim != 2 or surface.dim != 3:
         raise InputError(f"a degree is that of a map between surfaces with meshes; {type(surface).__name__} has none.")
     vertices, faces = surface.mesh(spacing)
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)]) if faces.shape[1] == 3 else np.zeros((1, 2))
-    ahead, back = ({*map(tuple, pairs.tolist())} for pairs in (edges, edges[:, ::-1]))
-    if len(ahead) < len(edges) or ahead != back:
+    mesh = Mesh.of(vertices, faces)
+    if faces.shape[1] != 3 or mesh.connectivity.on_rim.any() or not (mesh.winding == 1).all():
         raise InputError(
             f"a degree is that of a map between closed oriented surfaces; {type(surface).__name__} is none."
         )

@@ -16,7 +16,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.harmonic_flows import degree_and_area, explicit_flow, implicit_flow
 from cpmkit.applications.heat import scene_of
-from cpmkit.applications.result import Result, dirichlet_at_points, one_of, with_colours
+from cpmkit.applications.result import Result, dirichlet_at_points, is_curve, one_of, unpack_pair, with_colours
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource
@@ -209,13 +209,13 @@ def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any
 
     Raise InputError if ``initial`` is not accepted.
     """
-    if isinstance(initial, str) and initial == "nearest":
-        if prepared.scene.surface.dim != target.dim:
-            raise InputError("nearest points are those of a target in the same space; give the initial map.")
-        return np.asarray(target.closest_point(prepared.points).points)
-    if not callable(initial):
+    if callable(initial):
+        return prepared.field(initial).project(target).columns
+    if str(initial) != "nearest":
         raise InputError(f"initial must be 'nearest' or a function of points, got {shown(initial)}.")
-    return prepared.field(initial).project(target).columns
+    if prepared.scene.surface.dim != target.dim:
+        raise InputError("nearest points are those of a target in the same space; give the initial map.")
+    return np.asarray(target.closest_point(prepared.points).points)
 
 
 def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[Any, Any]]) -> ck.Scene:
@@ -226,11 +226,9 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
         raise InputError("maps go to curves and surfaces; the target is neither.")
     boundaries = list(scene.boundaries)
     for number, pair in enumerate(landmarks):
-        if not isinstance(pair, tuple) or len(pair) != 2:
-            raise InputError(f"landmarks are pairs (place, image), got {shown(pair)}.")
-        place, image = pair
+        place, image = unpack_pair(pair, "landmarks are pairs (place, image)")
         name = f"landmark {number}"
-        if isinstance(place, ClosestPointSource) and place.manifold_dim:
+        if is_curve(place):
             if not callable(image):
                 raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
             boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_on_target(target, image))))

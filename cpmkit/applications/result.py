@@ -235,6 +235,18 @@ def one_of(value: Any, accepted: tuple[str, str], label: str) -> str:
     return str(value)
 
 
+def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
+    """Return a ``pair`` of a place and its value; raise InputError, which begins with ``words``, for anything else."""
+    if not isinstance(pair, tuple) or len(pair) != 2:
+        raise InputError(f"{words}, got {shown(pair)}.")
+    return pair
+
+
+def is_curve(place: Any) -> bool:
+    """Return whether a place is the source of a curve rather than points."""
+    return bool(getattr(place, "manifold_dim", 0))
+
+
 def count_rounds(method: Any, rounds: Any) -> int:
     """Return the number of rounds of transport by a method of distances, none by ``heat``; raise InputError else."""
     return whole(rounds, "rounds", 1, 100) if one_of(method, ("transport", "heat"), "method") == "transport" else 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -103,7 +104,7 @@ def bake(
     CpmkitWarning
         If triangles overlap in the image, as mirrored halves may: a pixel shows the last of its triangles.
     """
-    read = solution.solution if isinstance(solution, ColouredSurface) else solution
+    read: Any = getattr(solution, "solution", solution)
     if read.channels != 3:
         raise InputError(f"a texture is baked of three channels, red, green and blue, got {read.channels}.")
     width = whole(width, "width in pixels", 1, 16384)

@@ -28,14 +28,16 @@ from cpmkit.applications.result import (
     Result,
     arrow_triangles,
     dirichlet_at_points,
+    is_curve,
     one_of,
     spread_points,
+    unpack_pair,
     with_colours,
     with_triangles,
 )
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource, dots, norms, unit, vertex_normals
+from cpmkit.plugin import ClosestPointSource, Mesh, dots, norms, unit, vertex_normals
 from cpmkit.runtime.arrays import as_points, positive
 from cpmkit.types import Floats, Ints
 
@@ -80,8 +82,7 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    edges = np.concatenate([faces[:, [k, (k + 1) % 3]] for k in range(3)])
-    if len(np.unique(edges, axis=0)) == len(edges):  # oriented: the normals are trusted, also against those of slivers
+    if (Mesh.of(vertices, faces).winding == 1).all():  # oriented: normals are trusted, also against those of slivers
         normals = vertex_normals(vertices, faces) if normals is None else normals
         signs = np.ones(faces.shape)
     else:
@@ -276,10 +277,8 @@ def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -
 
     Raise InputError if the pair is not accepted; ``number`` names its boundaries.
     """
-    if not isinstance(pair, tuple) or len(pair) != 2:
-        raise InputError(f"directions are pairs (where, which), got {shown(pair)}.")
-    where, which = pair
-    if isinstance(where, ClosestPointSource) and where.manifold_dim:
+    where, which = unpack_pair(pair, "directions are pairs (where, which)")
+    if is_curve(where):
         name = f"direction {number}"
         if isinstance(which, Mapping):
             sides = {side: _along(where, surface, direction) for side, direction in which.items()}

@@ -22,9 +22,6 @@ DISTRIBUTIONS = (
     *("trimesh", "scikit-fem", "pyvista", "matplotlib", "imageio"),
 )
 
-#: Variables that change what cpmkit does.
-ENVIRONMENT_VARIABLES = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS")
-
 
 @dataclass(frozen=True)
 class Diagnosis:
@@ -82,42 +79,32 @@ def diagnose(scene: str | Path | None = None) -> Diagnosis:
     Plugins are listed without being imported, except the plugins that ``scene`` names.
     """
     versions = {name: version_of(name) for name in DISTRIBUTIONS}
+    variables = ("CPMKIT_DATA", "CPMKIT_CACHE", "CPMKIT_FETCH", "CPMKIT_THREADS")
     kinds = {kind.kind: f"{kind.distribution} {kind.version}" for kind in installed_kinds()}
+    problem = None
     with collected_warnings() as heard:
-        problem = None if scene is None else _loading(scene)
+        if scene is not None:
+            from cpmkit.scenefile.scene_files import load_scene
+
+            try:
+                load_scene(scene)
+                problem = ""
+            except CpmkitError as error:
+                problem = str(error)
+    advice = list(heard)
+    if not kinds:
+        advice.append(f"No plugin is installed, so no scene can name a shape: {install_command('all')} adds them.")
+    needed = {"Pictures": "matplotlib", ".vtp files": "pyvista", ".mp4 films": "imageio"}
+    missing = [purpose for purpose, library in needed.items() if versions[library] is None]
+    if missing:
+        advice.append(f"{' and '.join(missing)} need more than is installed: {install_command('view')} adds it.")
     return Diagnosis(
         system=f"Python {platform.python_version()}, {platform.platform()}",
         versions=versions,
         kinds=kinds,
         processors=processors(),
         memory=str(memory_limit()),
-        variables={name: os.environ[name] for name in ENVIRONMENT_VARIABLES if name in os.environ},
+        variables={name: os.environ[name] for name in variables if name in os.environ},
         scene=problem,
-        advice=(*heard, *_advice(versions, kinds)),
+        advice=tuple(advice),
     )
-
-
-def _loading(scene: str | Path) -> str:
-    """Return the message of the error that loading a scene file raises; empty if it loads."""
-    from cpmkit.scenefile.scene_files import load_scene
-
-    try:
-        load_scene(scene)
-    except CpmkitError as error:
-        return str(error)
-    return ""
-
-
-def _advice(versions: Mapping[str, str | None], kinds: Mapping[str, str]) -> list[str]:
-    """Return sentences that name missing plugins and libraries, with the commands that install them."""
-    advice = []
-    if not kinds:
-        advice.append(f"No plugin is installed, so no scene can name a shape: {install_command('all')} adds them.")
-    missing = [
-        what
-        for what, needed in {"Pictures": "matplotlib", ".vtp files": "pyvista", ".mp4 films": "imageio"}.items()
-        if versions[needed] is None
-    ]
-    if missing:
-        advice.append(f"{' and '.join(missing)} need more than is installed: {install_command('view')} adds it.")
-    return advice

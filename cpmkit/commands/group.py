@@ -19,8 +19,6 @@ from cpmkit.runtime.memory import is_out_of_memory, memory_limit
 
 #: Keys in the context of a command: its file, its stage, and whether tracebacks are shown.
 FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
-#: Exit code of an interrupted run: 128 and the number of the signal, by the convention of shells.
-INTERRUPTED_EXIT_CODE = 130
 
 
 class UnexpectedError(click.ClickException):
@@ -53,11 +51,8 @@ class CommandGroup(click.Group):
         """
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
-        plugged = [
-            (name, _distribution_text(_plugin_commands()[name]))
-            for name in self.list_commands(ctx)
-            if name not in self.commands
-        ]
+        others = [name for name in self.list_commands(ctx) if name not in self.commands]
+        plugged = [(name, _distribution_text(_plugin_commands()[name])) for name in others]
         if plugged:
             with formatter.section("Commands of plugins"):
                 formatter.write_dl(plugged)
@@ -70,11 +65,9 @@ class CommandGroup(click.Group):
             raise
         except KeyboardInterrupt as error:
             click.echo(f"\nInterrupted{_at_stage(ctx)}.", err=True)
-            raise click.exceptions.Exit(INTERRUPTED_EXIT_CODE) from error
+            raise click.exceptions.Exit(130) from error  # 128 and the number of the signal
         except Exception as error:
-            if (
-                isinstance(error, OSError) and error.errno == errno.EPIPE
-            ):  # the reader closed the pipe; click ends quietly
+            if getattr(error, "errno", None) == errno.EPIPE:  # the reader closed the pipe; click ends quietly
                 raise
             if ctx.meta.get(TRACEBACK_KEY):
                 click.echo(traceback.format_exc(), err=True)
@@ -105,23 +98,14 @@ def _at_stage(ctx: click.Context) -> str:
     return f" for {file}" if file else ""
 
 
-def _note_traceback(ctx: click.Context, parameter: click.Parameter, value: bool) -> None:
-    """Note in the context of click whether tracebacks are shown: the callback of the option."""
-    del parameter
-    if value:
-        ctx.meta[TRACEBACK_KEY] = True
-
-
-def traceback_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Return the command with the option ``--traceback``."""
-    add = click.option(
-        "--traceback",
-        is_flag=True,
-        expose_value=False,
-        callback=_note_traceback,
-        help="After an error also show where in the code it arose.",
-    )
-    return add(command)
+#: The option ``--traceback``, noted in the context of a command.
+traceback_option = click.option(
+    "--traceback",
+    is_flag=True,
+    expose_value=False,
+    callback=lambda ctx, _, value: ctx.meta.update({TRACEBACK_KEY: True} if value else {}),
+    help="After an error also show where in the code it arose.",
+)
 
 
 @contextmanager

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -59,7 +60,7 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
             f"{label} {shown(text)} has {len(parts)} numbers, names and operations; at most {MAX_FORMULA_PARTS} are "
             "accepted, give such data by the vertex or from Python."
         )
-    called = {id(node.func) for node in parts if isinstance(node, ast.Call)}
+    called = {id(node.func) for node in parts if type(node) is ast.Call}
     for node in parts:
         reason = None if id(node) in called else _refusal(node, names)
         if reason:
@@ -95,35 +96,24 @@ def parse(text: str, label: str = "the formula") -> ast.expr:
 
 def _refusal(node: ast.expr, names: Sequence[str]) -> str | None:
     """Return the reason why a syntax node is refused, with {part} in place of its text; None if it is accepted."""
+    word: Any = None
     match node:
-        case ast.Constant(value=int() | float() as number) if not isinstance(number, bool):
-            return None if _is_finite(number) else "holds the number {part}, which is beyond 1.8e308."
-        case ast.Name(id=name):
-            if name in names or name in CONSTANTS:
+        case ast.Constant(value=True | False):
+            pass
+        case ast.Constant(value=int() | float() as number):
+            return None if abs(number) <= sys.float_info.max else "holds the number {part}, which is beyond 1.8e308."
+        case ast.Name(id=word):
+            if word in names or word in CONSTANTS:
                 return None
         case ast.BinOp(op=op) | ast.UnaryOp(op=op) | ast.Compare(ops=[op]):
             if type(op) in OPERATORS:
                 return None
-        case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]) if name in FUNCTIONS:
-            if any(isinstance(argument, ast.Starred) for argument in arguments):
-                return _not_available(node, names)
-            needed, count = FUNCTIONS[name], len(arguments)
-            return None if count == needed else f"calls {name} with {count} arguments; it takes {needed}."
-    return _not_available(node, names)
-
-
-def _is_finite(number: float) -> bool:
-    """Return whether a number is finite as a float64."""
-    try:
-        return bool(np.isfinite(float(number)))
-    except OverflowError:
-        return False
-
-
-def _not_available(node: ast.expr, names: Sequence[str]) -> str:
-    """Return the message that a syntax node is not available, with the names and operations that are."""
+        case ast.Call(func=ast.Name(id=word), args=arguments, keywords=[]) if word in FUNCTIONS:
+            needed, count = FUNCTIONS[word], len(arguments)
+            if not any(type(argument) is ast.Starred for argument in arguments):
+                return None if count == needed else f"calls {word} with {count} arguments; it takes {needed}."
+        case ast.Call(func=ast.Name(id=word)):
+            pass
     available = (*names, *CONSTANTS, *FUNCTIONS)
-    word = node.func if isinstance(node, ast.Call) else node
-    name = word.id if isinstance(word, ast.Name) else None
-    hint = did_you_mean(name, available) if name not in available else ""
+    hint = did_you_mean(word, available) if word not in available else ""
     return f"uses {{part}}{hint}; offered are + - * / ** % < > and {', '.join(available)}."

@@ -126,8 +126,10 @@ def write_results(
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            saved = shown if Path(file).suffix.lower() == PAGE else solution
-            save(saved, _with_folder(folder / file), _vertices_of(file, request), **_look_of(file, request))
+            suffix, target = Path(file).suffix.lower(), request.picture
+            look = target.look if target is not None and suffix in (*FILMS, PAGE) else {}
+            saved = shown if suffix == PAGE else solution
+            save(saved, _with_folder(folder / file), _vertices_of(file, request), **look)
         seconds["write"] = time.perf_counter() - start
     if request.picture is not None:
         progress("picture", 0.0)
@@ -173,21 +175,13 @@ def _vertices_of(file: str, request: OutputRequest) -> str:
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
 
 
-def _look_of(file: str, request: OutputRequest) -> dict[str, Any]:
-    """Return the options of a film or a page, which are the picture's if there is one; none for other files."""
-    drawn = Path(file).suffix.lower() in (*FILMS, PAGE) and request.picture is not None
-    return request.picture.look if drawn and request.picture is not None else {}
-
-
 def _draw(solution: SolutionRecord, target: PictureRequest, folder: Path) -> dict[str, Any]:
     """Draw the picture and, if requested, one of each frame; return the entry of the summary."""
     file = _with_folder(folder / target.file)
     drawn = picture(solution, file, **target.look)
-    entry = {"file": target.file, "camera": drawn.camera}
-    if not target.frames:
-        return entry
-    frames = draw_frames(solution, file, target)
-    return {**entry, "frames": [str(frame.relative_to(folder)) for frame in frames]}
+    frames = draw_frames(solution, file, target) if target.frames else []
+    listed = {"frames": [str(frame.relative_to(folder)) for frame in frames]} if target.frames else {}
+    return {"file": target.file, "camera": drawn.camera, **listed}
 
 
 def _with_folder(path: Path) -> Path:

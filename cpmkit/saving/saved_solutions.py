@@ -137,10 +137,10 @@ def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None
 
 def _difference(place: str, saved: Any, described: Any) -> str:
     """Return the place of the first difference of two plain values, and both values, in words."""
-    if isinstance(saved, Mapping) and isinstance(described, Mapping) and saved.keys() == described.keys():
+    if type(saved) is type(described) is dict and saved.keys() == described.keys():
         key = next(key for key in saved if saved[key] != described[key])
         return _difference(f"{place}, {key}", saved[key], described[key])
-    if isinstance(saved, list) and isinstance(described, list) and len(saved) == len(described):
+    if type(saved) is type(described) is list and len(saved) == len(described):
         number = next(number for number, pair in enumerate(zip(saved, described, strict=True)) if pair[0] != pair[1])
         return _difference(f"{place}, number {number + 1}", saved[number], described[number])
     return f"{place}: {shown(saved)}, and here it is {shown(described)}"

@@ -40,18 +40,16 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     size = float((bounds[1] - bounds[0]).max())
     if isinstance(wanted, str):
-        points, finer = (
-            ([surface.mesh(size / n)[0] for n in (4, 8)]) if isinstance(surface, HasMesh) else (bounds, None)
-        )
-        if finer is None or not np.array_equal(points, finer):  # a mesh is the same at every spacing
+        meshes = [surface.mesh(size / edges)[0] for edges in (4, 8)] if isinstance(surface, HasMesh) else []
+        if not meshes or not np.array_equal(meshes[0], meshes[1]):  # a mesh is the same at every spacing
             raise SceneError(
                 "points = 'vertices' of [exact] needs a surface that is a mesh, such as mesh.triangles, got "
                 f"{type(surface).__name__}; give a number of points."
             )
+        points = meshes[0]
     else:
-        queries = np.random.default_rng(7).uniform(
-            bounds[0] - 0.1 * size, bounds[1] + 0.1 * size, (wanted, surface.dim)
-        )
+        lower, upper = bounds[0] - 0.1 * size, bounds[1] + 0.1 * size
+        queries = np.random.default_rng(7).uniform(lower, upper, (wanted, surface.dim))
         points = surface.closest_point(queries).points
     for boundary in scene.boundaries:  # where data may jump
         points = points[boundary.source.closest_point(points).distance > 1e-6 * size]

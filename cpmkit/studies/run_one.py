@@ -252,7 +252,7 @@ def run_study(
     failed = 0
     for run in {run.method: run for run in reversed(study.sweep.runs(cheap))}.values():
         # A rough run of each method first, so that compilation is no cost of any.
-        make_run(study, replace(run, target_tolerance=0.1, target_seconds=None) if run.target else run, truth)
+        make_run(study, replace(run, targets=(("tolerance", 0.1),)) if run.targets else run, truth)
     for number, run in enumerate(pending, len(runs) - len(pending) + 1):
         stage = f"run {number} of {len(runs)}"
 

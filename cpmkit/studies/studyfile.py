@@ -51,8 +51,8 @@ def expand_names(table: Any) -> dict[str, str]:
             raise SceneError(
                 f"the name {shown(name)} of [let] is reserved or invalid; use letters, digits and underscores."
             )
-        text = str(formula) if isinstance(formula, (int, float)) and not isinstance(formula, bool) else formula
-        if not isinstance(text, str):
+        text = str(formula) if type(formula) in (int, float, str) else None
+        if text is None:
             raise SceneError(f"{name} of [let] must be a formula or a number, got {shown(formula)}.")
         parse(text, f"{name} of [let]")
         known[name] = expand(text, known)
@@ -304,10 +304,8 @@ def study_schema() -> dict[str, Any]:
 
 def _without_number_types(schema: Any) -> Any:
     """Return a copy of a JSON schema without number types: a name of [let] may stand for any number."""
-    if isinstance(schema, list):
-        return [_without_number_types(one) for one in schema]
-    if not isinstance(schema, dict):
-        return schema
-    plain = {"number", "integer"} & set([schema["type"]] if isinstance(schema.get("type"), str) else [])
-    kept = {key: value for key, value in schema.items() if not (plain and key == "type")}
-    return {key: _without_number_types(value) for key, value in kept.items()}
+
+    def drop(table: dict[str, Any]) -> dict[str, Any]:
+        return {key: value for key, value in table.items() if key != "type" or value not in ("number", "integer")}
+
+    return json.loads(json.dumps(schema), object_hook=drop)

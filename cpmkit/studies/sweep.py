@@ -178,13 +178,7 @@ class Sweep:
         The order is as in the lists: the coarsest spacing, the largest tolerance and the shortest time first.
         """
         every = (
-            Run(
-                method,
-                value if name == "spacing" else None,
-                options,
-                origin,
-                **({f"target_{name}": value} if name in TARGETS else {}),
-            )
+            Run(method, value if name == "spacing" else None, options, origin, ((name, value),) * (name in TARGETS))
             for name, values in self._fineness(cheap)
             for value in map(float, values)
             for method in self.methods
@@ -219,36 +213,35 @@ class Run:
         Values of the method's options that a study varies.
     origin : int or None
         Number of the lattice's random position; None for its default position.
-    target_tolerance, target_seconds : float or None
-        Accuracy target in place of a spacing.
+    targets : tuple of (str, float)
+        Accuracy target in place of a spacing: its name and value.
     """
 
     method: str
     spacing: float | None
     options: tuple[tuple[str, Any], ...]
     origin: int | None
-    target_tolerance: float | None = None
-    target_seconds: float | None = None
+    targets: tuple[tuple[str, float], ...] = ()
 
     @classmethod
     def of(cls, record: Mapping[str, Any]) -> Run:
         """Return the run of a record; options that an older record lacks have their defaults."""
         names, form = listed_of(record["method"]), _form_options_of(record["method"])
         options = tuple((name, record.get(name, getattr(form, name))) for name in names)
-        target = {f"target_{name}": record.get(f"asked_{name}") for name in TARGETS}
-        spacing = record["spacing"] if set(target.values()) == {None} else None  # else the spacing is a result
-        return cls(record["method"], spacing, options, record["origin"], **target)
+        values: dict[str, Any] = {name: record.get(f"asked_{name}") for name in TARGETS}
+        targets = [(name, value) for name, value in values.items() if value is not None]
+        spacing = None if targets else record["spacing"]  # with a target the spacing is a result
+        return cls(record["method"], spacing, options, record["origin"], tuple(targets))
 
     @property
     def target(self) -> dict[str, float]:
         """The accuracy target in place of a spacing, as keyword arguments of ``solve``."""
-        targets = {name: getattr(self, f"target_{name}") for name in TARGETS}
-        return {name: value for name, value in targets.items() if value is not None}
+        return dict(self.targets)
 
     def as_dict(self) -> dict[str, Any]:
         """Return the parameters of a record as plain values; None for options that the method does not have."""
         options = dict.fromkeys(listed_options()) | dict(self.options)
-        target = {f"asked_{name}": getattr(self, f"target_{name}") for name in TARGETS}
+        target = {f"asked_{name}": self.target.get(name) for name in TARGETS}
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
