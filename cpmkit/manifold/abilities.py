@@ -177,20 +177,7 @@ class HasAdvice(Protocol):
 
 
 #: All optional abilities.
-ABILITIES: tuple[type, ...] = (
-    HasNormals,
-    HasCreases,
-    HasTangents,
-    HasLeft,
-    HasLocalMinima,
-    HasValues,
-    HasGivenMesh,
-    HasMesh,
-    HasTranslation,
-    HasMembers,
-    HasFacets,
-    HasAdvice,
-)
+ABILITIES: tuple[type, ...] = tuple(ability for name, ability in tuple(globals().items()) if name.startswith("Has"))
 
 
 def members_of(source: ClosestPointSource) -> Sequence[ClosestPointSource]:
@@ -229,16 +216,13 @@ def integral_floor_of(source: object, spacing: float) -> float:
 def has_finite_feet(source: ClosestPointSource) -> bool:
     """Return whether ``source``, or one of its members, has only finitely many closest points, as a point cloud has."""
     size = float(np.ptp(np.asarray(source.bounds, dtype=np.float64), axis=0).max()) or 1.0
-    return any(_foot_count(member, size) is not None for member in members_of(source))
-
-
-def _foot_count(source: ClosestPointSource, spacing: float) -> int | None:
-    """Return the number of feet, by the source's advice or its attribute of an earlier release; None if unlimited."""
-    count = advice_of(source, spacing).foot_count
-    if count is None and hasattr(source, "foot_count"):
-        warn_renamed(f"{type(source).__name__}.foot_count", "Advice.foot_count")
-        count = int(source.foot_count)
-    return count
+    for member in members_of(source):
+        if advice_of(member, size).foot_count is not None:
+            return True
+        if hasattr(member, "foot_count"):
+            warn_renamed(f"{type(member).__name__}.foot_count", "Advice.foot_count")
+            return member.foot_count is not None
+    return False
 
 
 def edge_limit_of(source: object) -> int:

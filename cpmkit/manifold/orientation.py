@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Samples within this many of their spacings may be neighbours.
 NEIGHBOUR_SPACINGS = 2.5
@@ -23,9 +23,6 @@ NEIGHBOUR_CHORD_COSINE = 0.25
 SHORT_CHORD_SPACINGS = 0.02
 #: Least cosine between a direction and that of a neighbour, transported along the chord, for certain signs.
 SURE_COSINE = 0.7
-#: Largest difference between the cosines of the chord with the two directions, for their signs to be certain: a larger
-#: one shows a corner between them.
-UNEVEN_COSINE = 0.2
 #: A point gets the sign of the sample with the best agreement among this many nearest samples.
 SIGN_SAMPLES = 6
 
@@ -109,93 +106,51 @@ def agreements(first: Floats, second: Floats, chords: Floats, short: float) -> F
     return np.asarray(np.where(length[..., 0] <= short, plain, mirrored))
 
 
-def neighbours(points: Floats, spacing: float, tangents: Floats | None) -> Ints:
-    """Return the pairs (k, 2) of neighbouring samples among ``points`` (s, d), which are ``spacing`` apart.
+def propagate_signs(
+    points: Floats, directions: Floats, tangents: Floats | None, spacing: float
+) -> tuple[Floats, Ints, bool, bool]:
+    """Return ``directions`` (s, d) at ``points`` (s, d), ``spacing`` apart, with signs that agree between neighbours.
 
-    With ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind along it are neighbours.
-    """
-    from scipy.spatial import cKDTree
+    Signs follow a minimum spanning tree of the pairs of neighbours, whose weights are small where directions agree
+    well. With ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind are neighbours.
 
-    pairs: Ints = cKDTree(points).query_pairs(NEIGHBOUR_SPACINGS * spacing, output_type="ndarray").astype(np.int64)
-    if tangents is None or not len(pairs):
-        return pairs
-    chord = points[pairs[:, 1]] - points[pairs[:, 0]]
-    length = np.linalg.norm(chord, axis=1)
-    along = np.abs(np.einsum("kd,ked->ke", chord, tangents[pairs])).min(axis=1)
-    return np.asarray(pairs[along >= NEIGHBOUR_CHORD_COSINE * length])
-
-
-@dataclass(frozen=True, eq=False)
-class PropagatedSigns:
-    """Directions whose signs were propagated from sample to sample.
-
-    Attributes
-    ----------
+    Returns
+    -------
     directions : (s, d) float64
     piece : (s,) int64
         The connected piece of each sample; signs of different pieces are independent.
-    sure : bool
-        True where all neighbours along which signs were propagated agree well: denser samples would change nothing.
     consistent : bool
         False where a direction comes back reversed along some closed path.
-    """
-
-    directions: Floats
-    piece: Ints
-    sure: bool
-    consistent: bool
-
-
-def propagate_signs(points: Floats, directions: Floats, pairs: Ints, spacing: float) -> PropagatedSigns:
-    """Return ``directions`` (s, d) at ``points`` (s, d) with signs that agree between neighbours.
-
-    Signs follow a minimum spanning tree of the ``pairs`` (k, 2) of neighbours, whose weights are small where directions
-    agree well.
+    sure : bool
+        True where all neighbours along which signs were propagated agree well: denser samples would change nothing.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree
+    from scipy.spatial import cKDTree
 
+    pairs = cKDTree(points).query_pairs(NEIGHBOUR_SPACINGS * spacing, output_type="ndarray").astype(np.int64)
+    if tangents is not None:
+        chord = points[pairs[:, 1]] - points[pairs[:, 0]]
+        along = np.abs(np.einsum("kd,ked->ke", chord, tangents[pairs])).min(axis=1)
+        pairs = pairs[along >= NEIGHBOUR_CHORD_COSINE * np.linalg.norm(chord, axis=1)]
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
     agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)
-    leaning = [np.abs(np.sum(chord * directions[end], axis=1)) for end in (first, second)]
-    length = np.maximum(np.linalg.norm(chord, axis=1), SHORT_CHORD_SPACINGS * spacing)
-    uneven = np.abs(leaning[0] - leaning[1]) / length
-    weight = 1.001 - np.minimum(np.abs(agreement), 1.0) + uneven  # zero would be no link
+    weight = 1.001 - np.minimum(np.abs(agreement), 1.0)  # zero would be no link
     tree = minimum_spanning_tree(csr_array((weight, (first, second)), shape=(count, count)))
-    pieces, piece = connected_components(tree, directed=False)
+    _, piece = connected_components(tree, directed=False)
     sign = np.ones(count)
-    for number in range(pieces):
-        members = np.flatnonzero(piece == number)
-        _, parent = breadth_first_order(tree, members[0], directed=False)
-        above = np.where(parent[members] < 0, members, parent[members]).astype(np.int64)
+    for root in np.unique(piece, return_index=True)[1]:
+        order, parent = breadth_first_order(tree, root, directed=False)
+        members, above = order[1:], parent[order[1:]]
         step = points[members] - points[above]
         over = agreements(directions[above], directions[members], step, SHORT_CHORD_SPACINGS * spacing)
-        sign[members] = _signs_from_root((over >= 0) | (above == members), members, above)
-    clear = (np.abs(agreement) >= SURE_COSINE) & (uneven <= UNEVEN_COSINE)
+        for member, up, cosine in zip(members, above, over, strict=True):
+            sign[member] = sign[up] if cosine >= 0 else -sign[up]
+    clear = np.abs(agreement) >= SURE_COSINE
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
     sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE_COSINE)
-    return PropagatedSigns(directions * sign[:, None], np.asarray(piece, dtype=np.int64), sure, consistent)
-
-
-def _signs_from_root(agrees: Bools, members: Ints, above: Ints) -> Floats:
-    """Return the sign (m,), 1 or -1, of each member relative to the root of its spanning tree, by pointer doubling.
-
-    Parameters
-    ----------
-    agrees : (m,) bool
-        Whether each member has the sign of its parent.
-    members, above : (m,) int64
-        Numbers of the members, and of their parents in the tree; the root is its own parent.
-    """
-    place = np.empty(int(members.max()) + 1, dtype=np.int64)
-    place[members] = np.arange(len(members))
-    sign, up = np.where(agrees, 1.0, -1.0), place[above]
-    while True:
-        further = up[up]
-        if np.array_equal(further, up):
-            return sign
-        sign, up = sign * sign[up], further
+    return directions * sign[:, None], np.asarray(piece, dtype=np.int64), consistent, sure
 
 
 #: Number of nearest points among which each point looks for its two neighbours.

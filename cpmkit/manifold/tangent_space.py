@@ -9,6 +9,7 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import Orientation
 from cpmkit.manifold.source import ClosestPoints
+from cpmkit.manifold.vector_algebra import unit
 from cpmkit.types import Bools, Floats, Ints
 
 #: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction: 0 off, 1 along.
@@ -111,18 +112,13 @@ def outward_conormals(surface: LocalSource, edge: ClosestPoints, step: float) ->
 def _outward_of_member(surface: LocalSource, edge: ClosestPoints, step: float) -> Floats:
     """Return the outward unit conormals (n, d) at feet ``edge`` of a single member, see :func:`outward_conormals`."""
     y = edge.points
-    lean = -_normalize((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
+    lean = -unit((_feet_around(surface, y, step) - y[:, None]).sum(axis=1))
     if surface.has_normals or surface.has_tangents:
-        return _normalize(project_tangent(surface, edge, lean, step))
+        return unit(project_tangent(surface, edge, lean, step))
     # Differences across the edge would bend T by O(h): it is extrapolated from two points inside.
     inside = (surface.closest_point(y - distance * step * lean) for distance in (2, 4))
-    near, far = (_normalize(project_tangent(surface, feet, lean, step)) for feet in inside)
-    return _normalize(2 * near - far)
-
-
-def _normalize(vectors: Floats) -> Floats:
-    """Return the vectors (..., d) divided by their lengths."""
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+    near, far = (unit(project_tangent(surface, feet, lean, step)) for feet in inside)
+    return unit(2 * near - far)
 
 
 def _by_member(
@@ -179,7 +175,7 @@ def left_conormals(
             if surface.dim == 2:
                 conormals = np.stack([-tangents[:, 1], tangents[:, 0]], axis=1)
             else:
-                conormals = _normalize(np.cross(unit_normals(surface, on_member, step), tangents))
+                conormals = unit(np.cross(unit_normals(surface, on_member, step), tangents))
         left[rows] = signs.apply(on_member.points, conormals)
         if signs.points is not None and corner.any():  # the bisector
             left[rows[corner]] = signs.mean(on_member.points[corner])

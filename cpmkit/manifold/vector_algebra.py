@@ -57,7 +57,12 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     if array.shape not in (() if dim == 2 else (3,), (dim, dim)) or not np.isfinite(array).all():
         raise InputError(f"rotation must be {accepted} of finite numbers, got {shown(rotation)}.")
     if array.shape == (dim, dim):
-        _check_orthogonal(array)
+        excess = np.abs(array @ array.T - np.eye(dim)).max()
+        if excess > 1e-12 or np.linalg.det(array) < 0:
+            raise InputError(
+                f"rotation must be orthogonal with determinant +1, got one that is off by {excess:.1e} with "
+                f"determinant {np.linalg.det(array):.6g}; give a rotation vector or an angle if its digits are rounded."
+            )
         return array
     if dim == 2:
         return np.array([[np.cos(array), -np.sin(array)], [np.sin(array), np.cos(array)]])
@@ -66,21 +71,6 @@ def as_rotation(rotation: Any, dim: int) -> Floats:
     return np.asarray(Rotation.from_rotvec(array).as_matrix())
 
 
-def _check_orthogonal(matrix: Floats) -> None:
-    """Raise InputError if ``matrix`` (d, d) is not orthogonal with determinant +1, to 1e-12."""
-    excess = np.abs(matrix @ matrix.T - np.eye(len(matrix))).max()
-    if excess > 1e-12 or np.linalg.det(matrix) < 0:
-        raise InputError(
-            f"rotation must be orthogonal with determinant +1, got one that is off by {excess:.1e} with determinant "
-            f"{np.linalg.det(matrix):.6g}; give a rotation vector or an angle if its digits are rounded."
-        )
-
-
 def rotate(rotation: Floats, vectors: Floats) -> Floats:
     """Return ``rotation @ v``, (n, d), for the rows v of ``vectors`` (n, d)."""
-    if (rotation == np.eye(len(rotation))).all():
-        return vectors
-    rotated = vectors[:, :1] * rotation[:, 0]
-    for k in range(1, len(rotation)):
-        rotated += vectors[:, k : k + 1] * rotation[:, k]
-    return rotated
+    return np.asarray(np.einsum("ij,nj->ni", rotation, vectors))

@@ -11,8 +11,8 @@ import numpy as np
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import ChannelData, Data, ScalarData, TensorData, is_sequence, read_formula
+from cpmkit.scene.conditions import Condition, same_parameter
+from cpmkit.scene.data import ChannelData, Data, ScalarData, TensorData, is_sequence, is_zero, read_formula
 from cpmkit.scene.equations import EigenFamily, Equation, NotNegative, Terms
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.pointwise import AfterStep, Reaction
@@ -141,7 +141,7 @@ class Eigen(Equation[EigenFamily]):
         """
         super().check_conditions(conditions)
         for label, condition in conditions:
-            if any(callable(datum) or np.any(np.asarray(datum, dtype=object) != 0) for _, datum in condition.data()):
+            if not all(is_zero(datum) for _, datum in condition.law.data):
                 raise SceneError(f"{label} has data where an eigenvalue problem takes zero alone; {self.accepted}.")
 
 
@@ -253,9 +253,10 @@ class ReactionDiffusion(Evolution):
         """Replace the formulas of the reaction by a function, convert kappa to a tuple, and check both."""
         super().__post_init__()
         texts: Any = self.reaction
-        if isinstance(texts, str) or is_sequence(texts):
-            texts = (texts,) if isinstance(texts, str) else tuple(texts)
-            object.__setattr__(self, "reaction", read_formula(ReactionExpression, texts, f"reaction of {self.kind}"))
+        texts = (texts,) if isinstance(texts, str) else texts
+        if is_sequence(texts):
+            function = read_formula(ReactionExpression, tuple(texts), f"reaction of {self.kind}")
+            object.__setattr__(self, "reaction", function)
         if not callable(self.reaction):
             raise InputError(f"reaction of {self.kind} must be a function of u (p, channels), got {shown(texts)}.")
         kappa: Any = self.kappa
@@ -276,10 +277,10 @@ class ReactionDiffusion(Evolution):
         each = self.kappa * channels if len(self.kappa) == 1 else self.kappa
         different: list[Any] = []
         for kappa in each:
-            if not any(_equal(kappa, other) for other in different):
+            if not any(same_parameter(kappa, other) for other in different):
                 different.append(kappa)
         return [
-            (tuple(k for k, other in enumerate(each) if _equal(other, kappa)), Terms(self.f, diffusivity=kappa))
+            (tuple(k for k, other in enumerate(each) if same_parameter(other, kappa)), Terms(self.f, diffusivity=kappa))
             for kappa in different
         ]
 
@@ -287,7 +288,7 @@ class ReactionDiffusion(Evolution):
         """Return the right-hand side, initial data, kappa and the reaction, each after its name in error messages."""
         data = [*super().data(), (f"kappa of {self.kind}", list(self.kappa))]
         channels = getattr(self.reaction, "channels", None)  # of formulas
-        return [*data, ("the reaction", [0.0] * channels)] if isinstance(channels, int) else data
+        return [*data, ("the reaction", [0.0] * channels)] if channels is not None else data
 
     def check_conditions(self, conditions: Sequence[tuple[str, Condition]]) -> None:
         """Raise if a condition is not accepted, or couples sides while kappa differs between channels.
@@ -309,8 +310,3 @@ class ReactionDiffusion(Evolution):
     def __str__(self) -> str:
         each = ", ".join("a function" if callable(value) else f"{value:g}" for value in self.kappa)
         return f"u_t - div(kappa grad u) = reaction(u) + f, kappa = {each}"
-
-
-def _equal(first: Any, second: Any) -> bool:
-    """Return True if two diffusivities are the same function or equal numbers."""
-    return first is second or (not callable(first) and not callable(second) and float(first) == float(second))

@@ -6,7 +6,6 @@ Data are a number, one number for each channel, or a function of position.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, cast
@@ -14,8 +13,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, cast
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.runtime.arrays import whole
-from cpmkit.scene.data import Data, as_number, is_sequence, read_formulas, takes_time
+from cpmkit.runtime.arrays import number, whole
+from cpmkit.scene.data import Data, is_sequence, read_formulas, takes_time
 from cpmkit.scene.laws import Flux, Law, Mixed, OneSided, Value
 
 if TYPE_CHECKING:
@@ -35,7 +34,7 @@ def check_order(order: Any, label: str) -> int:
     return whole(order, label, 1, 2)
 
 
-class Condition(ABC):
+class Condition:
     """Base class of conditions on a side of a boundary, on an edge, or across a boundary.
 
     A kind of condition is a frozen dataclass of its parameters, which summaries show; two conditions are the same if
@@ -45,11 +44,14 @@ class Condition(ABC):
     ----------
     kind : str
         Its name in reports, and in scene files.
+    law_kind : type
+        The class of its law; a condition may have the property ``law`` in its place.
     order : 1 or 2, or None
         Overrides the discretisation's order for this condition.
     """
 
     kind: ClassVar[str]
+    law_kind: ClassVar[type]
     order: int | None = None
 
     def __post_init__(self) -> None:
@@ -60,16 +62,18 @@ class Condition(ABC):
     def __init_subclass__(cls, **keywords: Any) -> None:
         """Cache the law of each condition: forms recognise the data of a condition by the identity of its law."""
         super().__init_subclass__(**keywords)
-        law = cls.__dict__.get("law")
+        law: Any = getattr(cls, "law", None)
         if isinstance(law, property) and law.fget is not None:
             cached: cached_property[Law] = cached_property(law.fget)
             cached.__set_name__(cls, "law")
             cls.law = cached  # type: ignore[assignment]
 
     @property
-    @abstractmethod
     def law(self) -> Law:
-        """The law of the condition, by which forms discretise it."""
+        """The law of the condition, by which forms discretise it: of ``law_kind``, with the parameters in order."""
+        members: Any = self
+        law: Law = self.law_kind(*(getattr(self, each.name) for each in fields(members) if each.name != "order"))
+        return law
 
     @property
     def couples(self) -> bool:
@@ -119,11 +123,7 @@ class Dirichlet(Condition):
     value: Data
     order: int | None = None
     kind: ClassVar[str] = "dirichlet"
-
-    @property
-    def law(self) -> Value:
-        """The law u = value."""
-        return Value(self.value)
+    law_kind: ClassVar[type] = Value
 
 
 def as_condition(value: Any) -> Any:
@@ -151,11 +151,7 @@ class Neumann(Condition):
     flux: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "neumann"
-
-    @property
-    def law(self) -> Flux:
-        """The law du/db = flux."""
-        return Flux(self.flux)
+    law_kind: ClassVar[type] = Flux
 
 
 @dataclass(frozen=True, eq=False)
@@ -195,6 +191,7 @@ class Robin(Condition):
     gamma: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "robin"
+    law_kind: ClassVar[type] = Mixed
 
     def __post_init__(self) -> None:
         """Convert alpha and beta to floats, unless beta is a function of points; check that neither is zero."""
@@ -204,20 +201,14 @@ class Robin(Condition):
             if name == "beta" and callable(value) and not takes_time(value):
                 continue
             try:
-                number = as_number(value, f"{name} of Robin")
+                factor = number(value, f"{name} of Robin")
             except InputError:
-                number = 0.0
-            if number == 0:
+                factor = 0.0
+            if factor == 0:
                 raise InputError(
                     f"{name} of Robin must be a finite number other than zero, got {shown(value)}; use {other}."
                 )
-            object.__setattr__(self, name, number)
-
-    @property
-    def law(self) -> Mixed:
-        """The law alpha du/db + beta u = gamma."""
-        beta: Any = self.beta  # a number or a function; formulas were replaced
-        return Mixed(self.alpha, beta, self.gamma)
+            object.__setattr__(self, name, factor)
 
 
 def same_condition(first: Any, second: Any) -> bool:
@@ -226,7 +217,9 @@ def same_condition(first: Any, second: Any) -> bool:
         return True
     if type(first) is not type(second) or not is_dataclass(first):
         return False
-    return all(_equal(getattr(first, field.name), getattr(second, field.name)) for field in fields(first) if field.init)
+    return all(
+        same_parameter(getattr(first, field.name), getattr(second, field.name)) for field in fields(first) if field.init
+    )
 
 
 def sides_differ(left: Condition, right: Condition) -> bool:
@@ -237,7 +230,7 @@ def sides_differ(left: Condition, right: Condition) -> bool:
     return not left.law.is_symmetric if left.couples else not same_condition(left, right)
 
 
-def _equal(first: Any, second: Any) -> bool:
+def same_parameter(first: Any, second: Any) -> bool:
     """Return True if two parameters of conditions are equal; functions if they compare equal.
 
     Formulas of equal text do so, and bound methods of one object.
@@ -245,7 +238,7 @@ def _equal(first: Any, second: Any) -> bool:
     if first is second:
         return True
     if is_sequence(first) and is_sequence(second):
-        return len(first) == len(second) and all(map(_equal, first, second))
+        return len(first) == len(second) and all(map(same_parameter, first, second))
     if not callable(first) and not callable(second):
         return np.array_equal(first, second)
     try:

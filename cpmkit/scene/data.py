@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from types import FunctionType
@@ -16,13 +17,31 @@ from cpmkit.runtime.arrays import number, positive
 from cpmkit.types import Floats
 
 
-class Functional:
-    """A right-hand side known only by its integrals with test functions; see :mod:`cpmkit.scene.special_data`."""
+class Functional(ABC):
+    """A right-hand side known only by its integrals with test functions: a functional plus a function of points.
+
+    The function is ``beside``; a ``form`` is a discretised scene, :class:`cpmkit.forms.galerkin.form.Galerkin`.
+    """
+
+    beside: Data
 
     @property
+    @abstractmethod
     def channels(self) -> int:
         """Number of channels of the functional."""
-        raise NotImplementedError
+
+    @property
+    def takes_time(self) -> bool:
+        """True if the function ``beside`` depends on the time."""
+        return takes_time(self.beside)
+
+    @abstractmethod
+    def values(self, form: Any) -> Floats:
+        """Return the values (n, channels) of the functional alone for each test function, without ``beside``."""
+
+    def loads(self, form: Any, time: float | None = None) -> Floats:
+        """Return the load vectors (n, channels) of the sum of the functional and the function ``beside``."""
+        return self.values(form) if is_zero(self.beside) else form.load(self.beside, time) + self.values(form)
 
 
 #: A number; one entry for each channel; a callable of points (n, d) and, if it has a parameter ``t`` without a default,
@@ -39,6 +58,11 @@ LARGEST_DATUM = 1e100
 def is_sequence(value: Any) -> bool:
     """Return True for a list or a tuple; its entries belong to channels, coordinates or rows."""
     return isinstance(value, (list, tuple))
+
+
+def is_zero(data: Any) -> bool:
+    """Return True for data that are the number zero in all channels."""
+    return not callable(data) and not np.any(np.asarray(data, dtype=object))
 
 
 def takes_time(data: Any) -> bool:
@@ -94,7 +118,10 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
         if takes_time(data) and time is None:
             raise InputError(f"{label} depends on t, and the problem has no time; use Heat or Wave.")
         try:
-            values = _as_floats(data(points, t=time) if takes_time(data) else data(points))
+            result = np.asarray(data(points, t=time) if takes_time(data) else data(points))
+            if result.dtype.kind not in "biufO":  # text, or complex numbers
+                raise TypeError(f"got an array of {result.dtype}")
+            values = result.astype(np.float64)
         except CpmkitError:
             raise
         except (TypeError, ValueError) as error:
@@ -104,11 +131,18 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
         if values.ndim == 0:
             values = np.broadcast_to(values, (n,))
         values = values[:, None] if values.ndim == 1 else values
-    elif isinstance(data, (list, tuple, np.ndarray)) and np.ndim(np.asarray(data, dtype=object)) > 0:
-        parts = [evaluate_data(entry, points, 1, label, time) for entry in data]
+    elif np.ndim(np.asarray(data, dtype=object)) > 0:
+        entries: Any = data
+        parts = [evaluate_data(entry, points, 1, label, time) for entry in entries]
         values = np.concatenate(parts, axis=1) if parts else np.zeros((n, 0))
     else:
-        values = np.full((n, 1), as_number(data, label))
+        try:
+            values = np.full((n, 1), number(data, label))
+        except InputError as error:
+            raise InputError(
+                f"{label} must be a finite number, one entry a channel, or a function of points such as "
+                f"ck.VertexData(surface, values), got {shown(data)}."
+            ) from error
     if values.ndim != 2 or len(values) != n:
         raise InputError(f"{label} must give shape ({n},) or ({n}, channels) at {n} points, got {values.shape}.")
     if channels is not None and values.shape[1] != channels:
@@ -127,37 +161,6 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
     return np.ascontiguousarray(values)
 
 
-def _as_floats(values: Any) -> Floats:
-    """Return ``values``, the result of a callable, as an array of float64; True and False count as 1 and 0.
-
-    Raises
-    ------
-    TypeError
-        If the values are text, or complex.
-    """
-    array = np.asarray(values)
-    if array.dtype.kind not in "biufO":
-        raise TypeError(f"got an array of {array.dtype}")
-    return np.asarray(array, dtype=np.float64)
-
-
-def as_number(data: Any, label: str) -> float:
-    """Return ``data`` as a float if it is a finite number, and neither True, False nor text.
-
-    Raises
-    ------
-    InputError
-        If it is not such a number; ``label`` is its name in the message.
-    """
-    try:
-        return number(data, label)
-    except InputError as error:
-        raise InputError(
-            f"{label} must be a finite number, one entry a channel, or a function of points such as "
-            f"ck.VertexData(surface, values), got {shown(data)}."
-        ) from error
-
-
 def not_negative(x: Any, label: str) -> float:
     """Return ``x`` as a float if it is zero or a finite number above zero; ``label`` is its name in the message."""
     return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0
@@ -169,15 +172,15 @@ DATA_TYPE, VECTOR_TYPE = "Data", "VectorField"
 
 @dataclass(frozen=True)
 class FieldOfEntries:
-    """A vector field whose components are numbers, formulas or functions of points."""
+    """A function of points whose components are numbers, formulas or functions of points."""
 
     entries: tuple[Data, ...]
     label: str = "a vector field"
     takes_time: ClassVar[bool] = False
 
     def __call__(self, points: Floats) -> Floats:
-        """Return the vectors (n, d) at points (n, d)."""
-        return evaluate_data(self.entries, points, points.shape[1], self.label)
+        """Return the values (n, components) at points (n, d)."""
+        return evaluate_data(self.entries, points, len(self.entries), self.label)
 
 
 def read_formulas(instance: Any, label: str) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar, Self
 
 import numpy as np
@@ -74,12 +75,29 @@ class Evolution(Equation[TimeFamily]):
         del explicit_steps
         return self
 
-    @property
+    @cached_property
     def frame_times(self) -> tuple[float, ...]:
-        """Times of the frames in ascending order."""
-        if isinstance(self.frames, (int, np.integer)):
-            return tuple(np.linspace(self.t0, self.until, self.frames + 1).tolist()) if self.frames else ()
-        return tuple(sorted({float(time) for time in self.frames}))
+        """Times of the frames in ascending order.
+
+        Raises
+        ------
+        InputError
+            If ``frames`` is neither a number of intervals nor a list of times of the run, or there are too many.
+        """
+        accepted = (
+            f"frames of {self.kind} must be a number of equal parts of the time or a list of times from {self.t0:g} to "
+            f"{self.until:g}, at most {MAX_FRAMES} of them"
+        )
+        try:
+            if isinstance(self.frames, (int, np.integer)):
+                count = whole(self.frames, "frames", 0, MAX_FRAMES)
+                return tuple(np.linspace(self.t0, self.until, count + 1).tolist()) if count else ()
+            times = sorted({number(time, "a frame") for time in self.frames})
+        except (TypeError, InputError) as error:
+            raise InputError(f"{accepted}, got {shown(self.frames)}.") from error
+        if len(times) > MAX_FRAMES or not all(self.t0 <= time <= self.until for time in times):
+            raise InputError(f"{accepted}, got {shown(self.frames)}.")
+        return tuple(times)
 
     def __post_init__(self) -> None:
         """Convert times to floats, and check the times, the scheme, the coefficients, the frames and ``after_step``.
@@ -107,7 +125,7 @@ class Evolution(Equation[TimeFamily]):
                     f"{name} of {self.kind} must not depend on t, for then every step has a system of its own; f and "
                     "the data of conditions may."
                 )
-        _check_frames(self.frames, self.t0, self.until, self.kind)
+        assert self.frame_times is not None  # checks the frames
         if self.after_step is not None and not callable(self.after_step):
             raise InputError(
                 f"after_step of {self.kind} must be a function of points (p, d) and values (p, channels), got "
@@ -115,29 +133,6 @@ class Evolution(Equation[TimeFamily]):
             )
         if self.rest is not None:
             positive(self.rest, f"rest of {self.kind}")
-
-
-def _check_frames(frames: int | Sequence[float], start: float, until: float, kind: str) -> None:
-    """Raise if ``frames`` is neither a number of intervals nor a list of times between ``start`` and ``until``.
-
-    Raises
-    ------
-    InputError
-        In this case, or if there are too many frames; ``kind`` is the name of the equation in the message.
-    """
-    accepted = (
-        f"frames of {kind} must be a number of equal parts of the time or a list of times from {start:g} to {until:g}, "
-        f"at most {MAX_FRAMES} of them"
-    )
-    try:
-        if isinstance(frames, (int, np.integer)):
-            whole(frames, "frames", 0, MAX_FRAMES)
-            return
-        times = [number(time, "a frame") for time in frames]
-    except (TypeError, InputError) as error:
-        raise InputError(f"{accepted}, got {shown(frames)}.") from error
-    if len(times) > MAX_FRAMES or not all(start <= time <= until for time in times):
-        raise InputError(f"{accepted}, got {shown(frames)}.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,9 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-import numpy as np
-
-from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.data import Data, evaluate_data, is_zero
 from cpmkit.scene.pointwise import call_pointwise, central_difference, difference_step
 from cpmkit.types import Floats
 
@@ -30,22 +28,28 @@ class _Law:
         Whether the law couples both sides of a boundary.
     involves_value : bool
         Whether the law is a linear relation with u in it, not only its derivative.
+    data_fields : dict
+        Names of the fields that are data, with their names in messages.
+    factor_fields : tuple of str
+        Names of the fields that are parameters other than data.
     """
 
     families: ClassVar[tuple[str, ...]] = ("steady", "time", "eigen", "coupled")
     needs: ClassVar[str] = "says nothing of Lap u"
     couples: ClassVar[bool] = False
     involves_value: ClassVar[bool] = False
+    data_fields: ClassVar[dict[str, str]] = {}
+    factor_fields: ClassVar[tuple[str, ...]] = ()
 
     @property
     def data(self) -> list[tuple[str, Data]]:
         """Names and values of the data; empty if the law has no data, or a flux that depends on the solution."""
-        return []
+        return [(label, getattr(self, name)) for name, label in self.data_fields.items()]
 
     @property
     def factors(self) -> tuple[Any, ...]:
         """The parameters of the law that are not data."""
-        return ()
+        return tuple(getattr(self, name) for name in self.factor_fields)
 
     @property
     def of_laplacian(self) -> Law:
@@ -68,26 +72,12 @@ class _Law:
         return False
 
 
-class _LinearLaw(_Law):
-    """Base class of laws on one side with a datum as right-hand side."""
-
-    datum: Data
-
-    @property
-    def data(self) -> list[tuple[str, Data]]:
-        """The datum, after its name."""
-        return [("datum", self.datum)]
-
-
-def _is_zero(datum: Data) -> bool:
-    return not callable(datum) and not np.any(np.asarray(datum, dtype=object))
-
-
 @dataclass(frozen=True, eq=False)
-class Value(_LinearLaw):
+class Value(_Law):
     """The law u = datum; in a biharmonic problem also Lap u = 0."""
 
     datum: Data
+    data_fields: ClassVar[dict[str, str]] = {"datum": "datum"}
     alpha: ClassVar[float] = 0.0
     beta: ClassVar[float] = 1.0
     involves_value: ClassVar[bool] = True
@@ -105,13 +95,9 @@ class Support(Value):
     """The laws u = datum and Lap u = laplacian of a biharmonic problem."""
 
     laplacian: Data = 0.0
+    data_fields: ClassVar[dict[str, str]] = {"datum": "value", "laplacian": "Laplacian"}
     families: ClassVar[tuple[str, ...]] = ("biharmonic",)
     needs: ClassVar[str] = "gives a Lap u that only a biharmonic problem takes"
-
-    @property
-    def data(self) -> list[tuple[str, Data]]:
-        """The value and the Laplacian, after their names."""
-        return [("value", self.datum), ("Laplacian", self.laplacian)]
 
     @property
     def of_laplacian(self) -> Value:
@@ -120,10 +106,11 @@ class Support(Value):
 
 
 @dataclass(frozen=True, eq=False)
-class Flux(_LinearLaw):
+class Flux(_Law):
     """The law du/db = datum."""
 
     datum: Data
+    data_fields: ClassVar[dict[str, str]] = {"datum": "datum"}
     alpha: ClassVar[float] = 1.0
     beta: ClassVar[float] = 0.0
     is_dissipative: ClassVar[bool] = True
@@ -132,22 +119,19 @@ class Flux(_LinearLaw):
     @property
     def is_zero_flux(self) -> bool:
         """True if the flux is zero everywhere."""
-        return _is_zero(self.datum)
+        return is_zero(self.datum)
 
 
 @dataclass(frozen=True, eq=False)
-class Mixed(_LinearLaw):
+class Mixed(_Law):
     """The law alpha du/db + beta u = datum, alpha a number other than zero, beta a number or a function of points."""
 
     alpha: float
     beta: float | Callable[..., Any]
     datum: Data
+    data_fields: ClassVar[dict[str, str]] = {"datum": "datum"}
+    factor_fields: ClassVar[tuple[str, ...]] = ("alpha", "beta")
     involves_value: ClassVar[bool] = True
-
-    @property
-    def factors(self) -> tuple[Any, ...]:
-        """Alpha and beta."""
-        return self.alpha, self.beta
 
     @property
     def is_dissipative(self) -> bool:
@@ -212,21 +196,13 @@ class Interface(_Law):
     left: Data | None = None
     right: Data | None = None
     couples: ClassVar[bool] = True
-
-    @property
-    def data(self) -> list[tuple[str, Data]]:
-        """The jump and the flux, after their names."""
-        return [("jump", self.jump), ("flux", self.flux)]
-
-    @property
-    def factors(self) -> tuple[Any, ...]:
-        """The resistance and the conductivities."""
-        return self.resistance, self.left, self.right
+    data_fields: ClassVar[dict[str, str]] = {"jump": "jump", "flux": "flux"}
+    factor_fields: ClassVar[tuple[str, ...]] = ("resistance", "left", "right")
 
     @property
     def is_symmetric(self) -> bool:
         """True if the conductivities are equal and there is no jump."""
-        return self.left == self.right and _is_zero(self.jump)
+        return self.left == self.right and is_zero(self.jump)
 
 
 #: A law on one side.

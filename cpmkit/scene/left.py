@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.grid.blocks import cell_levels
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.orientation import AS_GIVEN, Orientation, neighbours, propagate_signs
+from cpmkit.manifold.orientation import AS_GIVEN, Orientation, propagate_signs
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import (
     left_conormals,
@@ -76,8 +76,8 @@ class SampledBoundary:
         Number of the connected piece of each sample.
     is_own : (s,) bool
         Where the sources provide all directions, and so the left side.
-    consistent, sure : bool
-        As in :class:`cpmkit.manifold.orientation.PropagatedSigns`.
+    consistent : bool
+        False where a conormal comes back reversed along some closed path.
     spacing : float
         Distance between the samples.
     """
@@ -90,7 +90,6 @@ class SampledBoundary:
     piece: Ints
     is_own: Bools
     consistent: bool
-    sure: bool
     spacing: float
 
     @classmethod
@@ -112,14 +111,13 @@ class SampledBoundary:
             for member, rows, _ in surface.by_member(on_surface):
                 is_own[rows] |= member.knows_directions(dimension)
             is_own &= dimension == 1 or source.knows_directions(dimension - 1)
-            signs = propagate_signs(on_surface.points, left, neighbours(samples.points, spacing, tangents), spacing)
-            for number in range(signs.piece.max() + 1):
-                mask = signs.piece == number
-                if np.sum(signs.directions[mask & is_own] * left[mask & is_own]) < 0:
-                    signs.directions[mask] *= -1
-            found = signs.directions, signs.piece, is_own, signs.consistent, signs.sure, spacing
-            part = cls(source, surface, samples, on_surface, *found)
-            if part.sure:
+            agreeing, piece, consistent, sure = propagate_signs(on_surface.points, left, tangents, spacing)
+            for number in range(piece.max() + 1):
+                mask = piece == number
+                if np.sum(agreeing[mask & is_own] * left[mask & is_own]) < 0:
+                    agreeing[mask] *= -1
+            part = cls(source, surface, samples, on_surface, agreeing, piece, is_own, consistent, spacing)
+            if sure:
                 break
         return part
 

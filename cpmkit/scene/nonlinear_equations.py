@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -38,11 +39,14 @@ class QuasilinearEquation(Equation):
     #: decreases the same energy, which includes the penalties.
     uniform_penalty: ClassVar[bool] = False
 
-    @property
+    @cached_property
+    @abstractmethod
     def diffusivity_of_u(self) -> StateDiffusivity:
         """The diffusivity a(u, s), with its derivatives."""
-        diffusivity: StateDiffusivity = self.terms().diffusivity
-        return diffusivity
+
+    def terms(self) -> Terms:
+        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
+        return replace(super().terms(), diffusivity=self.diffusivity_of_u)
 
     @property
     def initial_guess(self) -> Data | None:
@@ -123,12 +127,8 @@ class NonlinearDiffusion(QuasilinearEquation):
                 "Elliptic for one that does not depend on u."
             )
 
-    def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
-        return Terms(self.f, self.c, self._law)
-
     @cached_property
-    def _law(self) -> StateDiffusivity:
+    def diffusivity_of_u(self) -> StateDiffusivity:
         """The diffusivity with its derivatives."""
         functions: Any = (self.diffusivity, self.by_value, self.by_slope)  # formulas were replaced by functions
         return StateDiffusivity(*functions)
@@ -169,12 +169,8 @@ class PLaplacian(QuasilinearEquation):
         if number(self.p, "p of p-laplacian") < 1:
             raise InputError(f"p of p-laplacian must be at least 1, got {self.p:g}.")
 
-    def terms(self) -> Terms:
-        """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
-        return Terms(self.f, self.c, self._law)
-
     @cached_property
-    def _law(self) -> StateDiffusivity:
+    def diffusivity_of_u(self) -> StateDiffusivity:
         """The diffusivity (s^2 + r^2)^((p - 2) / 2) with its derivative."""
         return _power_of_slope(self.p, self.regularization)
 
@@ -225,10 +221,10 @@ class TotalVariation(QuasilinearEquation):
 
     def terms(self) -> Terms:
         """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
-        return Terms(_Scaled(self.f, self.c), self.c, self._law)
+        return replace(super().terms(), f=_Scaled(self.f, self.c))
 
     @cached_property
-    def _law(self) -> StateDiffusivity:
+    def diffusivity_of_u(self) -> StateDiffusivity:
         """The diffusivity (s^2 + r^2)^(-1/2) with its derivative."""
         return _power_of_slope(1.0, self.regularization)
 

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping
 
 import numpy as np
 
-from cpmkit.scene.data import evaluate_data
+from cpmkit.scene.data import evaluate_data, is_zero
 from cpmkit.scene.nonlinear_equations import PLaplacian
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats
@@ -28,7 +28,7 @@ def _has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, F
     if points > 1 or others or problem.family in ("time", "eigen") or terms.fixes_constant:
         return False
     if samples is None:  # the mean of a function is not known
-        return callable(terms.f) or not np.any(np.asarray(terms.f))
+        return callable(terms.f) or is_zero(terms.f)
     f = evaluate_data(terms.f, samples[0], scene.channels, "f")
     total, size = samples[1] @ f, samples[1] @ np.abs(f)
     return bool((np.abs(total) <= 0.01 * size).all())

@@ -106,8 +106,11 @@ class Scene(Generic[Family]):
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.in_fields(one, "the edge")))
-        placed = (each.on(self.surface) if isinstance(each, Boundary) else each for each in self.boundaries)
-        object.__setattr__(self, "boundaries", tuple(map(arrays.in_boundary, placed)))
+        boundaries = (
+            arrays.in_boundary(each.on(self.surface)) if isinstance(each, Boundary) else each
+            for each in self.boundaries
+        )
+        object.__setattr__(self, "boundaries", tuple(boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -240,7 +243,17 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     if data:
         names = ["edge", *(repr(boundary.name) for boundary in scene.boundaries)]
         raise SceneError(f"data are given for {next(iter(data))!r}; the scene has {', '.join(names)}.")
-    return replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
+    new_scene = replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
+    labels = [f"boundary {each.name!r}, {side}," for each in scene.boundaries for side in SIDES]
+    labels += ["the edge"] * len(scene.edge_conditions)
+    for label, old, new in zip(labels, scene.conditions, new_scene.conditions, strict=True):
+        same = old.order == new.order and type(old.law) is type(new.law) and old.law.factors == new.law.factors
+        if old is not new and not same:
+            raise SceneError(
+                f"{label} is {old.kind} in the tables, got {new.kind!r}: only data may differ, not the kind, its "
+                "factors or its order; use cpmkit.solve."
+            )
+    return new_scene
 
 
 def _with_data(boundary: Any, data: Any) -> Boundary:
@@ -263,8 +276,6 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
             f"boundary {boundary.name!r} holds conditions on {' and '.join(old)}, got {' and '.join(new)}; give data "
             "for the same."
         )
-    for side, condition in new.items():
-        _check_same(old[side], condition, f"boundary {boundary.name!r}, {side},")
     if "left" in old and same_condition(*old.values()) != same_condition(*new.values()):
         count = "one condition" if same_condition(*old.values()) else "two conditions"
         raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
@@ -285,27 +296,7 @@ def _edge_with_data(edge: Any, data: Any) -> Any:
             "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
             "and each part where it is."
         )
-    if isinstance(edge, Mapping):
-        new_edge = {loop: new_edge[loop] for loop in edge}
-    for (old, _), (new, _) in zip(parts_of_edge(edge), parts_of_edge(new_edge), strict=True):
-        _check_same(old.condition, new.condition, "the edge")
-    return new_edge
-
-
-def _check_same(old: Condition, new: Any, label: str) -> None:
-    """Raise if a new condition differs from the old condition, that of the prepared scene, in more than its data.
-
-    Raises
-    ------
-    SceneError
-        If the kind, a factor or the order differs; ``label`` is the name of the place.
-    """
-    same = isinstance(new, Condition) and old.order == new.order and type(old.law) is type(new.law)
-    if not same or old.law.factors != new.law.factors:
-        raise SceneError(
-            f"{label} is {old.kind} in the tables, got {shown(getattr(new, 'kind', new))}: only data may differ, not "
-            "the kind, its factors or its order; use cpmkit.solve."
-        )
+    return {loop: new_edge[loop] for loop in edge} if isinstance(edge, Mapping) else new_edge
 
 
 def conditions_depend_on_time(scene: Scene) -> bool:

@@ -86,11 +86,7 @@ class Steklov(Condition):
 
     order: int | None = None
     kind: ClassVar[str] = "steklov"
-
-    @property
-    def law(self) -> Spectral:
-        """The law du/db = lambda u."""
-        return Spectral()
+    law_kind: ClassVar[type] = Spectral
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,11 +110,7 @@ class SimplySupported(Condition):
     laplacian: Data = 0.0
     order: int | None = None
     kind: ClassVar[str] = "simply_supported"
-
-    @property
-    def law(self) -> Support:
-        """The laws of u and of Lap u."""
-        return Support(self.value, self.laplacian)
+    law_kind: ClassVar[type] = Support
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,6 +152,7 @@ class NonlinearFlux(Condition):
     guess: float = 1.0
     order: int | None = None
     kind: ClassVar[str] = "nonlinear flux"
+    law_kind: ClassVar[type] = Nonlinear
 
     def __post_init__(self) -> None:
         """Check that the flux and its slope are functions, and convert the guess to a float."""
@@ -171,8 +164,3 @@ class NonlinearFlux(Condition):
                 )
         super().__post_init__()
         object.__setattr__(self, "guess", number(self.guess, "guess of NonlinearFlux"))
-
-    @property
-    def law(self) -> Nonlinear:
-        """The law du/db = j(u)."""
-        return Nonlinear(self.flux, self.slope, self.guess)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
@@ -14,7 +13,7 @@ from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
 from cpmkit.scene.boundary import Boundary
-from cpmkit.scene.data import DATA_TYPE, Data, Functional, takes_time
+from cpmkit.scene.data import DATA_TYPE, Data, Functional, is_zero
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.types import Floats
 
@@ -63,9 +62,11 @@ class VertexData:
 
     def __call__(self, points: Floats) -> Floats:
         """Return the data (n,) or (n, channels) at ``points`` (n, d)."""
-        assert isinstance(self.source, HasValues)
-        feet = self.source.closest_point(np.ascontiguousarray(points, dtype=np.float64))
-        return self.source.interpolate(self.values, feet)
+        source: Any = self.source
+        values: Floats = source.interpolate(
+            self.values, source.closest_point(np.ascontiguousarray(points, dtype=np.float64))
+        )
+        return values
 
 
 def _as_vertex_values(values: Any, count: int) -> Floats:
@@ -89,12 +90,6 @@ def _as_vertex_values(values: Any, count: int) -> Floats:
     if len(bad):
         raise InputError(f"values must be finite: {len(bad)} of {count} rows are not, the first is row {bad[0]}.")
     return array
-
-
-#: Longest array of constants, one for each channel; longer arrays must be vertex data.
-MAX_CHANNELS = 16
-#: Number of vertices up to which an array may be either the channels of a colour or one value per vertex.
-FEW_VERTICES = 4
 
 
 class VertexArrays:
@@ -121,41 +116,37 @@ class VertexArrays:
         if not is_dataclass(instance) or isinstance(instance, type):
             return instance
         if id(instance) not in self._replaced:  # the argument is stored too, so that its id stays unique
-            changed = {}
-            for member in fields(instance):
-                value = getattr(instance, member.name)
-                if member.init and DATA_TYPE in str(member.type) and isinstance(value, np.ndarray) and value.ndim > 0:
-                    changed[member.name] = self._datum(value, f"{member.name} of {label}")
-            differs = any(new is not getattr(instance, name) for name, new in changed.items())
-            self._replaced[id(instance)] = instance, replace(instance, **changed) if differs else instance
+            names = [member.name for member in fields(instance) if member.init and DATA_TYPE in str(member.type)]
+            old = {name: getattr(instance, name) for name in names}
+            new = {name: self._datum(value, f"{name} of {label}") for name, value in old.items()}
+            differs = any(new[name] is not old[name] for name in names)
+            self._replaced[id(instance)] = instance, replace(instance, **new) if differs else instance
         return self._replaced[id(instance)][1]
 
-    def in_boundary(self, boundary: Any) -> Any:
+    def in_boundary(self, boundary: Boundary) -> Boundary:
         """Return a boundary with arrays in its conditions replaced by vertex data."""
-        if not isinstance(boundary, Boundary):
-            return boundary
         old = boundary.given_conditions
         new = {side: self.in_fields(condition, f"boundary {boundary.name!r}") for side, condition in old.items()}
         return boundary if all(new[side] is old[side] for side in old) else replace(boundary, **new)
 
-    def _datum(self, array: np.ndarray, label: str) -> Any:
-        """Return an ``array`` with one row per vertex as :class:`VertexData`; a tensor or channels unchanged.
+    def _datum(self, array: Any, label: str) -> Any:
+        """Return an ``array`` with one row per vertex as :class:`VertexData`; other data unchanged.
 
         Raises
         ------
         SceneError
             If the array has neither one row per vertex nor few channels, or may be both; ``label`` is its name.
         """
-        if array.shape in TENSOR_SHAPES:
+        if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array
         if len(array) == self.count:
-            if self.count <= FEW_VERTICES and array.ndim == 1:
+            if self.count <= 4 and array.ndim == 1:  # as few as the channels of a colour
                 raise SceneError(
                     f"{label} is an array of {len(array)} numbers, which may be one value a vertex of the surface or "
                     "as many channels; give a list of channels, or ck.VertexData(surface, values)."
                 )
             return VertexData(self.surface, array)
-        if len(array) > MAX_CHANNELS:
+        if len(array) > 16:  # more than any channels
             known = "carries no values" if self.count is None else f"has {self.count} vertices"
             raise SceneError(
                 f"{label} is an array of shape {array.shape}, and the surface {known}; give one row a vertex, a "
@@ -164,31 +155,8 @@ class VertexArrays:
         return array
 
 
-class TestedRightSide(Functional, ABC):
-    """A right-hand side that is the sum of a functional and a function ``beside`` of points.
-
-    Its ``form`` is a discretised scene with test functions, :class:`cpmkit.forms.galerkin.form.Galerkin`.
-    """
-
-    beside: Data
-
-    @property
-    def takes_time(self) -> bool:
-        """True if the function ``beside`` depends on the time."""
-        return takes_time(self.beside)
-
-    @abstractmethod
-    def values(self, form: Any) -> Floats:
-        """Return the values (n, channels) of the functional alone for each test function, without ``beside``."""
-
-    def loads(self, form: Any, time: float | None = None) -> Floats:
-        """Return the load vectors (n, channels) of the sum of the functional and the function ``beside``."""
-        is_zero = isinstance(self.beside, (int, float)) and self.beside == 0
-        return self.values(form) if is_zero else form.load(self.beside, time) + self.values(form)
-
-
 @dataclass(frozen=True, eq=False)
-class PointSource(TestedRightSide):
+class PointSource(Functional):
     """Point sources: f = sum strength_k delta(x - at_k) + beside.
 
     The load of a spline is its value at the point, so that the total and the first and second moments are exact. The
@@ -252,7 +220,7 @@ class PointSource(TestedRightSide):
 
 
 @dataclass(frozen=True, eq=False)
-class Divergence(TestedRightSide):
+class Divergence(Functional):
     """f = scale div(X) + beside in weak form, -scale sum X . grad phi, so that X is not differentiated.
 
     A Neumann condition, also the default zero flux, then prescribes du/db + scale X . b (for -Lap u = f).
@@ -295,8 +263,7 @@ class Divergence(TestedRightSide):
         return self * -1.0
 
     def __mul__(self, factor: float) -> Divergence:
-        beside = self.beside
-        if callable(beside) or isinstance(beside, Functional) or np.any(np.asarray(beside, dtype=object)):
+        if not is_zero(self.beside):
             raise InputError("a divergence with a function beside it is not multiplied; give its scale.")
         return replace(self, scale=self.scale * number(factor, "a factor of a divergence"))
 

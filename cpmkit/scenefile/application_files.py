@@ -3,43 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from cpmkit.errors import InputError, SceneError, shown
+from cpmkit.errors import SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.plugins import check_accepted
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.runtime.options import declared_options
-from cpmkit.scene.data import evaluate_data, takes_time
+from cpmkit.scene.data import is_sequence
 from cpmkit.scene.scene import Scene
-from cpmkit.scenefile.condition_tables import as_table, list_of_tables, read_data, with_vertex_data
+from cpmkit.scenefile.condition_tables import as_table, list_of_tables, read_vector, with_vertex_data
 from cpmkit.scenefile.documented_keys import APPLICATIONS
 from cpmkit.scenefile.scene_files import (
     SCENE_TABLES,
     SceneFile,
+    naming_table,
     read_options,
     read_output,
     read_scene,
     read_source,
 )
 from cpmkit.types import Floats
-
-
-@dataclass(frozen=True, eq=False)
-class FormulaField:
-    """A function of points (n, d) whose channels are numbers or formulas."""
-
-    entries: tuple[Any, ...]
-    label: str
-
-    def __call__(self, points: Floats) -> Floats:
-        """Return the values (n, channels) at ``points`` (n, d)."""
-        return evaluate_data(list(self.entries), points, len(self.entries), self.label)
 
 
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
@@ -97,8 +85,8 @@ def _read_direction(value: Any, dim: int, label: str) -> Any:
     """Return a direction along a curve: a name, a vector (dim,), or a function of points if formulas are given."""
     if isinstance(value, str):
         return value
-    if isinstance(value, list) and any(isinstance(entry, str) for entry in value):
-        return _formulas(value, dim, dim, label)
+    if is_sequence(value) and any(isinstance(entry, str) for entry in value):
+        return read_vector(value, dim, label)
     return as_vector(value, dim, label)
 
 
@@ -114,13 +102,17 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
     target = read_source(as_table(tables["target"], "[target]"), folder, "[target]")
     options = _options(tables, "map")
-    options = {**options, **with_vertex_data(_only(options, "initial"), folder, [("surface", scene.surface)], "[map]")}
-    options = {**options, **with_vertex_data(_only(options, "texture"), folder, [("target", target)], "[map]")}
-    if isinstance(options.get("initial"), list):
-        options["initial"] = _formulas(options["initial"], scene.surface.dim, target.dim, "initial of [map]")
-    if isinstance(options.get("texture"), (list, str)):
-        texture = options["texture"] if isinstance(options["texture"], list) else [options["texture"]]
-        options["texture"] = _formulas(texture, target.dim, len(texture), "texture of [map]")
+    for key, name, source, count in (
+        ("initial", "surface", scene.surface, target.dim),
+        ("texture", "target", target, None),
+    ):
+        if key in options:
+            value = with_vertex_data(options[key], folder, [(name, source)], f"{key} of [map]")
+            if key == "texture" and isinstance(value, str):
+                value = [value]
+            if is_sequence(value):
+                value = read_vector(value, source.dim, f"{key} of [map]", count or len(value))
+            options[key] = value
     landmarks: list[tuple[Any, Any]] = []
     for number, table in list_of_tables(tables, "landmark"):
         where = f"[[landmark]] {number}"
@@ -133,7 +125,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
             landmarks.append((at, _points(to, target.dim, f"to of {where}")))
             continue
         curve = read_source(table, folder, where, scene.surface)
-        landmarks.append((curve, _formulas(to, scene.surface.dim, target.dim, f"to of {where}")))
+        landmarks.append((curve, read_vector(to, scene.surface.dim, f"to of {where}", target.dim)))
     return {**options, "target": target, "landmarks": landmarks}
 
 
@@ -168,7 +160,7 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
         if value == {"neumann": 0}:
             return None
         if set(value) == {"formula"}:
-            return _formulas(value["formula"], dim, 3, label)
+            return read_vector(value["formula"], dim, label, 3)
         raise SceneError(
             f"{label} must be a colour, colours along the curve, {{ formula = [red, green, blue] }}, or "
             f"{{ neumann = 0 }} where nothing passes, got {shown(value)}."
@@ -178,47 +170,13 @@ def _colours(value: Any, dim: int, folder: Path, label: str) -> Any:
     return value
 
 
-def _formulas(value: Any, dim: int, count: int, label: str) -> FormulaField:
-    """Return the function of points with ``count`` channels given as a list of numbers or formulas.
-
-    Raises
-    ------
-    SceneError
-        If the list has another length, or an entry depends on t.
-    """
-    if not isinstance(value, list) or len(value) != count:
-        raise SceneError(f"{label} must be a list of {count} numbers or formulas, got {shown(value)}.")
-    entries = tuple(read_data(entry, dim, f"entry {number} of {label}") for number, entry in enumerate(value, 1))
-    if takes_time(entries):
-        raise SceneError(f"{label} must not depend on t, got {shown(value)}.")
-    return FormulaField(entries, label)
-
-
 def _points(value: Any, dim: int, label: str) -> Floats:
     """Return a point, or a list of points, as an array (n, dim)."""
-    is_point = isinstance(value, list) and bool(value) and not isinstance(value[0], list)
+    is_point = is_sequence(value) and not any(map(is_sequence, value))
     return as_points([value] if is_point else value, dim, label)
 
 
-def _only(table: Mapping[str, Any], key: str) -> dict[str, Any]:
-    """Return the part of a table with this key alone; empty if the table does not have it."""
-    return {key: table[key]} if key in table else {}
-
-
-@dataclass(frozen=True, eq=False)
-class ApplicationFile(SceneFile):
-    """The scene of an application's file, with the arguments of the application, its options and its output.
-
-    Attributes
-    ----------
-    arguments : dict
-        Keyword arguments of the application's function.
-    """
-
-    arguments: dict[str, Any] = field(default_factory=dict)
-
-
-def load_application(path: str | Path, command: str) -> ApplicationFile:
+def load_application(path: str | Path, command: str) -> SceneFile:
     """Return the contents of a scene file for the application of ``cpmkit COMMAND``.
 
     Raises
@@ -232,7 +190,7 @@ def load_application(path: str | Path, command: str) -> ApplicationFile:
     return from_toml(path, partial(_application_file, command), "scene file", like)
 
 
-def _application_file(command: str, tables: dict[str, Any], path: Path) -> ApplicationFile:
+def _application_file(command: str, tables: dict[str, Any], path: Path) -> SceneFile:
     """Return the contents of the ``tables`` of a scene file for the application of ``cpmkit COMMAND``.
 
     Raises
@@ -262,9 +220,6 @@ def _application_file(command: str, tables: dict[str, Any], path: Path) -> Appli
         raise SceneError(f"`cpmkit {command}` makes no estimate of the error; leave out field of the picture.")
     if output.picture is not None and output.picture.vectors:
         raise SceneError(f"`cpmkit {command}` draws in its own way; leave out vectors of the picture.")
-    try:
-        read = {"vectors": read_directions, "map": read_map, "paint": read_colours}[command]
-        arguments = read(tables, scene, path.parent)
-    except InputError as error:
-        raise error if isinstance(error, SceneError) else SceneError(str(error)) from error
-    return ApplicationFile(scene, spacing, options, output, arguments)
+    read = {"vectors": read_directions, "map": read_map, "paint": read_colours}[command]
+    with naming_table("the scene"):
+        return SceneFile(scene, spacing, options, output, read(tables, scene, path.parent))

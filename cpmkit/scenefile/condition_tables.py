@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -13,14 +13,14 @@ import numpy as np
 from cpmkit.errors import SceneError, shown
 from cpmkit.files.array_files import read_array
 from cpmkit.files.data_files import find_file
-from cpmkit.formulas.expressions import Expression
+from cpmkit.formulas.expressions import Expression, ReactionExpression, StateExpression
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, factory
-from cpmkit.runtime.arrays import number, whole
+from cpmkit.runtime.arrays import number
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
-from cpmkit.scene.data import Data, read_formula
+from cpmkit.scene.data import Data, as_vector_field, is_sequence, read_formula
 from cpmkit.scene.special_conditions import SimplySupported, Steklov, Transmission
 from cpmkit.scene.special_data import VertexData
 
@@ -36,10 +36,12 @@ def read_side(key: str, value: Any, dim: int, where: str) -> Any:
     table = as_table(value, where)
     if "kind" in table:
         return read_condition(table, dim, where)
-    for name in ("jump", "flux", "left", "right"):
-        if name in table:
-            table[name] = read_data(table[name], dim, f"{name} of {where}")
-    return call(Transmission, where, table)
+    return call(Transmission, where, _read_keys(table, dim, where))
+
+
+def _read_keys(table: dict[str, Any], dim: int, where: str) -> dict[str, Any]:
+    """Return a table of data with formulas replaced by functions."""
+    return {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
 
 
 def read_condition(table: Any, dim: int, where: str) -> Condition:
@@ -60,12 +62,9 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
         return Dirichlet(read_data(table, dim, where))
     table = as_table(table, where)
     order = {"order": table.pop("order")} if "order" in table else {}
-    for given in order.values():
-        whole(given, f"order of {where}", 1, 4)
     if isinstance(table.get("kind"), str):
         make = factory(table.pop("kind"), "cpmkit_conditions")
-        keys = {key: read_data(value, dim, f"{key} of {where}") for key, value in table.items()}
-        condition: Condition = call(make, where, {**keys, **order})
+        condition: Condition = call(make, where, {**_read_keys(table, dim, where), **order})
         return condition
     kinds = list(table)
     if "clamped" in kinds:
@@ -141,11 +140,7 @@ def _condition_of_part(table: Any, dim: int, where: str) -> Any:
     table = dict(as_table(table, where))
     formula = table.pop("where", None)
     condition = read_condition(table, dim, where)
-    if formula is None:
-        return condition
-    if not isinstance(formula, str):
-        raise SceneError(f"`where` of {where} must be a formula such as 'x < 0', got {shown(formula)}.")
-    return condition, formula
+    return condition if formula is None else (condition, formula)
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:
@@ -170,6 +165,65 @@ def read_data(value: Any, dim: int, where: str) -> Data:
         f"{where} must be a number, a formula, {{ values = 'FILE.npy' }}, or a list with one of them a channel, "
         f"got {shown(value)}."
     )
+
+
+def _read_scalar(value: Any, dim: int, where: str) -> Any:
+    """Return a number unchanged and a formula as a function; raise SceneError for a list."""
+    if is_sequence(value):
+        raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
+    return read_data(value, dim, where)
+
+
+def _read_channels(value: Any, dim: int, where: str) -> Any:
+    """Return a number or formula, or a list of one for each channel."""
+    if not is_sequence(value):
+        return read_data(value, dim, where)
+    return [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+
+
+def _read_tensor(value: Any, dim: int, where: str) -> Any:
+    """Return a number, a formula or a tensor; raise SceneError for a list that is not ``dim`` lists of ``dim``."""
+    if is_sequence(value) and [is_sequence(row) and len(row) for row in value] != [dim] * dim:
+        raise SceneError(
+            f"{where} must be one number or formula, or a tensor, a list of {dim} lists of {dim} numbers or formulas, "
+            f"got {shown(value)}."
+        )
+    return read_data(value, dim, where)
+
+
+def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> Any:
+    """Return the function of points given as a list with a number or formula for each of ``count`` components.
+
+    By default these are the ``dim`` coordinates of a vector.
+
+    Raises
+    ------
+    SceneError
+        If the list has another length, or an entry depends on t.
+    """
+    count = dim if count is None else count
+    if not is_sequence(value) or len(value) != count:
+        raise SceneError(f"{where} must be a list of {count} numbers or formulas, got {shown(value)}.")
+    entries = [read_data(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
+    return as_vector_field(entries, where)
+
+
+def _read_reaction(value: Any, dim: int, where: str) -> Any:
+    """Return the function of a reaction given as a formula, or as a list of one for each channel."""
+    return read_formula(ReactionExpression, tuple(value) if is_sequence(value) else (value,), where, dim)
+
+
+#: Functions that read the keys of [problem], by the type of the field of the equation: they take the value, the
+#: dimension of the space, and the name of the key in messages.
+DATA_READERS: dict[str, Callable[..., Any]] = {
+    "Data": read_data,
+    "ChannelData": _read_channels,
+    "ScalarData": _read_scalar,
+    "TensorData": _read_tensor,
+    "VectorField": read_vector,
+    "StateFunction": lambda value, dim, where: read_formula(StateExpression, value, where, dim),
+    "Reaction": _read_reaction,
+}
 
 
 def as_table(value: Any, where: str) -> dict[str, Any]:

@@ -70,40 +70,6 @@ def copy_examples(to: Path) -> Path:
     return to
 
 
-FIRST_SCENE = """\
-# A first scene of cpmkit: heat that spreads on a torus between two circles.
-#
-#   cpmkit explain {file}
-#   cpmkit solve {file}
-#
-# `cpmkit plugins` lists the kinds of surfaces and curves, `cpmkit plugins analytic.torus` the keys of one.
-
-[surface]
-kind = "analytic.torus"
-major = 1.0                 # from the centre to the middle of the tube
-minor = 0.4                 # radius of the tube
-
-[[boundary]]
-name = "outside"            # the longest circle around the torus
-kind = "analytic.circle"
-normal = [0, 0, 1]
-radius = 1.4
-left = {{ dirichlet = 1.0 }}  # at your left hand when you walk along the circle
-right = {{ dirichlet = "x" }} # a formula in x, y, z
-
-[problem]
-kind = "laplace"            # -Lap u = 0; others: poisson, heat, eigen, ...
-
-[discretization]
-spacing = 0.1               # of the lattice: half of it costs four times as much
-
-[output]
-folder = "{stem}"
-files = ["solution.vtp", "summary.json"]
-# picture = {{ file = "picture.png", isolines = 8 }} # with `pip install 'cpmkit[pictures]'`
-"""
-
-
 def write_first_scene(name: str) -> Path:
     """Write the first scene into the file ``name``, with ``.toml`` added if it has no suffix, and return its path.
 
@@ -122,5 +88,6 @@ def write_first_scene(name: str) -> Path:
         raise InputError(f"{shown(str(file))} is there already; give another name, or remove it.")
     check_place(file)
     with written_whole(file) as part:
-        part.write_text(FIRST_SCENE.format(file=file, stem=file.stem), encoding="utf-8")
+        text = (examples_folder() / "new" / "scene.toml").read_text(encoding="utf-8")
+        part.write_text(text.replace("{file}", str(file)).replace("{stem}", file.stem), encoding="utf-8")
     return file

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -51,12 +51,7 @@ class Kind:
 
     def __str__(self) -> str:
         """Return the name, the sort and the summary of the kind, and a line for each key."""
-        lines = [
-            f"{self.name}: {self.sort} of {self.distribution}",
-            f"  {self.summary}",
-            *(f"  {key}" for key in self.keys),
-        ]
-        return "\n".join(lines)
+        return "\n  ".join([f"{self.name}: {self.sort} of {self.distribution}", self.summary, *map(str, self.keys)])
 
 
 def kinds(name: str | None = None) -> tuple[Kind, ...]:
@@ -81,31 +76,19 @@ def kinds(name: str | None = None) -> tuple[Kind, ...]:
     >>> [key.name for key in circle.keys][:3]
     ['center', 'radius', 'normal']
     """
-    built_in: list[tuple[str, str, Callable[..., Any]]] = [
-        *(("equation", kind, make) for kind, make in PROBLEMS.items()),
-        *(("condition", kind, make) for kind, make in CONDITIONS.items()),
-    ]
-    matching = [_kind(kind, sort, "cpmkit", make) for sort, kind, make in built_in if _matches(kind, name)]
-    for installed in installed_kinds():
-        if _matches(installed.kind, name):
-            hook, make = any_factory(installed.kind)
-            matching.append(_kind(installed.kind, SORTS[hook], installed.distribution, make))
+    built_in: dict[str, Any] = {**PROBLEMS, **CONDITIONS}
+    known = {**dict.fromkeys(built_in, "cpmkit"), **{each.kind: each.distribution for each in installed_kinds()}}
+    matching = []
+    for kind, distribution in known.items():
+        if name is None or name in (kind, kind.partition(".")[0]):
+            hook, make = ("", built_in[kind]) if kind in built_in else any_factory(kind)
+            sort = SORTS.get(hook, "equation" if kind in PROBLEMS else "condition")
+            matching.append(Kind(kind, sort, distribution, first_sentence(make.__doc__), keys_of(make)))
     if not matching:
-        known = [*(kind for _, kind, _ in built_in), *(installed.kind for installed in installed_kinds())]
         raise PluginError(
             f"There is no kind {shown(name)}{did_you_mean(name, known)}; `cpmkit plugins` lists those installed."
         )
     return tuple(sorted(matching, key=lambda kind: (kind.sort, kind.name)))
-
-
-def _matches(kind: str, name: str | None) -> bool:
-    """Return True if ``name`` is the kind or its family, the part before the dot; always for None."""
-    return name is None or name in (kind, kind.partition(".")[0])
-
-
-def _kind(name: str, sort: str, distribution: str, make: Callable[..., Any]) -> Kind:
-    """Return the record of the kind that ``make`` constructs, with the summary and keys of its docstring."""
-    return Kind(name, sort, distribution, first_sentence(make.__doc__), keys_of(make))
 
 
 DRAFT = "http://json-schema.org/draft-07/schema#"
@@ -128,14 +111,13 @@ def _document(title: str, tables: Schema, needed: list[str]) -> Schema:
 
 def definitions() -> Schema:
     """Return the definitions to which the schemas of tables refer: datum, condition and source."""
-    sources = [kind for kind in kinds() if kind.sort == "source"]
     return {
         "datum": {
             "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
             "type": ["number", "string", "array", "object"],
         },
         "condition": _condition(),
-        "source": one_of_kinds(sources),
+        "source": _one_of_kinds("source"),
     }
 
 
@@ -144,8 +126,6 @@ def scene_tables(problem_needs: bool = True) -> Schema:
 
     ``problem_needs`` is False if [problem] may lack required keys, which a study sets.
     """
-    every = kinds()
-    sources = [kind for kind in every if kind.sort == "source"]
     edge = {
         "description": "What holds on the rim; or a list of tables, each with `where`, a formula; or a table of loops."
     }
@@ -155,11 +135,10 @@ def scene_tables(problem_needs: bool = True) -> Schema:
         "across": {"description": "A transmission, or another condition that couples both sides.", "type": "object"},
         "name": {"description": "For reports, and to ask for a side.", "type": "string"},
     }
-    equations = [kind for kind in every if kind.sort == "equation"]
     return {
-        "surface": one_of_kinds(sources, {"edge": edge}),
-        "boundary": {"type": "array", "items": one_of_kinds(sources, sides)},
-        "problem": one_of_kinds(equations, needs=problem_needs, of_data=True),
+        "surface": _one_of_kinds("source", {"edge": edge}),
+        "boundary": {"type": "array", "items": _one_of_kinds("source", sides)},
+        "problem": _one_of_kinds("equation", needs=problem_needs),
         "discretization": _options([Options, AccuracyTarget, *FORMS.values()]),
         "solver": _options([SolverOptions], SOLVER_KEYS, further=True),
         "output": _table(
@@ -187,17 +166,18 @@ def _table(properties: Schema, needed: Iterable[str] = (), further: bool = False
     return {**schema, "required": required} if required else schema
 
 
-def one_of_kinds(
-    choices: Iterable[Kind], more: Mapping[str, Any] = {}, needs: bool = True, of_data: bool = False
-) -> Schema:
-    """Return the JSON schema of a table whose ``kind``, one of ``choices``, determines its other keys.
+def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -> Schema:
+    """Return the JSON schema of a table whose ``kind``, one of this ``sort``, determines its other keys.
 
-    All kinds have the properties ``more`` too. ``needs`` is False if no key is required; with ``of_data`` all keys
-    are data. A key ``surface`` is never required: a boundary receives the surface of its scene.
+    All kinds have the properties ``more`` too. ``needs`` is False if no key is required; all keys of equations are
+    data. A key ``surface`` is never required: a boundary receives the surface of its scene.
     """
     variants = []
-    for choice in choices:
-        own = {key.name: {**DATUM, "description": key.summary} if of_data else _key_schema(key) for key in choice.keys}
+    for choice in (kind for kind in kinds() if kind.sort == sort):
+        own = {
+            key.name: {**DATUM, "description": key.summary} if sort == "equation" else _key_schema(key)
+            for key in choice.keys
+        }
         needed = [key.name for key in choice.keys if key.needed and needs and key.name != "surface"]
         kind = {"const": choice.name, "description": choice.summary}
         variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
@@ -256,7 +236,7 @@ def _json_type(declared_type: str) -> Schema:
 def application_schema(command: str) -> Schema:
     """Return the JSON schema of the scene files for the application of ``cpmkit COMMAND``."""
     keys = APPLICATIONS[command]
-    entries: list[Schema] = one_of_kinds([kind for kind in kinds() if kind.sort == "source"], keys.on_curve)["oneOf"]
+    entries: list[Schema] = _one_of_kinds("source", keys.on_curve)["oneOf"]
     if keys.at_points:
         entries.append(_table(keys.at_points, keys.at_points))
     own: Schema = {keys.entry: {"type": "array", "items": {"oneOf": entries}}}

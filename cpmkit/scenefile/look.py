@@ -196,12 +196,7 @@ class PictureRequest(Look):
     def __post_init__(self) -> None:
         """Check the file name and the options."""
         relative_name(self.file, "file of the picture")
-        try:
-            super().__post_init__()
-        except InputError as error:
-            raise SceneError(str(error)) from error
-        if not isinstance(self.frames, bool):
-            raise SceneError(f"frames of the picture must be true or false, got {shown(self.frames)}.")
+        super().__post_init__()
         if self.frames and self.field != "solution":
             raise SceneError("field = 'error' of the picture is the error at the end; leave out frames, or field.")
 
@@ -284,17 +279,6 @@ def relative_name(name: object, label: str) -> str:
             f"without NUL, got {shown(name)}."
         )
     return name
-
-
-def output_folder(name: object) -> Path:
-    """Return the output folder that a scene file names, a relative path inside the working directory.
-
-    Raises
-    ------
-    SceneError
-        If the path is absolute or leads out of the working directory.
-    """
-    return Path(name if name == "." else relative_name(name, "folder of [output]"))
 
 
 def check_links(path: Path, folder: Path, label: str) -> None:

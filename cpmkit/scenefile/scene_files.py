@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +14,6 @@ from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
 from cpmkit.forms.options import Options
-from cpmkit.formulas.expressions import ReactionExpression, StateExpression
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes
@@ -23,21 +22,20 @@ from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen, ReactionDiffusion
-from cpmkit.scene.data import as_vector_field, read_formula
-from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson, VectorField
+from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import (
+    DATA_READERS,
     as_table,
     list_of_tables,
-    read_data,
     read_edge,
     read_side,
     with_vertex_data,
 )
 from cpmkit.scenefile.documented_keys import APPLICATIONS
-from cpmkit.scenefile.look import VERTICES, OutputRequest, PictureRequest, check_links, output_folder
+from cpmkit.scenefile.look import VERTICES, OutputRequest, PictureRequest, check_links, relative_name
 
 #: Keys in the table [solver] for solver options, by the name of the option.
 SOLVER_KEYS = {"solver": "kind", "solver_tolerance": "tolerance"}
@@ -67,12 +65,15 @@ class SceneFile:
         Further keyword arguments of ``solve``.
     output : OutputRequest
         The files to be written.
+    arguments : dict
+        Keyword arguments of the function of an application, empty for a scene.
     """
 
     scene: Scene
     spacing: float | None
     options: dict[str, Any]
     output: OutputRequest
+    arguments: dict[str, Any] = field(default_factory=dict)
 
 
 def load_scene(path: str | Path) -> SceneFile:
@@ -278,63 +279,12 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
     if not isinstance(kind, str) or kind not in PROBLEMS:
         hint = did_you_mean(kind, PROBLEMS)
         raise SceneError(f"the kind of [problem] must be one of {', '.join(PROBLEMS)}, got {shown(kind)}{hint}.")
-    check_keys(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     check_key_types(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
     for member in fields(PROBLEMS[kind]):
-        reader = PROBLEM_READERS.get(str(member.type).removesuffix(" | None"))
+        reader = DATA_READERS.get(str(member.type).removesuffix(" | None"))
         if reader is not None and member.name in table:
             table[member.name] = reader(table[member.name], dim, f"{member.name} of [problem]")
     return call(PROBLEMS[kind], f"[problem] of kind {kind!r}", table)
-
-
-def _read_scalar(value: Any, dim: int, where: str) -> Any:
-    """Return a number unchanged and a formula as a function; raise SceneError for a list."""
-    if isinstance(value, list):
-        raise SceneError(f"{where} must be one number or formula, got {shown(value)}.")
-    return read_data(value, dim, where)
-
-
-def _read_channels(value: Any, dim: int, where: str) -> Any:
-    """Return a number or formula, or a list of one for each channel."""
-    if not isinstance(value, list):
-        return read_data(value, dim, where)
-    return [_read_scalar(entry, dim, f"entry {number} of {where}") for number, entry in enumerate(value, 1)]
-
-
-def _read_tensor(value: Any, dim: int, where: str) -> Any:
-    """Return a number, a formula or a tensor; raise SceneError for a list that is not ``dim`` lists of ``dim``."""
-    rows = value if isinstance(value, list) else [[None] * dim] * dim
-    if len(rows) != dim or not all(isinstance(row, list) and len(row) == dim for row in rows):
-        raise SceneError(
-            f"{where} must be one number or formula, or a tensor, a list of {dim} lists of {dim} numbers or formulas, "
-            f"got {shown(value)}."
-        )
-    return read_data(value, dim, where)
-
-
-def _read_vector(value: Any, dim: int, where: str) -> VectorField:
-    """Return a vector field from a list with a number or formula for each of ``dim`` coordinates; else SceneError."""
-    if not isinstance(value, list) or len(value) != dim:
-        raise SceneError(f"{where} must be a list of {dim} numbers or formulas, got {shown(value)}.")
-    return as_vector_field(read_data(value, dim, where), where)
-
-
-def _read_reaction(value: Any, dim: int, where: str) -> Any:
-    """Return the function of a reaction given as a formula, or as a list of one for each channel."""
-    return read_formula(ReactionExpression, tuple(value) if isinstance(value, list) else (value,), where, dim)
-
-
-#: Functions that read the keys of [problem], by the type of the field of the equation: they take the value, the
-#: dimension of the space, and the name of the key in messages.
-PROBLEM_READERS: dict[str, Callable[[Any, int, str], Any]] = {
-    "Data": read_data,
-    "ChannelData": _read_channels,
-    "ScalarData": _read_scalar,
-    "TensorData": _read_tensor,
-    "VectorField": _read_vector,
-    "StateFunction": lambda value, dim, where: read_formula(StateExpression, value, where, dim),
-    "Reaction": _read_reaction,
-}
 
 
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
@@ -349,10 +299,12 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     picture, files = table.get("picture"), table.get("files", ["summary.json"])
     if picture is not None:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
-        picture = call(PictureRequest, "picture of [output]", picture)
+        with naming_table("[output]"):
+            picture = call(PictureRequest, "picture of [output]", picture)
     if not isinstance(files, list):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
-    folder = output_folder(table["folder"]) if "folder" in table else Path(path.stem)
+    folder = table.get("folder", path.stem)
+    folder = Path(relative_name(folder, "folder of [output]") if "folder" in table and folder != "." else folder)
     check_links(folder, Path.cwd(), "folder of [output]")
     vertices = table.get("vertices", VERTICES[0])
     with naming_table("[output]"):

@@ -42,10 +42,9 @@ from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
 from cpmkit.runtime.memory import release_memory, state_without_cached
-from cpmkit.scene.data import Data
+from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
-from cpmkit.scene.special_data import TestedRightSide
 from cpmkit.types import Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
@@ -190,9 +189,7 @@ class Galerkin(Discretized):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of ``f`` times each function."""
-        return (
-            f.loads(self, time) if isinstance(f, TestedRightSide) else self.assembly.load(f, time, self.scene.channels)
-        )
+        return f.loads(self, time) if isinstance(f, Functional) else self.assembly.load(f, time, self.scene.channels)
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
