@@ -32,8 +32,8 @@ def test_a_tolerance_is_reached_and_reported() -> None:
 def clock_of_unknowns(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let a solve take a millisecond an unknown, whatever else the machine does, and nothing beside take time."""
 
-    def timed(purpose: Any, solution: ck.Solution, _: float, *estimates: Any) -> adaptive_run.TimedSolve:
-        return Timed(purpose, solution, 1e-3 * solution.discretized.size, *estimates)
+    def timed(purpose: Any, spacing: float, step: float, unknowns: int, _: float, *more: Any) -> Any:
+        return Timed(purpose, spacing, step, unknowns, 1e-3 * unknowns, *more)
 
     Timed = adaptive_run.TimedSolve
     monkeypatch.setattr(adaptive_run, "TimedSolve", timed)

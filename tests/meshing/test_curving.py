@@ -132,7 +132,8 @@ def test_cells_beside_an_edge_share_its_midpoint():
 def test_a_foot_far_from_the_chord_is_a_crease():
     corner = localize(ck.source("mesh.polyline", points=[[0.0, 1.0], [0.0, 0.0], [1.0, 0.0]]), np.zeros(2))
     mesh = Mesh.of(np.array([[0.0, 0.5], [0.5, 0.0]]), np.array([[0, 1]]))
-    assert curve_from_points(mesh, corner).midpoints[0, 0].tolist() == [0.25, 0.25]
+    curved = curve_from_points(mesh, corner)
+    assert curved.midpoints[0, 0].tolist() == curved.vertices.mean(axis=0).tolist() != [0.0, 0.0]
 
 
 def test_segments_end_where_the_curve_crosses_knot_planes():
