@@ -22,7 +22,7 @@ class StateDependentCoefficient:
         returns numbers (k,) or symmetric tensors (k, d, d).
     u : (n, 1) float64
         The unknowns of u.
-    holding : callable, optional
+    penalty_coefficient : callable, optional
         Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
         coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.
     """
@@ -30,7 +30,7 @@ class StateDependentCoefficient:
     needs_state: ClassVar[bool] = True
     coefficient: Callable[[Floats, Floats, Floats], Floats]
     u: Floats
-    holding: Callable[[Floats, Floats, Floats], Floats] | None = None
+    penalty_coefficient: Callable[[Floats, Floats, Floats], Floats] | None = None
 
 
 class StateFlux(Protocol):

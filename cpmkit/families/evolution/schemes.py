@@ -16,7 +16,8 @@ Newmark's average acceleration, with v for u': ``(M + h^2/4 A) u1 = M (u0 + h v0
 acceleration is stored, as M may be singular.
 Leapfrog, M being the identity: ``v1 = v0 + h (-A u0 + b0)``, ``u1 = u0 + h v1``, the rate v half a step before u. It is
 damped: ``v1 -= h eps A^2 v0``, with eps so small that the damping is of third order in the spacing, and so large that
-waves of a few spacings decay, which grow where A has complex eigenvalues (:mod:`cpmkit.forms.collocation.refusals`).
+waves of a few spacings decay, which grow where A has complex eigenvalues
+(:func:`cpmkit.forms.collocation.layout_checks.check_waves`).
 The implicit scheme is BDF2 for u' = v, M v' = -A u + b: ``(M + (g h)^2 A) u1 = ...``, v eliminated.
 """
 

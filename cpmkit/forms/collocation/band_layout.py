@@ -16,14 +16,14 @@ from cpmkit.forms.collocation.facing_rims import (
     find_narrowest_gap,
     find_rim_strips,
 )
-from cpmkit.forms.collocation.ghosts.ghost_geometry import node_sources
+from cpmkit.forms.collocation.ghosts.ghost_geometry import SIDE_READING_SPACINGS, node_sources
 from cpmkit.forms.collocation.ghosts.ghosts import Ghosts, build_ghosts
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import read_past_edge, separated_from_mirrors
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.row_formula import RowFormula
 from cpmkit.forms.collocation.selection import Unknowns
-from cpmkit.forms.collocation.sheets.twins import separate_sheets
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, put_on_lattice
+from cpmkit.forms.collocation.twins import separate_sheets
 from cpmkit.forms.collocation.unresolved_places import (
     UnresolvedPlace,
     find_meetings,
@@ -36,9 +36,6 @@ from cpmkit.grid.stencils import reading_radius
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress, no_progress
-
-#: Nodes whose closest points are nearer to a boundary than this many spacings read right-hand sides farther inside.
-DOUBTFUL_SIDE_SPACINGS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,7 +166,7 @@ def _sources_of_nodes(boundaries: BoundariesOnBand, band: Band) -> RowFormula:
     """
     points, coefficient, terms = band.feet.points.copy(), np.ones(len(band.nodes)), []
     for number, view in enumerate(boundaries.side_views):
-        doubtful = (np.abs(view.signed) < DOUBTFUL_SIDE_SPACINGS * band.spacing) & ~view.end
+        doubtful = (np.abs(view.signed) < SIDE_READING_SPACINGS * band.spacing) & ~view.end
         doubtful &= band.feet.edge[view.rows] < 0
         if doubtful.any():
             chosen = view.take(doubtful)

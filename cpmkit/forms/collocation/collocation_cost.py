@@ -9,9 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from cpmkit.forms.collocation.band_layout import Layout, lay_out
-from cpmkit.forms.collocation.layout_warnings import geometry_warnings
+from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnings
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.collocation.refusals import check_layout
 from cpmkit.forms.cost_model import CostModel
 from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks

@@ -13,8 +13,8 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.band_layout import Layout, lay_out, with_data_of
 from cpmkit.forms.collocation.extension import extend, extend_rows, row_centres
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import EDGE_CONDITION
+from cpmkit.forms.collocation.layout_checks import check_effect, check_layout
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.collocation.refusals import check_effect, check_layout
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula, sum_of_data
 from cpmkit.forms.collocation.selection import Centres, Unknowns
 from cpmkit.forms.form_records import PlainWork

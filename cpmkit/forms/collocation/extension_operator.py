@@ -32,8 +32,6 @@ if TYPE_CHECKING:
 
 #: Central differences oscillate where the ratio of advection over one spacing to diffusion is larger than this.
 MOST_CELL_PECLET = 2.0
-#: A mirror point nearer to its boundary than this share of the spacing may be on either side because of rounding.
-AMBIGUOUS_MIRROR_SPACINGS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,11 +122,10 @@ class ExtensionOperator:
         assert mass is None
         return replace(self, diagonal=1.0 + factor * self.diagonal, scale=factor * self.scale)
 
-    def minus_shifted_mass(self, shift: float, mass: Operator | None = None) -> ExtensionOperator:
+    def minus_shifted_mass(self, shift: float, mass: BoundaryMass | None = None) -> ExtensionOperator:
         """Return ``A - shift M``, where M is the identity or, if given, the boundary mass of Steklov conditions."""
         if mass is None:
             return replace(self, diagonal=self.diagonal - shift)
-        assert isinstance(mass, BoundaryMass)
         return replace(self, extension=(self.extension + shift * mass.reads).tocsr())
 
 
@@ -231,9 +228,7 @@ def _diffusivity(tables: Discretization, data: Data) -> Floats:
         return np.asarray(np.log(a))
 
     formula, sources = layout.formula, layout.sources
-    apart = np.linalg.norm(formula.points - sources.points, axis=1, keepdims=True)
-    ambiguous = apart < AMBIGUOUS_MIRROR_SPACINGS * layout.lattice.spacing
-    at_sources, mirror = log_at(sources.points), log_at(np.where(ambiguous, sources.points, formula.points))
+    at_sources, mirror = log_at(sources.points), log_at(formula.points)
     log = np.where(sources.coefficient == 1, 2 * at_sources - mirror, sources.coefficient * at_sources)
     return np.concatenate(
         [np.exp(_add_log_terms(log, sources, log_at)), *(_of_ghosts(g, log_at) for g in layout.ghosts)]

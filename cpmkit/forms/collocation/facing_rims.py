@@ -26,8 +26,8 @@ from cpmkit.types import Bools, Floats, Ints
 HALF_GAPS_SPACINGS = 3.0 * 2.0 ** np.arange(-9, 0.5, 0.5)
 #: One point of a rim is examined in each cell of this many spacings.
 RIM_SAMPLE_SPACINGS = 1.5
-#: Least cosines: of the conormal with the direction to a foot ahead, and of that foot with the rim that it faces.
-AHEAD_COSINE, FACING_COSINE = 0.5, 0.8
+#: Least cosine of the conormal with the direction to a foot ahead, and of that foot with the rim that it faces.
+FACING_COSINE = 0.8
 #: Step, in spacings, of the differences that give a rim's conormal: across a narrower gap they are wrong.
 CONORMAL_STEP_SPACINGS = 0.005
 #: The closest point on a rim near a boundary is found from a point this many spacings past the rim.
@@ -93,7 +93,7 @@ def _gaps_ahead(surface: LocalSource, rim: Floats, outward: Floats, spacing: flo
         feet = surface.closest_point(ahead).points
         chord, back = feet - rim[rows], feet - ahead
         width = np.linalg.norm(chord, axis=1)
-        is_other = np.sum(chord * outward[rows], axis=1) > AHEAD_COSINE * width
+        is_other = np.sum(chord * outward[rows], axis=1) > FACING_COSINE * width
         is_other &= width > CONORMAL_STEP_SPACINGS * spacing
         faces = np.sum(back * chord, axis=1) > FACING_COSINE * np.linalg.norm(back, axis=1) * width
         return feet, is_other, is_other & faces

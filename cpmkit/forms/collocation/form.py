@@ -13,7 +13,7 @@ from cpmkit.errors import SceneError
 from cpmkit.forms.collocation.collocation_cost import CollocationCost
 from cpmkit.forms.collocation.discretization import Work, build_tables, measure_work, with_new_data
 from cpmkit.forms.collocation.extension_operator import BoundaryMass, ExtensionOperator, build_operator, check_terms
-from cpmkit.forms.collocation.layout_warnings import layout_warnings, sharp_bends
+from cpmkit.forms.collocation.layout_checks import check_waves, layout_warnings, sharp_bends
 from cpmkit.forms.collocation.mean_weights import (
     components_without_flux,
     correct_means,
@@ -24,7 +24,6 @@ from cpmkit.forms.collocation.mean_weights import (
 from cpmkit.forms.collocation.nonlinear_fluxes import FluxRows, find_flux_rows, linearise_fluxes
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.collocation.read_points import Reader
-from cpmkit.forms.collocation.refusals import check_waves
 from cpmkit.forms.collocation.row_formula import BoundaryData, sum_of_data
 from cpmkit.forms.contract import Discretized
 from cpmkit.forms.form_records import Diagnosis, FormTraits
@@ -133,12 +132,11 @@ class Collocation(Reader):
         """Return f (n, channels) at the unknowns, at ghosts on the side that they continue."""
         return self.tables.read_sources(f, "the right-hand side f", time)
 
-    def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
+    def condition_load(self, stiffness: Any, time: float | None = None, of: str = "value") -> Floats:
         """Return what the boundary data add to the right-hand side, (n, channels).
 
         With ``of="laplacian"``, the data are instead those that supports give for v = -Lap u.
         """
-        assert isinstance(stiffness, ExtensionOperator)
         data: Iterable[BoundaryData] = self.tables.data
         if of == "laplacian":  # with the signs that v = -Lap u has
             data = [
@@ -146,15 +144,15 @@ class Collocation(Reader):
                 for datum in data
                 if isinstance(datum.law, Support)
             ]
-        return stiffness.spread(self._sum_of(data, time))
+        spread: Floats = stiffness.spread(self._sum_of(data, time))
+        return spread
 
     def _sum_of(self, data: Iterable[BoundaryData], time: float | None = None) -> Floats:
         """Return the sum (rows, channels) of ``data`` in each row of E."""
         return sum_of_data(data, self.tables.extension.shape[0], self.scene.channels, time)
 
-    def boundary_mass(self, stiffness: Stiffness) -> BoundaryMass | None:
+    def boundary_mass(self, stiffness: Any) -> BoundaryMass | None:
         """Return the boundary mass of Steklov conditions; None if there are none."""
-        assert isinstance(stiffness, ExtensionOperator)
         reads = self.tables.read_in_place_of(Spectral)
         return BoundaryMass(stiffness, reads) if reads.nnz else None
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -177,8 +177,7 @@ def describe_imbalances(
 
 def _data_sizes(tables: Discretization, scene: Scene, operator: Bordered) -> Floats:
     """Return the mean absolute value (pieces, channels) of f plus that of the fluxes through ends, by piece."""
-    indicator, stiffness = operator.border.indicator, operator.operator
-    assert isinstance(stiffness, ExtensionOperator)
+    indicator, stiffness = operator.border.indicator, cast("ExtensionOperator", operator.operator)
     f = np.abs(tables.read_sources(scene.problem.terms().f, "the right-hand side f"))
     fluxes = np.abs(tables.datum()[tables.unknowns.row_of_unknown])
     conductivity = stiffness.scale * float(np.abs(stiffness.differences.data).max())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,20 +11,24 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.forms.collocation.discretization import Discretization
 from cpmkit.forms.collocation.extension import extend
-from cpmkit.forms.collocation.gradients import surface_gradient
+from cpmkit.forms.collocation.row_formula import extrapolation_weights
 from cpmkit.forms.collocation.selection import Centres
 from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, SideView
 from cpmkit.forms.contract import Discretized
-from cpmkit.grid.stencils import reading_radius
-from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import outward_conormals
+from cpmkit.grid.band import stencil_nodes
+from cpmkit.grid.stencils import reading_radius, stencil_cells, tensor_weights
+from cpmkit.manifold.source import ClosestPoints, Rows
+from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
 from cpmkit.scene.boundary import boundary_number, named_sides
+from cpmkit.scene.edge_conditions import edge_condition
+from cpmkit.scene.laws import Value
 from cpmkit.scene.scene import Scene
-from cpmkit.types import Floats, Side, Sides
+from cpmkit.types import SIDES, Bools, Floats, Ints, Side, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
+
 
 #: Points nearer to a boundary than this many spacings are read from the side given by the caller.
 READ_FROM_SIDE_SPACINGS = 1e-3
@@ -143,3 +147,181 @@ class Reader(Discretized):
         has_left = [boundary.oriented.has_left for boundary in self.tables.layout.boundaries.on_lattice]
         by_name = named_sides(self.scene.boundaries, side, has_left)
         return {boundary_number(self.scene.boundaries, name): of_boundary for name, of_boundary in by_name.items()}
+
+
+#: Number of points at which the gradient is computed at a time, so that their weights need little memory.
+GRADIENT_CHUNK_POINTS = 8192
+#: Distances, in spacings, from which the gradient is extrapolated. From 2 on the bend still affects it, on an arc at
+#: spacing 0.006 three times as much as from 2.5 on; from 3 on it is three times as far off at spacing 0.05.
+CONTINUATION_DISTANCES_SPACINGS = (2.5, 3.5, 4.5)
+#: A sample may be used if its distance from all bends is at least the first distance, less this share.
+INSIDE_SLACK_SHARE = 0.1
+
+
+# The gradient is that of a function that is constant along normals (Ruuth and Merriman 2008, principle 1), here of the
+# interpolant of the band's values; its part along the normal, a discretisation error, is removed by projection.
+#
+# A ghost of a Dirichlet condition continues the solution linearly, so that second derivatives of the interpolant jump
+# at the boundary (a bend), and its gradient is of first order only. The values are of second order up to the boundary,
+# and so is the gradient where stencils hardly reach a ghost. There the gradient is computed at three distances, and a
+# parabola in the distance extrapolates it to the boundary.
+
+
+def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mapping[int, Side]) -> Floats:
+    """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
+
+    Parameters
+    ----------
+    reader : Reader
+        The discretised scene.
+    values : (unknowns, channels) float64
+        The solution.
+    local : (n, d) float64
+        Points relative to the lattice's origin.
+    sides : mapping
+        The side from which points on a boundary are read, by the boundary's number.
+
+    Raises
+    ------
+    InputError
+        If a point is too far from the manifold.
+    """
+    gradient = np.empty((len(local), values.shape[1], local.shape[1]))
+    for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
+        part = slice(start, start + GRADIENT_CHUNK_POINTS)
+        feet = reader.checked_closest_points(local[part])
+        side_views = reader.side_views(feet.points, sides)
+        gradient[part] = _interpolant_gradient(reader, values, feet, side_views)
+        bends = Bends.join([*_at_boundaries(reader, side_views), _at_edge(reader, feet)])
+        bends = bends.take(bends.distance < CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)
+        order = np.lexsort((bends.distance, bends.rows))  # the nearest bend of each point comes first
+        bends = bends.take(order[np.unique(bends.rows[order], return_index=True)[1]])
+        rows, samples, weights = _samples_inside(reader, feet, side_views, bends, sides)
+        if len(rows):
+            read = _interpolant_gradient(reader, values, samples, reader.side_views(samples.points, sides))
+            read = read.reshape(*weights.shape, *read.shape[1:])
+            continued = np.einsum("ks,kscd->kcd", weights, read)
+            gradient[part][rows] = _tangential(reader, feet.take(rows), continued)
+    return gradient
+
+
+def _interpolant_gradient(
+    reader: Reader, values: Floats, feet: ClosestPoints, side_views: Sequence[SideView]
+) -> Floats:
+    """Return the gradient (n, channels, d) of the interpolant at ``feet``, projected on the tangent space."""
+    unknowns = reader.tables.unknowns
+    cells, fractions = stencil_cells(feet.points, unknowns.band.spacing, unknowns.band.degree)
+    columns = unknowns.select(Centres.of_points(feet, side_views), stencil_nodes(unknowns.band, cells))
+    axes, degree = range(unknowns.band.dim), unknowns.band.degree
+    slopes = np.stack([tensor_weights(fractions, degree, axis) for axis in axes], axis=1) / unknowns.band.spacing
+    return _tangential(reader, feet, np.asarray(np.einsum("nds,nsc->ncd", slopes, values[columns], optimize=True)))
+
+
+def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
+    """Return ``vectors`` (n, channels, d) at ``feet`` projected on the tangent spaces there."""
+    n, channels, dim = vectors.shape
+    each: Ints = np.repeat(np.arange(n), channels)
+    surface = reader.tables.layout.surface
+    tangential = project_tangent(surface, feet.take(each), vectors.reshape(-1, dim), 0.5 * reader.spacing)
+    return tangential.reshape(n, channels, dim)
+
+
+# Bends of the interpolant
+
+
+@dataclass(frozen=True, eq=False)
+class Bends(Rows):
+    """Points of a batch near a bend of the interpolant, at a boundary or edge with a Dirichlet condition.
+
+    Attributes
+    ----------
+    rows : (k,) int64
+        Numbers of the points in the batch.
+    distance : (k,) float64
+        Distances from the boundary or the edge.
+    inward : (k, d) float64
+        Unit vectors away from it, on the point's side.
+    """
+
+    rows: Ints
+    distance: Floats
+    inward: Floats
+
+
+def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
+    """Return, for each boundary, the points that are on a side with a Dirichlet condition."""
+    bends = []
+    for boundary, view in zip(reader.scene.boundaries, side_views, strict=True):
+        on_left = view.signed >= 0
+        has_value = [isinstance(boundary.condition(side).law, Value) for side in SIDES]
+        rows = np.flatnonzero(~np.isnan(view.signed) & ~view.end & np.where(on_left, *has_value))
+        inward = np.where(on_left, 1.0, -1.0)[rows, None] * view.conormal[rows]
+        bends.append(Bends(view.rows[rows], np.abs(view.signed[rows]), inward))
+    return bends
+
+
+def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
+    """Return the points whose stencils contain a node past an edge with a Dirichlet condition.
+
+    Their distances are those from the nearest point of the edge that is the closest point of such a node.
+    """
+    layout = reader.tables.layout
+    band, nothing = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))
+    loops = np.unique(band.feet.edge[band.feet.edge >= 0])
+    with_value = [loop for loop in loops if isinstance(edge_condition(reader.scene.edge, int(loop)).law, Value)]
+    if not with_value:
+        return nothing
+    nodes = stencil_nodes(band, stencil_cells(feet.points, band.spacing, band.degree)[0])
+    past = np.isin(band.feet.edge[nodes], with_value)
+    rows = np.flatnonzero(past.any(axis=1))
+    if not len(rows):
+        return nothing
+    away = np.linalg.norm(band.feet.points[nodes[rows]] - feet.points[rows, None], axis=2)
+    nearest = np.where(past[rows], away, np.inf).argmin(axis=1)
+    edge = band.feet.take(nodes[rows, nearest])
+    outward = outward_conormals(layout.surface, edge, 0.5 * band.spacing)
+    distance = np.maximum(np.sum((edge.points - feet.points[rows]) * outward, axis=1), 0.0)
+    return Bends(rows, distance, -outward)
+
+
+def _samples_inside(
+    reader: Reader, feet: ClosestPoints, side_views: Sequence[SideView], bends: Bends, sides: Mapping[int, Side]
+) -> tuple[Ints, ClosestPoints, Floats]:
+    """Return the samples from which gradients near bends are extrapolated.
+
+    Returns
+    -------
+    rows : (k,) int64
+        Points of the batch all of whose samples may be used.
+    samples : ClosestPoints
+        s samples for each of these points.
+    weights : (k, s) float64
+        Weights of the samples.
+    """
+    distances = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing
+    offsets = (distances - bends.distance[:, None])[:, :, None] * bends.inward[:, None]
+    targets = (feet.points[bends.rows][:, None] + offsets).reshape(-1, feet.points.shape[1])
+    samples = reader.tables.layout.surface.closest_point(targets)
+    usable = _usable_samples(reader, samples, side_views, np.repeat(bends.rows, len(distances)), sides)
+    has_room = usable.reshape(-1, len(distances)).all(axis=1)
+    nodes = np.tile(distances, (int(has_room.sum()), 1))
+    weights = extrapolation_weights(nodes, bends.distance[has_room])
+    return bends.rows[has_room], samples.take(np.repeat(has_room, len(distances))), weights
+
+
+def _usable_samples(
+    reader: Reader, samples: ClosestPoints, side_views: Sequence[SideView], rows: Ints, sides: Mapping[int, Side]
+) -> Bools:
+    """Return which samples (m,), of the points ``rows`` (m,), are on their points' sides and far from all bends."""
+    usable: Bools = samples.edge < 0
+    sample_views = reader.side_views(samples.points, sides)
+    for at_point, at_sample in zip(side_views, sample_views, strict=True):
+        position = np.searchsorted(at_point.rows, rows[at_sample.rows])
+        known = position < len(at_point.rows)
+        known[known] = at_point.rows[position[known]] == rows[at_sample.rows[known]]
+        opposite = np.sum(at_point.director[position[known]] * at_sample.director[known], axis=1) < 0
+        usable[at_sample.rows[known][opposite]] = False
+    nearest = np.full(len(samples), np.inf)
+    for bends in (*_at_boundaries(reader, sample_views), _at_edge(reader, samples)):
+        np.minimum.at(nearest, bends.rows, bends.distance)
+    return usable & (nearest > (1 - INSIDE_SLACK_SHARE) * CONTINUATION_DISTANCES_SPACINGS[0] * reader.spacing)

@@ -18,7 +18,7 @@ from functools import cached_property
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.collocation.sheets.sheets import NEAR_BOUNDARY_SPACINGS, BoundaryOnSheets, Sheets, SurfacePoints
+from cpmkit.forms.collocation.band_sheets import NEAR_BOUNDARY_SPACINGS, BoundaryOnSheets, Sheets, SurfacePoints
 from cpmkit.grid.band import surface_cells
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
@@ -158,7 +158,13 @@ class BoundaryOnLattice:
             unclear = np.abs(signed) < UNCLEAR_SIDE_COSINE * distance
             signed = np.where(unclear, np.sum(walked * left, axis=1), signed)
         signed = np.where(np.abs(signed) < ON_BOUNDARY_SPACINGS * spacing, ON_BOUNDARY_SPACINGS * spacing, signed)
-        director = signed[:, None] * self._director_axis(left)
+        # Where left is known by sign all along the boundary, D is one vector for all points times (z - y) . v, so that
+        # only its sign counts. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which
+        # compare vectors at two points: where the normals there differ by more than a right angle (a tube two spacings
+        # thick, a steep ridge under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side
+        # would count as on opposite sides, and values leak across the curve. D = ((z - y) . v) v is used where v
+        # changes sign.
+        director = signed[:, None] * (np.eye(self.surface.dim)[0] if self.oriented.left.known else left)
         end = self.oriented.open_ends(feet, on, 0.5 * spacing)
         view = SideView(rows, on.points, end, distance, signed, left, director)
         if walked is None:
@@ -183,18 +189,6 @@ class BoundaryOnLattice:
             longer = np.linalg.norm(tangent, axis=1) > 0.5
             director[np.flatnonzero(touching)[longer]] = ON_BOUNDARY_SPACINGS * spacing * tangent[longer]
         return director
-
-    def _director_axis(self, left: Floats) -> Floats:
-        """Return the vectors, (d,) or (n, d), that (z - y) . v is multiplied by to give the directors.
-
-        Where left is known by sign all along the boundary, this is one vector for all points, so that only the sign of
-        (z - y) . v counts. Differs from King et al. (2024), section 4.2, and from D = ((z - y) . v) n, which compare
-        vectors at two points: where the normals there differ by more than a right angle (a tube two spacings thick, a
-        steep ridge under a curve, a bare sphere at a spacing of a fifth of its radius) points of one side would count
-        as on opposite sides, and values leak across the curve. Where v changes sign along the curve, it is v:
-        D = ((z - y) . v) v does not depend on that sign.
-        """
-        return np.asarray(np.eye(self.surface.dim)[0], dtype=np.float64) if self.oriented.left.known else left
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,7 +21,8 @@ from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
 from cpmkit.types import SIDES, Bools, Floats
 
-#: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil.
+#: Boundaries nearer than this many spacings enclose a strip that is too narrow for a stencil; one closes an open end of
+#: another.
 STRIP_SPACINGS = 1.0
 #: Boundaries meet where they are within this many spacings, and around a crossing of four different values the solution
 #: is off within as many (by the jump; outside twice that it is of order 1 to 2).
@@ -39,8 +40,6 @@ WIDE_GAP_SPACINGS = 6.0
 SAME_PLACE_SPACINGS, SAME_PLACE_SAMPLES = 1e-3, 3
 #: Data that differ by more than this share of their size are different.
 DIFFERENT_DATA_SHARE = 1e-6
-#: An end this many spacings from another boundary is closed by it.
-CLOSED_END_SPACINGS = 0.5
 #: Conormals at feet of one side face each other below this cosine: the angle is below 45 degrees, or the flanks run
 #: side by side. Nodes within this many spacings of the boundary are examined.
 FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
@@ -231,7 +230,7 @@ def _tips(
     ends = ends[np.unique(np.round(ends / h).astype(np.int64), axis=0, return_index=True)[1]]
     for index, other in enumerate(boundaries.on_lattice):
         if index != number:
-            ends = ends[other.source.closest_point(ends).distance > CLOSED_END_SPACINGS * h]
+            ends = ends[other.source.closest_point(ends).distance > STRIP_SPACINGS * h]
     places = lattice.to_scene(ends)
     left, right = (boundary.condition(side).law for side in SIDES)
     if len(places) and isinstance(left, Value) and isinstance(right, Value):

@@ -127,9 +127,9 @@ class SampleCoefficients:
 
     def penalty_scale(self, data: Any) -> Floats | None:
         """Return the coefficient (q,) that penalties are proportional to; None if it is the diffusivity ``data``."""
-        if not isinstance(data, StateDependentCoefficient) or data.holding is None:
+        if not isinstance(data, StateDependentCoefficient) or data.penalty_coefficient is None:
             return None
-        return self.diffusivity(StateDependentCoefficient(data.holding, data.u))
+        return self.diffusivity(StateDependentCoefficient(data.penalty_coefficient, data.u))
 
     def evaluate_at_state(self, state: StateDependentCoefficient) -> Floats:
         """Return the values (p, ...) of a coefficient that depends on u at the samples of the manifold."""

@@ -151,7 +151,7 @@ class EquationAssembly:
         if terms.velocity is not None:
             made = replace(made, outward_speed=outward_speed(terms.velocity, sampled.boundary, sampled.lattice))
         if scale is not None:  # penalties are a over the width: the width is enlarged by a over the scale
-            state = StateDependentCoefficient(diffusivity.holding, diffusivity.u)
+            state = StateDependentCoefficient(diffusivity.penalty_coefficient, diffusivity.u)
             scaled = self.condition_terms(Terms(diffusivity=state), scale)
             made = replace(made, widths=made.widths * made.a / scaled.a)
         return space.extend_conditions(made)

@@ -24,15 +24,18 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import (
 from cpmkit.forms.collocation.ghosts.nodes_past_edge import view_nodes_past_edge
 from cpmkit.forms.collocation.ghosts.transmission_ghosts import CoupledGhosts, first_order_ghosts, second_order_ghosts
 from cpmkit.forms.collocation.row_formula import BoundaryData, ExtraPoint, RowFormula
-from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView, points_near
+from cpmkit.forms.collocation.side_view import (
+    ON_BOUNDARY_SPACINGS,
+    BoundariesOnBand,
+    BoundaryOnLattice,
+    SideView,
+    points_near,
+)
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.grid.stencils import reading_radius
 from cpmkit.scene.laws import Interface
 from cpmkit.types import Bools, Floats, Ints
-
-#: Nearer to the boundary than this share of the spacing, a ghost's direction across it is taken from the conormal.
-UNDIRECTED_GHOST_SPACINGS = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,21 +102,22 @@ def build_ghosts(
     closest point is no open end. ``mirrored`` is the formula of the band's nodes, which read one point each.
     """
     geometry, unknowns = _geometry(index, boundaries, band, lattice, mirrored)
-    formula, radius = ghost_formula(geometry, order), 2 * reading_radius(band.dim, band.degree) * band.spacing
-    terms = [geometry.with_side_views(term, radius) for term in formula.rows.terms]
-    terms += [geometry.with_side_views(term, radius, own_side=True) for term in formula.own_terms]
-    distance = np.linalg.norm(formula.rows.points - geometry.seen.foot, axis=1)
+    rows, own_terms, coupled, orders, at_one_point = ghost_formula(geometry, order)
+    radius = 2 * reading_radius(band.dim, band.degree) * band.spacing
+    terms = [geometry.with_side_views(term, radius) for term in rows.terms]
+    terms += [geometry.with_side_views(term, radius, own_side=True) for term in own_terms]
+    distance = np.linalg.norm(rows.points - geometry.seen.foot, axis=1)
     numbers = np.full(len(band.nodes), -1)
     numbers[geometry.seen.rows] = np.arange(len(geometry))
     return Ghosts(
         geometry,
         unknowns,
         numbers,
-        _with_edge_formula(replace(formula.rows, terms=terms), mirrored, geometry),
-        _with_coupled_sources(ghost_sources(geometry), formula.coupled),
-        geometry.side_views(np.arange(len(geometry)), formula.rows.points, radius),
-        formula.orders,
-        np.where(formula.at_one_point, distance / (SIDE_READING_SPACINGS * band.spacing), np.nan),
+        _with_edge_formula(replace(rows, terms=terms), mirrored, geometry),
+        _with_coupled_sources(ghost_sources(geometry), coupled),
+        geometry.side_views(np.arange(len(geometry)), rows.points, radius),
+        orders,
+        np.where(at_one_point, distance / (SIDE_READING_SPACINGS * band.spacing), np.nan),
     )
 
 
@@ -146,7 +150,7 @@ def _ghost_nodes(boundary: BoundaryOnLattice, side_view: SideView, band: Band) -
 
 def _directions(side_view: SideView, foot_point: Floats, spacing: float) -> Floats:
     """Return unit vectors (g, d) from ``foot_point`` (g, d) towards the boundary and across it."""
-    touching = side_view.distance < UNDIRECTED_GHOST_SPACINGS * spacing
+    touching = side_view.distance < ON_BOUNDARY_SPACINGS * spacing
     length = np.where(touching, 1.0, side_view.distance)[:, None]
     across = -np.sign(np.nan_to_num(side_view.signed))[:, None] * side_view.conormal
     return np.where(touching[:, None], across, (side_view.foot - foot_point) / length)
@@ -180,12 +184,15 @@ def _with_coupled_sources(sources: RowFormula, parts: Sequence[CoupledGhosts]) -
 # The formula
 
 
-@dataclass(frozen=True, eq=False)
-class GhostFormula:
-    """The formulas of a boundary's g ghosts, without the edge's conditions.
+def ghost_formula(
+    geometry: GhostGeometry, order: int
+) -> tuple[RowFormula, list[ExtraPoint], list[CoupledGhosts], Ints, Bools]:
+    """Return the formulas of a boundary's g ghosts at this ``order``, or at that of their condition.
 
-    Attributes
-    ----------
+    They are without the edge's conditions. A ghost whose mirror point is beyond another boundary is of order 1.
+
+    Returns
+    -------
     rows : RowFormula
         The formulas, with points on the side that the ghosts continue.
     own_terms : list of ExtraPoint
@@ -196,19 +203,6 @@ class GhostFormula:
         Order of each ghost, lower than the condition's where there is no room for it.
     at_one_point : (g,) bool
         Whether the ghost reads a single point, besides its own node.
-    """
-
-    rows: RowFormula
-    own_terms: list[ExtraPoint]
-    coupled: list[CoupledGhosts]
-    orders: Ints
-    at_one_point: Bools
-
-
-def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
-    """Return the formulas of a boundary's ghosts at this ``order``, or at that of their condition.
-
-    A ghost whose mirror point is beyond another boundary is of order 1.
     """
     count, points, feet = len(geometry), geometry.seen.foot.copy(), geometry.start
     coefficient, orders, at_one_point = np.zeros(count), np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)
@@ -247,4 +241,4 @@ def ghost_formula(geometry: GhostGeometry, order: int) -> GhostFormula:
         data += part.data
         own_terms += part.own_terms
     terms = [term for part in coupled for term in part.terms_beyond]
-    return GhostFormula(RowFormula(points, coefficient, data, terms, feet), own_terms, coupled, orders, at_one_point)
+    return RowFormula(points, coefficient, data, terms, feet), own_terms, coupled, orders, at_one_point

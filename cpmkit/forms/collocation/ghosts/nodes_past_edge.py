@@ -30,7 +30,7 @@ from cpmkit.forms.collocation.ghosts.ghost_geometry import (
     mirror_distance,
 )
 from cpmkit.forms.collocation.row_formula import BoundaryData, RowFormula
-from cpmkit.forms.collocation.side_view import BoundaryOnLattice, SideView
+from cpmkit.forms.collocation.side_view import ON_BOUNDARY_SPACINGS, BoundaryOnLattice, SideView
 from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
@@ -44,12 +44,9 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: Points on the sides of a corner are found from points this many spacings from it, in either direction along the rim.
 BESIDE_SPACINGS = 0.6
-#: Those are moved past the rim by this share of the distance: the closest point of one on the rim may count as inside.
-OUTWARD_SHARE = 0.1
-#: Fluxes are read nearer to the corner by this factor: still on its sides, with almost the values at the corner.
-READ_SHARE = 0.05
-#: A node that is less than this many spacings beyond a side is not beyond it.
-LEAST_BEYOND_SPACINGS = 1e-9
+#: Those are moved past the rim by this share of the distance, as the closest point of one on the rim may count as
+#: inside. Fluxes are read nearer to the corner by this factor, still on its sides and with almost the values there.
+NEAR_CORNER_SHARE = 0.05
 #: Two points of a rim farther apart than this share of the largest possible distance have no corner between them.
 STRAIGHT_SHARE = 0.97
 #: Conormals are differences over this many spacings; a corner nearer than that makes them wrong.
@@ -115,7 +112,7 @@ def _corners(
     """Return the corners among ``feet`` on parts of one dimension, whose nodes have the numbers ``rows``."""
     reach = BESIDE_SPACINGS * spacing
     directions = _along_rim(surface, feet, outward, spacing)
-    places = feet.points[:, None] + reach * (directions + OUTWARD_SHARE * outward[:, None])
+    places = feet.points[:, None] + reach * (directions + NEAR_CORNER_SHARE * outward[:, None])
     sides = surface.closest_point(places.reshape(-1, surface.dim))
     points, loops = sides.points.reshape(places.shape), sides.edge.reshape(len(rows), -1)
     count = places.shape[1]
@@ -126,10 +123,9 @@ def _corners(
     conormals = outward_conormals(surface, sides.take(entries), CONORMAL_SPACINGS * spacing)
     conormals = conormals.reshape(len(chosen), *places.shape[1:]) * np.tile(is_corner[chosen], (1, 2))[:, :, None]
     inverse = np.linalg.pinv(conormals.transpose(0, 2, 1), rcond=LEAST_SINGULAR_SHARE)
-    shares = np.einsum("nsd,nd->ns", inverse, beyond[chosen])
-    shares = np.where(shares > LEAST_BEYOND_SPACINGS * spacing, shares, 0.0)
-    offsets = points[chosen] - feet.points[chosen, None] + OUTWARD_SHARE * reach * conormals
-    readings = surface.closest_point((feet.points[chosen, None] + READ_SHARE * offsets).reshape(-1, surface.dim))
+    shares = np.maximum(np.einsum("nsd,nd->ns", inverse, beyond[chosen]), 0.0)
+    offsets = points[chosen] - feet.points[chosen, None] + NEAR_CORNER_SHARE * reach * conormals
+    readings = surface.closest_point((feet.points[chosen, None] + NEAR_CORNER_SHARE * offsets).reshape(-1, surface.dim))
     return RimCorners(rows[chosen], readings.points.reshape(offsets.shape), loops[chosen], shares)
 
 
@@ -148,10 +144,6 @@ def _along_rim(surface: LocalSource, feet: ClosestPoints, outward: Floats, spaci
     return np.asarray(np.concatenate([directions, -directions], axis=1))
 
 
-#: Nodes nearer to their foot than this share of the spacing do not define the direction of the conormal.
-UNDIRECTED_EDGE_SPACINGS = 1e-6
-#: Feet nearer to a boundary than this many spacings do not define the direction to it.
-UNDIRECTED_FOOT_SPACINGS = 0.1
 #: Name of an edge in errors.
 EDGE_CONDITION = "the edge's condition"
 
@@ -266,7 +258,7 @@ def _exact_conormals(
 ) -> Floats:
     """Return the outward conormals (n, d); on solids they are the exact directions from closest points to nodes."""
     straight = surface.dimensions_at(edge) == surface.dim
-    straight &= np.linalg.norm(beyond, axis=1) > UNDIRECTED_EDGE_SPACINGS * spacing
+    straight &= np.linalg.norm(beyond, axis=1) > ON_BOUNDARY_SPACINGS * spacing
     outward = conormals.copy()
     outward[straight] = beyond[straight] / np.linalg.norm(beyond[straight], axis=1, keepdims=True)
     return outward
@@ -316,7 +308,7 @@ def view_nodes_past_edge(
     offset = feet.points - side_view.foot[past]
     inwards, length = np.sum(offset * outward, axis=1), np.linalg.norm(offset, axis=1)
     parallel = np.abs(np.sum(side_view.conormal[past] * outward, axis=1)) > ALONGSIDE_COSINE
-    parallel &= (length < UNDIRECTED_FOOT_SPACINGS * band.spacing) | (inwards > ALONGSIDE_COSINE * length)
+    parallel &= inwards >= ALONGSIDE_COSINE * length
     separated[past] = np.isin(nodes, behind) | parallel
     beyond = np.maximum(np.sum((band.positions[nodes] - feet.points) * outward, axis=1, keepdims=True), 0.0)
     places[past] = feet.points + beyond * outward

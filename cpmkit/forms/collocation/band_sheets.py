@@ -32,7 +32,8 @@ if TYPE_CHECKING:
 SAME_SHEET_COSINE = -0.4
 #: Feet farther from each other than this many spacings, along their mean normal, are on different sheets.
 SHEET_HEIGHT_SPACINGS = 0.5
-#: The direction from a foot to a node nearer than this many spacings is not taken as the normal.
+#: A node or another foot nearer to a foot than this many spacings counts as the same point: the direction between them
+#: is not taken as the normal.
 ON_FOOT_SPACINGS = 0.1
 
 

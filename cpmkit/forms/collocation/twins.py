@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cpmkit.forms.collocation.sheets.sheets import (
+from cpmkit.forms.collocation.band_sheets import (
     ON_FOOT_SPACINGS,
     Sheets,
     foot_directions,
@@ -32,8 +32,6 @@ SHEET_STEP_SPACINGS = 0.3
 #: Most rounds in which new twins may need further twins (the first two find nearly all), and most twins that a node
 #: gets in one round: one for each sheet that it lies between.
 MOST_TWIN_ROUNDS, TWINS_PER_ROUND = 8, 4
-#: Two feet of a node nearer than this many spacings are the same.
-SAME_FOOT_SPACINGS = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +177,7 @@ def _with_one_twin_each(source: LocalSource, band: Band, sites: Sites, missing: 
     y, n = feet.points, unit_normals(source, feet, 0.5 * band.spacing)
     signed = has_signed_normals(source)
     on_sheet = same_sheet(sites.feet.points[by[rows]], sites.normals[by[rows]], y, n, band.spacing, signed)
-    on_sheet &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > SAME_FOOT_SPACINGS * band.spacing
+    on_sheet &= np.linalg.norm(y - sites.feet.points[nodes[rows]], axis=1) > ON_FOOT_SPACINGS * band.spacing
     chosen = np.flatnonzero(on_sheet)
     chosen = chosen[np.unique(rows[chosen], return_index=True)[1]]
     nodes, unknown, feet = nodes[rows[chosen]], missing.unknown[rows[chosen]], feet.take(chosen)
