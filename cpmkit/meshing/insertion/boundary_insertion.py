@@ -87,8 +87,9 @@ def insert_boundaries(
         return Insertion(mesh)
     if mesh.manifold_dim == 1:
         return _cut_curve_at_points(mesh, boundaries)
-    finder, counts = _path_finder(mesh, spacing, movable), Counter[str]()
-    constrained = finder.constrained
+    net = SplitTriangulation(Mesh.of(in_three_dimensions(mesh.vertices), mesh.cells), spacing)
+    constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
+    finder, counts = PathFinder(constrained, TriangleSearch(net.original, net.sizes)), Counter[str]()
     polylines = _polylines(finder.search, boundaries, spacing)
     constrained.close = frozenset(
         number for number, lines in enumerate(polylines) if _is_close(lines, boundaries, number, spacing)
@@ -105,20 +106,13 @@ def insert_boundaries(
     extend_tips(finder, EXTENSION_SPACINGS * spacing, counts)
     edges = list(constrained.edges.values())
     cut = replace(
-        finder.triangulation.mesh(mesh.dim),
+        net.mesh(mesh.dim),
         cut=np.array([(edge.tail, edge.head) for edge in edges], dtype=np.int64).reshape(-1, 2),
         owner=np.array([edge.owner for edge in edges], dtype=np.int64),
         beyond_tip=np.array([edge.beyond_tip for edge in edges], dtype=bool),
     )
     empty = tuple(number for number in range(len(boundaries)) if number not in points and number not in cut.owner)
     return Insertion(cut, points, empty, _coincident_pairs(polylines), dict(counts), farthest)
-
-
-def _path_finder(mesh: Mesh, spacing: float, movable: bool) -> PathFinder:
-    """Return a finder of paths over the triangles of ``mesh``; points snap farther if vertices are ``movable``."""
-    net = SplitTriangulation(in_three_dimensions(mesh.vertices), mesh.cells, spacing)
-    constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
-    return PathFinder(constrained, TriangleSearch(Mesh.of(net.vertices, net.cells), net.sizes))
 
 
 def _polylines(

@@ -195,7 +195,7 @@ def runs_on_surface(
 
 def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections: Projections) -> Floats:
     """Return the distance (n,) of each point past a rim, along the surface, in local edge lengths; 0 before a rim."""
-    corners = triangulation.vertices[triangulation.cells[projections.cell]]
+    corners = triangulation.original.vertices[triangulation.original.cells[projections.cell]]
     off = points - projections.places(triangulation)
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal = across / norms(across)[:, None]
@@ -204,7 +204,7 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
     past = np.where(tangential >= np.abs(height), tangential / triangulation.sizes[projections.cell], 0.0)
     for row in np.flatnonzero((past > 0) & (projections.shares <= 0).any(axis=1)):
         cell, shares = projections.cell[row], projections.shares[row]
-        vertices = triangulation.cells[cell][shares > 0]
+        vertices = triangulation.original.cells[cell][shares > 0]
         at_vertex = len(vertices) == 1
         past[row] *= (
             triangulation.is_on_rim(int(vertices[0])) if at_vertex else triangulation.rim_edges[cell, shares.argmin()]

@@ -80,18 +80,15 @@ class SplitTriangulation:
 
     Attributes
     ----------
-    vertices : (v, 3) float64
-        The original vertices.
-    cells : (m, 3) int64
-        The original triangles.
+    original : Mesh
+        The original triangles, with vertices in space.
     longest : float
         An upper bound of :meth:`size`.
     midvertices : dict
         The vertex at which each former edge was split.
     """
 
-    vertices: Floats
-    cells: Ints
+    original: Mesh
     longest: float
     midvertices: dict[Edge, int] = field(default_factory=dict)
     _points: dict[int, Vector] = field(default_factory=dict)
@@ -105,12 +102,12 @@ class SplitTriangulation:
     _cell_count: int = 0
 
     def __post_init__(self) -> None:
-        self._vertex_count, self._cell_count = len(self.vertices), len(self.cells)
+        self._vertex_count, self._cell_count = len(self.original.vertices), len(self.original.cells)
 
     @cached_property
     def sizes(self) -> Floats:
         """(m,) local edge length L: the mean edge of each original triangle, at most ``longest``."""
-        a, b, c = (self.vertices[self.cells[:, k]] for k in range(3))
+        a, b, c = self.original.vertices[self.original.cells].transpose(1, 0, 2)
         return np.asarray(np.minimum((norms(b - a) + norms(c - b) + norms(a - c)) / 3, self.longest))
 
     @cached_property
@@ -118,14 +115,14 @@ class SplitTriangulation:
         """(v + 1,) starts of the lists of original triangles at each vertex, and (3 m,) these lists joined."""
         from cpmkit.runtime.index_sets import inverse_index
 
-        starts, places = inverse_index(self.cells.ravel(), len(self.vertices))
+        starts, places = inverse_index(self.original.cells.ravel(), len(self.original.vertices))
         return starts, places // 3
 
     def at(self, vertex: int) -> Vector:
         """Return the position of a vertex."""
         place = self._points.get(vertex)
         if place is None:
-            x, y, z = self.vertices[vertex].tolist()
+            x, y, z = self.original.vertices[vertex].tolist()
             place = self._points[vertex] = (x, y, z)
         return place
 
@@ -133,7 +130,7 @@ class SplitTriangulation:
         """Return the vertices of a triangle."""
         corners = self._corners.get(cell)
         if corners is None:
-            a, b, c = self.cells[cell].tolist()
+            a, b, c = self.original.cells[cell].tolist()
             corners = self._corners[cell] = (a, b, c)
         return corners
 
@@ -170,7 +167,7 @@ class SplitTriangulation:
         root = self.root(cell)
         normal = self._normals.get(root)
         if normal is None:
-            a, b, c = (self.at(corner) for corner in self.cells[root].tolist())
+            a, b, c = (self.at(corner) for corner in self.original.cells[root].tolist())
             normal = self._normals[root] = normalize(cross(subtract(b, a), subtract(c, a)))
         return normal
 
@@ -203,10 +200,8 @@ class SplitTriangulation:
     @cached_property
     def rim_edges(self) -> Bools:
         """(m, 3) whether the edge opposite to each corner of an original triangle belongs to this triangle only."""
-        from cpmkit.mesh.mesh_kernels import number_edges
-
-        of_cells = number_edges(np.ascontiguousarray(self.cells), len(self.vertices))[1]
-        return np.asarray(np.bincount(of_cells.ravel())[of_cells] == 1)
+        connectivity = self.original.connectivity
+        return connectivity.on_rim[connectivity.facet_numbers]
 
     @cached_property
     def roots_on_rim(self) -> frozenset[int]:
@@ -256,9 +251,10 @@ class SplitTriangulation:
 
     def mesh(self, dim: int) -> Mesh:
         """Return the current triangles as a mesh with ``dim`` coordinates, without boundaries."""
-        new = [self._points[vertex] for vertex in range(len(self.vertices), self._vertex_count)]
-        vertices = np.concatenate([self.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
-        cells = np.concatenate([self.cells, np.empty((self._cell_count - len(self.cells), 3), dtype=np.int64)])
+        old = self.original
+        new = [self._points[vertex] for vertex in range(len(old.vertices), self._vertex_count)]
+        vertices = np.concatenate([old.vertices, np.array(new).reshape(-1, 3)])[:, :dim]
+        cells = np.concatenate([old.cells, np.empty((self._cell_count - len(old.cells), 3), dtype=np.int64)])
         known = list(self._corners)
         cells[known] = np.array([self._corners[cell] for cell in known], dtype=np.int64).reshape(-1, 3)
         return Mesh.of(np.ascontiguousarray(vertices), cells)

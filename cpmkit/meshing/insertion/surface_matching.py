@@ -50,7 +50,11 @@ class Projections:
 
     def places(self, triangulation: SplitTriangulation) -> Floats:
         """Return the positions (k, 3) of the projections on the original triangles of a triangulation."""
-        return np.asarray(np.einsum("nk,nkd->nd", self.shares, triangulation.vertices[triangulation.cells[self.cell]]))
+        return np.asarray(
+            np.einsum(
+                "nk,nkd->nd", self.shares, triangulation.original.vertices[triangulation.original.cells[self.cell]]
+            )
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,7 +179,7 @@ def nearest_barycentric(points: Floats, corners: Floats) -> Floats:
 
 def position_on(triangulation: SplitTriangulation, root: int, shares: Floats) -> Vector:
     """Return the position of the point with barycentric coordinates ``shares`` (3,) in an original triangle."""
-    x, y, z = (shares @ triangulation.vertices[triangulation.cells[root]]).tolist()
+    x, y, z = (shares @ triangulation.original.vertices[triangulation.original.cells[root]]).tolist()
     return x, y, z
 
 
@@ -224,9 +228,9 @@ def _step_costs(
 
     See :func:`match_to_surface`; the step between triangles with a common vertex is free.
     """
-    corners = set(triangulation.cells[candidates.cell[row]].tolist())
+    corners = set(triangulation.original.cells[candidates.cell[row]].tolist())
     costs = {int(b): 0.0 for b in there}
-    far = [b for b in costs if not corners & set(triangulation.cells[candidates.cell[b]].tolist())]
+    far = [b for b in costs if not corners & set(triangulation.original.cells[candidates.cell[b]].tolist())]
     if not far:
         return costs
     size = float(triangulation.sizes[candidates.cell[row]])
@@ -236,7 +240,7 @@ def _step_costs(
     lengths = triangulation.shortest_paths({v: distance(here, triangulation.at(v)) for v in corners}, free + most)
     for b in far:
         place = position_on(triangulation, int(candidates.cell[b]), candidates.shares[b])
-        cell = triangulation.cells[candidates.cell[b]].tolist()
+        cell = triangulation.original.cells[candidates.cell[b]].tolist()
         length = min(lengths.get(v, (np.inf, v))[0] + distance(place, triangulation.at(v)) for v in cell)
         costs[b] = min(max(0.0, length - free), most)
     return costs

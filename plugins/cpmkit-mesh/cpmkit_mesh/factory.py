@@ -76,21 +76,15 @@ def triangles(
     repaired = repair_mesh(given_vertices, given_faces, weld)
     mesh_class = OrientedTriangleMesh if repaired.adjacency.consistent else TriangleMesh
     mesh = mesh_class(
-        vertices=repaired.vertices,
-        faces=repaired.faces,
+        repaired=repaired,
         smooth=closest == "smooth",
-        adjacency=repaired.adjacency,
-        normals_at_corners=corner_normals(repaired.vertices, repaired.faces, repaired.adjacency),
-        given_faces=repaired.given_faces,
-        given_index=repaired.given_index,
-        flipped=repaired.flipped,
+        normals_at_corners=corner_normals(repaired.mesh.vertices, repaired.mesh.cells, repaired.adjacency),
         value_count=len(given_vertices),
         engine=engine,
         crease_angle=float(crease_angle),
-        notes=repaired.notes,
         shift=np.zeros(3),
         given_arrays=(given_vertices, given_faces),
     )
     if engine != "own":
-        mesh.closest_point(repaired.vertices[:0])  # a fault of the library is found now, not at a solve's first query
+        mesh.closest_point(mesh.vertices[:0])  # a fault of the library is found now, not at a solve's first query
     return mesh

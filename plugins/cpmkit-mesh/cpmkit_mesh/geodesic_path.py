@@ -84,7 +84,7 @@ def _waypoints(mesh: TriangleMesh, through: Any) -> Ints:
             f"{numbers.shape}."
         )
     in_mesh = np.full(mesh.value_count, -1, dtype=np.int64)
-    in_mesh[mesh.given_faces] = mesh.faces
+    in_mesh[mesh.repaired.given_faces] = mesh.faces
     bad = np.flatnonzero((numbers < 0) | (numbers >= mesh.value_count))
     if len(bad):
         raise InputError(

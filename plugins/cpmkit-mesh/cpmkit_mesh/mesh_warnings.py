@@ -39,7 +39,7 @@ def mesh_warnings(mesh: TriangleMesh) -> tuple[str, ...]:
     """Return warnings that hold at any spacing: changes, the number of components, and where the mesh branches."""
     count = int(mesh.component.max()) + 1
     several = [f"The mesh has {count} pieces that share no edge; each is solved by itself."] if count > 1 else []
-    return (*mesh.notes, *several, *_nonmanifold_warnings(mesh))
+    return (*mesh.repaired.notes, *several, *_nonmanifold_warnings(mesh))
 
 
 def closest_point_warnings(mesh: TriangleMesh, spacing: float) -> tuple[str, ...]:

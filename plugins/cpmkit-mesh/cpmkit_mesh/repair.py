@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.plugin import Bools, Floats, InputError, Ints, place
+from cpmkit.plugin import Bools, Floats, InputError, Ints, Mesh, place
 from cpmkit_mesh.degenerate_triangles import find_caps, remove_caps
 from cpmkit_mesh.face_geometry import double_areas
 from cpmkit_mesh.mesh_files import at_same_place, distinct_faces
@@ -24,23 +24,21 @@ class RepairedMesh:
 
     Attributes
     ----------
-    vertices : (k, 3) float64
-        Those that faces use, one for each place.
-    faces : (m, 3) int64
+    mesh : Mesh
+        Triangles in space; each vertex is used, and there is one for each place.
     given_faces : (m, 3) int64
         The same faces by the numbers of the given vertices.
     given_index : (m,) int64
         The number of each face among those given, ascending. Further parts of a split face are numbered after all of
         them.
-    turned : (m,) bool
+    flipped : (m,) bool
         Faces whose winding is opposite to that given.
     adjacency : Topology
     notes : tuple of str
         A sentence for each change, and for each defect that was left.
     """
 
-    vertices: Floats
-    faces: Ints
+    mesh: Mesh
     given_faces: Ints
     given_index: Ints
     flipped: Bools
@@ -88,7 +86,7 @@ def repair_mesh(given_vertices: Floats, given_faces: Ints, weld: float | None = 
     ]
     used, compact = np.unique(cells, return_inverse=True)
     vertices, cells = points[used], compact.reshape(-1, 3)
-    return RepairedMesh(vertices, cells, named, rows, flipped, topology(vertices, cells), tuple(notes))
+    return RepairedMesh(Mesh.of(vertices, cells), named, rows, flipped, topology(vertices, cells), tuple(notes))
 
 
 def _weld(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:

@@ -34,6 +34,7 @@ from cpmkit_mesh.local_minima import VertexTriangles, distinct_minima, local_min
 from cpmkit_mesh.mesh_components import face_components
 from cpmkit_mesh.mesh_warnings import closest_point_warnings, mesh_warnings
 from cpmkit_mesh.plane_sections import PlaneSection, plane_section
+from cpmkit_mesh.repair import RepairedMesh
 from cpmkit_mesh.topology import FIRST_BOUNDARY, Topology
 
 #: A closest point with a barycentric coordinate below this lies on the edge opposite that corner.
@@ -73,45 +74,29 @@ class TriangleMesh:
 
     Attributes
     ----------
-    vertices : (k, 3) float64
-        Those that triangles use, one for each place.
-    faces : (m, 3) int64
+    repaired : RepairedMesh
+        The triangles, and their relation to those that the user gave.
     smooth : bool
         True: closest points follow the interpolated normals. False: they are the nearest points of the triangles.
-    adjacency : Topology
     normals_at_corners : (m, 3, 3) float64
-    given_faces : (m, 3) int64
-        The same triangles by the numbers of the user's vertices.
-    given_index : (m,) int64
-        The number of each triangle among the user's, ascending. Further parts of a split triangle have numbers beyond.
-    turned : (m,) bool
-        Triangles whose winding is opposite to the user's.
     value_count : int
         How many vertices the user gave: the rows that :meth:`interpolate` expects.
     engine : "own", "fcl" or "open3d"
         The library that finds the nearest triangle.
     crease_angle : float
         In degrees: edges at which the mesh turns by more are creases.
-    notes : tuple of str
-        Sentences that say what was changed in the user's mesh.
     shift : (3,) float64
         How far the mesh was moved from where the user gave it.
     as_given : (n, 3) float64 and (f, 3) int64
         The user's vertices, before any translation, and faces; some may have been merged or left out since.
     """
 
-    vertices: Floats
-    faces: Ints
+    repaired: RepairedMesh
     smooth: bool
-    adjacency: Topology
     normals_at_corners: Floats
-    given_faces: Ints
-    given_index: Ints
-    flipped: Bools
     value_count: int
     engine: str
     crease_angle: float
-    notes: tuple[str, ...]
     shift: Floats
     given_arrays: tuple[Floats, Ints]
 
@@ -119,6 +104,21 @@ class TriangleMesh:
     manifold_dim = 2
 
     __repr__ = source_repr
+
+    @property
+    def vertices(self) -> Floats:
+        """(k, 3) the vertices that triangles use, one for each place."""
+        return self.repaired.mesh.vertices
+
+    @property
+    def faces(self) -> Ints:
+        """(m, 3) the vertices of each triangle."""
+        return self.repaired.mesh.cells
+
+    @property
+    def adjacency(self) -> Topology:
+        """The adjacency of the triangles."""
+        return self.repaired.adjacency
 
     @property
     def exact(self) -> bool:
@@ -185,7 +185,7 @@ class TriangleMesh:
         """Return ``values`` (value_count, ...) at the user's vertices interpolated linearly at ``feet``."""
         face, local = self._locate(feet)
         values = one_row_each(values, self.value_count, "vertices")
-        return np.einsum("nc,nc...->n...", local, values[self.given_faces[face]])
+        return np.einsum("nc,nc...->n...", local, values[self.repaired.given_faces[face]])
 
     def mesh(self, _spacing: float, /) -> tuple[Floats, Ints]:
         """Return the mesh's own vertices (k, 3) and triangles (m, 3), whatever the spacing."""
@@ -204,7 +204,8 @@ class TriangleMesh:
     def translate(self, offset: Floats, /) -> TriangleMesh:
         """Return the mesh translated by ``offset`` (3,); trees and warnings are computed once for all positions."""
         offset = as_vector(offset, 3, "offset")
-        made = replace(self, vertices=self.vertices + offset, shift=self.shift + offset)
+        mesh = self.repaired.mesh.with_same_cells(vertices=self.vertices + offset)
+        made = replace(self, repaired=replace(self.repaired, mesh=mesh), shift=self.shift + offset)
         made.__dict__["_original"] = self._original
         made.__dict__["_bounds"] = self._bounds + offset  # rounded as the vertices are
         return made
@@ -257,7 +258,7 @@ class TriangleMesh:
     def given_vertices(self) -> Ints:
         """(k,) the number of each vertex among the user's; of several at one place that of the first triangle."""
         numbers = np.full(len(self.vertices), -1)
-        numbers[self.faces.ravel()[::-1]] = self.given_faces.ravel()[::-1]
+        numbers[self.faces.ravel()[::-1]] = self.repaired.given_faces.ravel()[::-1]
         return numbers
 
     def _move_along_normals(self, x: Floats, nearest: Nearest) -> Bools | None:
@@ -272,19 +273,28 @@ class TriangleMesh:
         local[:, 0] = 1.0 - local[:, 1] - local[:, 2]
         edge = self._edges(face, local)
         return ClosestPoints(
-            points.point, points.distance, edge, self.given_index[face], self._to_given_winding(face, local), doubtful
+            points.point,
+            points.distance,
+            edge,
+            self.repaired.given_index[face],
+            self._to_given_winding(face, local),
+            doubtful,
         )
 
     def _locate(self, feet: ClosestPoints) -> tuple[Ints, Floats]:
         """Return the mesh's own triangle (n,) of each closest point, and its coordinates (n, 3) there."""
         if feet.element is None or feet.local is None:
             raise InputError("feet must be records that this mesh answered: they lack element or local.")
-        face = np.searchsorted(self.given_index, feet.element)
+        face = np.searchsorted(self.repaired.given_index, feet.element)
         return face, self._to_given_winding(face, feet.local)
 
     def _to_given_winding(self, face: Ints, local: Floats) -> Floats:
         """Return coordinates (n, 3) by the user's winding of faces (n,) from those by the mesh's, and vice versa."""
-        return np.where(self.flipped[face, None], local[:, [0, 2, 1]], local) if self.flipped.any() else local
+        return (
+            np.where(self.repaired.flipped[face, None], local[:, [0, 2, 1]], local)
+            if self.repaired.flipped.any()
+            else local
+        )
 
     def _edges(self, face: Ints, local: Floats) -> Ints:
         """Return (n,) the boundary loop on which each closest point lies, -1 for none."""

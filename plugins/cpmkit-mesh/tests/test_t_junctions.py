@@ -51,8 +51,10 @@ def test_parts_with_unlike_divisions_are_one_mesh(n, m, seed):
     inside = len(np.setdiff1d(np.arange(1, n) * m, np.arange(m) * n)) + len(
         np.setdiff1d(np.arange(1, m) * n, np.arange(n) * m)
     )
-    assert mesh.notes[0].startswith(f"{inside} vertices of the mesh lie on edges of other triangles, the first")
-    assert (np.diff(mesh.given_index) > 0).all()
+    assert mesh.repaired.notes[0].startswith(
+        f"{inside} vertices of the mesh lie on edges of other triangles, the first"
+    )
+    assert (np.diff(mesh.repaired.given_index) > 0).all()
     x = flipped(np.random.default_rng(0).uniform([0, 0, 0], [2, 1, 0], (200, 3)), seed)
     feet = mesh.closest_point(x)
     np.testing.assert_allclose(feet.points, x, atol=1e-12)
@@ -101,8 +103,10 @@ def test_gaps_are_closed_up_to_a_tolerance(gap, weld, joined):
     mesh = triangles(vertices=points, faces=faces, weld=weld)
     assert mesh.component.max() == 1 - joined
     assert len(mesh.adjacency.boundary) == (21 if joined else 28)
-    assert any(text.startswith("2 vertices at rims of the mesh lie up to") for text in mesh.notes) == bool(joined)
-    assert any(text.startswith("5 vertices of the mesh lie on") for text in mesh.notes) == bool(joined)
+    assert any(text.startswith("2 vertices at rims of the mesh lie up to") for text in mesh.repaired.notes) == bool(
+        joined
+    )
+    assert any(text.startswith("5 vertices of the mesh lie on") for text in mesh.repaired.notes) == bool(joined)
 
 
 def test_no_tolerance_makes_triangles_vanish():
