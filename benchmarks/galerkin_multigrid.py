@@ -54,7 +54,7 @@ def measure(spacing):
     samples, contacts = sphere(spacing)
     dof_map = build_dof_map(samples.points, contacts, spacing)
     space = build_spline_space(dof_map, samples)
-    operator = CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS["default"], 1.0), symmetric=True)
+    operator = CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS[2]["default"], 1.0), symmetric=True)
     b = load(space, 3 * samples.points[:, 2:])
     del space, samples, contacts
     times = products(operator.matrix, b)

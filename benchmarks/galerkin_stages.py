@@ -26,7 +26,7 @@ from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.mesh.cell_quadrature import Samples
 
 CORNERS = np.array([[4, 1, 1], [1, 4, 1], [1, 1, 4]]) / 6
-STRENGTH = STABILISATIONS["default"]
+STRENGTH = STABILISATIONS[2]["default"]
 ROUNDS = 5
 
 

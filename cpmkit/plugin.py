@@ -85,13 +85,13 @@ if TYPE_CHECKING:
     from cpmkit.manifold.vector_algebra import rotate as rotate
     from cpmkit.manifold.vector_algebra import unit as unit
     from cpmkit.mesh.mesh import Mesh as Mesh
+    from cpmkit.mesh.mesh import rectangle as rectangle
     from cpmkit.mesh.mixed_cells import Polyline as Polyline
     from cpmkit.mesh.mixed_cells import chain_segments as chain_segments
     from cpmkit.mesh.mixed_cells import number_edges as number_edges
     from cpmkit.mesh.mixed_cells import rotate_triangles as rotate_triangles
     from cpmkit.mesh.normals_of_mesh import edge_support as edge_support
     from cpmkit.mesh.normals_of_mesh import vertex_normals as vertex_normals
-    from cpmkit.mesh.rectangle import rectangle as rectangle
     from cpmkit.plugins import read_ply_points as read_ply_points
     from cpmkit.plugins import source as source
     from cpmkit.runtime.arrays import as_colour as as_colour
@@ -230,7 +230,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "dots": "manifold.vector_algebra",
         "norms": "manifold.vector_algebra",
         "unit": "manifold.vector_algebra",
-        "rectangle": "mesh.rectangle",
+        "rectangle": "mesh.mesh",
         "rotate": "manifold.vector_algebra",
         "Chain": "manifold.orientation",
         "link_chains": "manifold.orientation",

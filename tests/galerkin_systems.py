@@ -4,7 +4,7 @@ import numpy as np
 from galerkin_scenes import sphere, together
 from scipy.sparse import csr_array
 
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS, mass, stiffness_with_floor
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS, add_ghosts, energy_data, mass, stiffness_with_floor
 from cpmkit.forms.galerkin.space.splines import value_rows
 from cpmkit.plugin import CsrOperator
 
@@ -21,9 +21,16 @@ def two_spheres(h, gap=0.3):
     return together(one, one.moved(np.array([2.0 + gap * h, 0.0, 0.0]))).space(h)
 
 
+def stiffness(space, a, stabilisation):
+    """The matrix of the energy with its stabilisation, without the floor."""
+    data = energy_data(space, a, None, stabilisation)
+    add_ghosts(space, a, stabilisation, data)
+    return space.matrix(data)
+
+
 def stiffness_of(space, c=None):
     """The operator of -Lap u, or of -Lap u + c u."""
-    return CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS["default"], c), symmetric=True)
+    return CsrOperator(stiffness_with_floor(space, 1.0, STABILISATIONS[2]["default"], c), symmetric=True)
 
 
 def mass_of(space):

@@ -84,13 +84,14 @@ def small(scene, mesh, spacing, origin=None, points=None):
         for data, k in zip((terms.diffusivity, terms.c, terms.f), (1, 1, scene.channels), strict=True)
     )
     areas, logarithms = load(space, np.concatenate([np.ones_like(a), np.log(a)], axis=1)).T
-    conditions = condition_terms(laws, border, left, rows, areas, terms.diffusivity, logarithms, lattice)
+    data = terms.diffusivity, logarithms, lattice, None, np.array([spacing])
+    conditions = condition_terms(laws, border, left, rows, areas, *data)
     return Small(
         scene,
         inner,
         conditions,
         left,
-        stiffness_with_floor(space, a[:, 0], STABILISATIONS["default"], c[:, 0]),
+        stiffness_with_floor(space, a[:, 0], STABILISATIONS[2]["default"], c[:, 0]),
         load(space, f),
         value_rows(dof_map, dof_map.patch[:q], inner.points),
     )

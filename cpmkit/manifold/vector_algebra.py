@@ -24,8 +24,8 @@ def norms(a: Floats) -> Floats:
 
 
 def unit(a: Floats) -> Floats:
-    """Return ``a`` (n, d) with its rows scaled to length one; rows of length zero become zero."""
-    length = norms(a)[:, None]
+    """Return the vectors ``a`` (..., d) scaled to length one; vectors of length zero become zero."""
+    length = norms(a)[..., None]
     if (length > 0).all():
         return np.asarray(a / length)
     with np.errstate(all="ignore"):

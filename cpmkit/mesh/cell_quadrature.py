@@ -17,7 +17,9 @@ from typing import Any
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import norms, unit
+from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.adjacency import rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.types import Bools, Floats, Ints
 
@@ -47,6 +49,47 @@ CURVED_SINGLE_MOMENT = 1e-4
 TRIANGLES_AT_ONCE = 1 << 11
 
 
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Quadrature points of the manifold, over which every integral is summed.
+
+    Attributes
+    ----------
+    points : (q, d) float64
+        Positions relative to the lattice's origin.
+    weights : (q,) float64
+        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
+        evaluated.
+    normals : (q, c, d) float64
+        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
+    cell : (q,) int32
+        The cell of the mesh that contains each sample.
+    """
+
+    points: Floats
+    weights: Floats
+    normals: Floats
+    cell: Any
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def points_at(self, rows: slice | Ints) -> Floats:
+        """Return the points (..., d) of the samples ``rows`` (...)."""
+        return np.asarray(self.points[rows])
+
+    def normals_at(self, rows: slice | Ints) -> Floats:
+        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
+        return np.asarray(self.normals[rows])
+
+    def cell_at(self, rows: Ints) -> Ints:
+        """Return the cells (...) of the samples ``rows`` (...)."""
+        return np.asarray(self.cell[rows])
+
+
 def is_clipped(sampling: str, manifold_dim: int) -> bool:
     """Return whether ``sampling`` lets triangles be clipped at knot planes; segments end on knot planes in any case."""
     return manifold_dim == 2 and sampling != "plain"
@@ -73,9 +116,7 @@ def triangles_to_clip(mesh: Mesh, sampling: str, geometry: CellGeometry, spacing
         return np.zeros(len(mesh.cells), dtype=bool)
     if sampling == "clipped" or geometry != "flat":
         return np.ones(len(mesh.cells), dtype=bool)
-    from cpmkit.mesh.subdivision_kernels import with_long_edges
-
-    return with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), PLAIN_EDGE_SPACINGS * float(spacing))
+    return np.asarray(mesh.lengths_of_cells.max(axis=1) > PLAIN_EDGE_SPACINGS * spacing)
 
 
 def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
@@ -86,7 +127,7 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
     small as a whole.
     """
-    from cpmkit.mesh.whole_triangle_kernels import least_turning_sine, mark_small_triangles
+    from cpmkit.mesh.mesh_kernels import least_turning_sine, mark_small_triangles
 
     cells = np.ascontiguousarray(mesh.cells)
     if mesh.midpoints is None:
@@ -130,116 +171,49 @@ def quadrature(
         Whether pieces between knot planes get a rule of degree 4.
     """
     parts = [_segment_samples(mesh)] if mesh.manifold_dim == 1 else _triangle_parts(mesh, clipped_at, clipped, fine)
-    return _concatenate(chain(parts, [] if further is None else [_fields_of_samples(further)]))
+    return _concatenate(chain(parts, [] if further is None else [further]))
 
 
-def _segment_samples(mesh: Mesh) -> list[Any]:
-    """Return the fields of `Samples` for the segments of a mesh: points, weights, normals and cells."""
-    shares, slopes, weights = _segment_rule(mesh)
-    tangents = _combine_nodes(mesh, slopes)
-    cell = np.repeat(np.arange(len(mesh.cells)), len(weights))
-    speed = np.tile(weights, len(mesh.cells)) * norms(tangents)
-    return _fields_of_samples(Samples(_combine_nodes(mesh, shares), speed, _normal_frames(tangents), cell))
+def _segment_samples(mesh: Mesh) -> Samples:
+    """Return the samples on the segments of a mesh."""
+    points, tangents, weights, _ = quadratic_rule(mesh)
+    cell = np.repeat(np.arange(len(mesh.cells)), weights.shape[1])
+    at, along = points.reshape(-1, mesh.dim), tangents.reshape(-1, mesh.dim)
+    return Samples(at, weights.ravel(), normal_frames(along), cell)
 
 
-def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[list[Any]]:
-    """Yield the fields of `Samples` for `TRIANGLES_AT_ONCE` triangles at a time; arguments as of :func:`quadrature`."""
-    spacing, cells = 1.0 if clipped_at is None else float(clipped_at), np.ascontiguousarray(mesh.cells)
-    midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else np.ascontiguousarray(mesh.midpoints)
+def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[Samples]:
+    """Yield the samples of `TRIANGLES_AT_ONCE` triangles at a time; arguments as of :func:`quadrature`."""
+    from cpmkit.mesh.clipping_kernels import triangle_samples
+
+    spacing, cells = 1.0 if clipped_at is None else float(clipped_at), mesh.cells
+    midpoints = np.empty((len(cells), 0, 3)) if mesh.midpoints is None else mesh.midpoints
     if clipped is None or clipped_at is None:
         clipped = np.full(len(mesh.cells), clipped_at is not None)
     limits = np.zeros(len(mesh.cells)) if clipped_at is None else one_point_limits(mesh, spacing)
     for start in range(0, max(len(cells), 1), TRIANGLES_AT_ONCE):
         rows = slice(start, start + TRIANGLES_AT_ONCE)
-        arguments = mesh.vertices, cells[rows], midpoints[rows], spacing, clipped[rows], limits[rows]
-        if fine or not limits[rows].any():
-            *others, cell = _all_samples(*arguments, fine)
-        else:
-            *others, cell = _samples_single_first(*arguments)
-        yield [*others, cell + np.int32(start)]
+        nodes = np.concatenate([mesh.vertices[cells[rows]], midpoints[rows]], axis=1)
+        points, weights, normals, cell = triangle_samples(nodes, spacing, clipped[rows], limits[rows], fine)
+        yield Samples(points, weights, normals, cell + np.int32(start))
 
 
-def _all_samples(
-    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats, fine: bool
-) -> list[Any]:
-    """Return the points, weights, normals and triangle numbers of samples, in the order of the triangles.
-
-    Arguments from ``spacing`` on are those of `triangle_samples`, with ``limits`` for ``single``.
-    """
-    from cpmkit.mesh.clipping_kernels import triangle_samples
-    from cpmkit.mesh.whole_triangle_kernels import gather_nodes
-
-    return list(triangle_samples(gather_nodes(vertices, cells, midpoints), spacing, clipped, limits, fine))
-
-
-def _samples_single_first(
-    vertices: Floats, cells: Ints, midpoints: Floats, spacing: float, clipped: Bools, limits: Floats
-) -> list[Any]:
-    """Return what `_all_samples` returns, faster if many triangles get a single point: these are sampled first."""
-    from cpmkit.mesh.whole_triangle_kernels import one_point_samples
-
-    count = len(cells)
-    single: Any = np.empty((count, 3)), np.empty(count), np.empty((count, 1, 3)), np.empty(count, dtype=np.int32)
-    remaining = np.empty(count, dtype=np.int64)
-    used, others = one_point_samples(vertices, cells, midpoints, spacing, clipped, limits, single, remaining)
-    if not others:
-        return list(single)
-    rows = remaining[:others]
-    *several, triangle = _all_samples(
-        vertices, cells[rows], midpoints[rows], spacing, clipped[rows], limits[rows], False
-    )
-    several.append(rows[triangle].astype(np.int32))
-    both: list[Any] = [np.concatenate([first[:used], second]) for first, second in zip(single, several, strict=True)]
-    order = np.argsort(both[3], kind="stable")
-    return [array[order] for array in both]
-
-
-def _fields_of_samples(samples: Samples) -> list[Any]:
-    """Return the fields of ``samples``: points, weights, normals and cells."""
-    return [getattr(samples, field.name) for field in fields(Samples)]
-
-
-def _concatenate(parts: Iterable[list[Any]]) -> Samples:
-    """Return the samples whose fields are in ``parts``, one after the other; arrays grow in place to save memory."""
+def _concatenate(parts: Iterable[Samples]) -> Samples:
+    """Return the samples ``parts`` one after the other; arrays grow in place to save memory."""
     whole: list[Any] = []
     for part in parts:
+        arrays = [getattr(part, field.name) for field in fields(Samples)]
         if not whole:
-            whole = [np.array(array) for array in part]
+            whole = [np.array(array) for array in arrays]
             continue
-        for array, more in zip(whole, part, strict=True):
+        for array, more in zip(whole, arrays, strict=True):
             before = len(array)
             array.resize((before + len(more), *array.shape[1:]), refcheck=False)  # there is no view of it
             array[before:] = more
     return Samples(*whole)
 
 
-def _combine_nodes(mesh: Mesh, shares: Floats) -> Floats:
-    """Return for each of m cells the q linear combinations of its nodes with coefficients ``shares`` (q, nodes).
-
-    The result is (m q, d), in the order of the cells; the nodes of a cell are its corners, then its midpoints.
-    """
-    nodes = mesh.vertices[mesh.cells.T]
-    if mesh.midpoints is not None:
-        nodes = np.concatenate([nodes, mesh.midpoints.transpose(1, 0, 2)])
-    combined = shares @ nodes.reshape(len(nodes), -1)
-    by_cell = combined.reshape(len(shares), -1, mesh.dim).transpose(1, 0, 2)
-    return np.ascontiguousarray(by_cell).reshape(-1, mesh.dim)
-
-
-def _segment_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats]:
-    """Return shape functions (3, nodes), their derivatives (3, nodes) and weights (3,) at a segment's Gauss points.
-
-    Derivatives are with respect to the coordinate from 0 at the start to 1 at the end.
-    """
-    gauss, weights = np.polynomial.legendre.leggauss(3)
-    t = 0.5 * (gauss + 1)
-    if mesh.midpoints is None:
-        return np.stack([1 - t, t], axis=1), np.tile([-1.0, 1.0], (3, 1)), 0.5 * weights
-    shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)
-    return shares, np.stack([4 * t - 3, 4 * t - 1, 4 - 8 * t], axis=1), 0.5 * weights
-
-
-def _normal_frames(tangents: Floats) -> Floats:
+def normal_frames(tangents: Floats) -> Floats:
     """Return orthonormal bases (n, d - 1, d) of the spaces perpendicular to ``tangents`` (n, d)."""
     t = unit(tangents)
     if t.shape[1] == 2:
@@ -250,42 +224,88 @@ def _normal_frames(tangents: Floats) -> Floats:
     return np.stack([first, np.cross(t, first)], axis=1)
 
 
-@dataclass(frozen=True, eq=False)
-class Samples:
-    """Quadrature points of the manifold, over which every integral is summed.
+#: The rule of degree 4 on a triangle with six points (Strang and Fix 1973): a of three of its points, which have the
+#: barycentric coordinates (a, a, 1 - 2 a) in any order, and the weight of each.
+TRIANGLE_RULE = ((0.091576213509770743, 0.109951743655321868), (0.445948490915964886, 0.223381589678011466))
+#: The rim is searched for beyond the middle of an edge on the rim, by this share of the edge's length outwards.
+OUTWARD_EDGE_SHARE = 0.5
+#: A midpoint whose closest point is farther away than this share of its edge's length stays on the chord.
+MOVED_MIDDLE_SHARE = 0.25
 
-    Attributes
-    ----------
-    points : (q, d) float64
-        Positions relative to the lattice's origin.
-    weights : (q,) float64
-        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
-        evaluated.
-    normals : (q, c, d) float64
-        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
-    cell : (q,) int32
-        The cell of the mesh that contains each sample.
+
+def quadratic_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return the points, tangents, weights and shape functions of quadrature on segments, triangles or points.
+
+    Segments get the three points of Gauss's rule of degree 5, triangles six points of degree 4.
+
+    Returns
+    -------
+    points : (m, q, d) float64
+    tangents : (m, q, a, d) float64
+        Derivatives of the position along the a coordinates of a cell: one of a segment, two of a triangle.
+    weights : (m, q) float64
+        Contain the length or area element.
+    shares : (q, k) float64
+        The shape functions of the k nodes of a cell: its corners, then its midpoints.
     """
+    shares, slopes, weights = (_point_functions, _segment_functions, _triangle_functions)[mesh.manifold_dim]()
+    nodes = mesh.vertices[mesh.cells]
+    if mesh.manifold_dim:
+        straight = mesh.vertices[mesh.edges.ends].mean(axis=1)[mesh.edges.of_cells]
+        nodes = np.concatenate([nodes, straight if mesh.midpoints is None else mesh.midpoints], axis=1)
+    tangents = np.einsum("qka,mkd->mqad", slopes, nodes)
+    gram = np.einsum("mqad,mqbd->mqab", tangents, tangents)
+    determinant = np.linalg.det(gram) if mesh.manifold_dim else np.ones(gram.shape[:2])
+    return np.einsum("qk,mkd->mqd", shares, nodes), tangents, weights * np.sqrt(np.maximum(determinant, 0.0)), shares
 
-    points: Floats
-    weights: Floats
-    normals: Floats
-    cell: Any
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
+def _point_functions() -> tuple[Floats, Floats, Floats]:
+    """Return the shape function (1, 1), no derivatives (1, 1, 0) and the weight (1,) of a point."""
+    return np.ones((1, 1)), np.zeros((1, 1, 0)), np.ones(1)
 
-    def __len__(self) -> int:
-        return len(self.points)
 
-    def points_at(self, rows: slice | Ints) -> Floats:
-        """Return the points (..., d) of the samples ``rows`` (...)."""
-        return np.asarray(self.points[rows])
+def _segment_functions() -> tuple[Floats, Floats, Floats]:
+    """Return the shape functions (3, 3), derivatives (3, 3, 1) and weights (3,) at the three Gauss points of [0, 1]."""
+    gauss, weights = np.polynomial.legendre.leggauss(3)
+    t = 0.5 * (gauss + 1)
+    shares = np.stack([(1 - t) * (1 - 2 * t), t * (2 * t - 1), 4 * t * (1 - t)], axis=1)
+    slopes = np.stack([4 * t - 3, 4 * t - 1, 4 - 8 * t], axis=1)[:, :, None]
+    return shares, slopes, 0.5 * weights
 
-    def normals_at(self, rows: slice | Ints) -> Floats:
-        """Return the normals (..., c, d) of the samples ``rows`` (...)."""
-        return np.asarray(self.normals[rows])
 
-    def cell_at(self, rows: Ints) -> Ints:
-        """Return the cells (...) of the samples ``rows`` (...)."""
-        return np.asarray(self.cell[rows])
+def _triangle_functions() -> tuple[Floats, Floats, Floats]:
+    """Return the shape functions (6, 6), their derivatives (6, 6, 2) and the weights (6,) of the triangle rule.
+
+    Rows are quadrature points; derivatives are with respect to the first two barycentric coordinates.
+    """
+    points = [np.roll([1 - 2 * a, a, a], k) for a, _ in TRIANGLE_RULE for k in range(3)]
+    weights = np.repeat([0.5 * weight for _, weight in TRIANGLE_RULE], 3)
+    bary = np.array(points)
+    second, third = np.roll(bary, -1, axis=1), np.roll(bary, -2, axis=1)  # at the edge opposite to each corner
+    shares = np.hstack([bary * (2 * bary - 1), 4 * second * third])
+    # Derivatives along (l0, l1), with l2 = 1 - l0 - l1.
+    along = np.array([[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]])
+    corner = (4 * bary - 1)[:, :, None] * along
+    middle = 4 * (third[:, :, None] * np.roll(along, -1, axis=0) + second[:, :, None] * np.roll(along, -2, axis=0))
+    return shares, np.concatenate([corner, middle], axis=1), weights
+
+
+def edge_midpoints_on(surface: ClosestPointSource, mesh: Mesh) -> Floats:
+    """Return the closest points (e, d) on ``surface`` of the middles of a mesh's edges, on its rim for edges there.
+
+    A middle stays on the chord where the closest point is too far away for the length of the edge.
+    """
+    straight, rim = mesh.vertices[mesh.edges.ends].mean(axis=1), rim_of_edges(mesh)
+    moved = surface.closest_point(straight).points.copy()
+    beyond = surface.closest_point(straight[rim.rows] + OUTWARD_EDGE_SHARE * rim.outward)
+    moved[rim.rows[beyond.edge >= 0]] = beyond.points[beyond.edge >= 0]
+    return limit_midpoint_shift(straight, moved, mesh.edge_lengths)
+
+
+def limit_midpoint_shift(straight: Floats, moved: Floats, length: Floats) -> Floats:
+    """Return ``moved`` (e, d), except ``straight`` (e, d) where the shift is too large for the edge's ``length`` (e,).
+
+    A larger shift leads to another part of the surface.
+    """
+    far = np.linalg.norm(moved - straight, axis=1) > MOVED_MIDDLE_SHARE * length
+    return np.where(far[:, None], straight, moved)

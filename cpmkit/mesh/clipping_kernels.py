@@ -20,10 +20,9 @@ ON_PLANE_SPACINGS = 1e-3
 CLAMPED_SPACINGS = 2e-2
 #: to this distance from its faces, in spacings: more than the rounding of a multiple of the spacing.
 INSIDE_SPACINGS = 1e-9
-#: Pieces with an area of no more than this in the barycentric coordinates of the triangle are omitted.
+#: Pieces with an area of no more than this in the barycentric coordinates of the triangle are omitted, and a cross
+#: product of two vectors below this share of the squared length of the longer one has no reliable direction.
 LEAST_AREA = 1e-14
-#: A cross product of two vectors below this share of the squared length of the longer one has no reliable direction.
-NO_DIRECTION_SHARE = 1e-14
 #: A piece whose area times its cubed length, in spacings, is below this gets three points, others four: 19 samples an
 #: unknown instead of 22. With three points everywhere gradients on a sphere are a quarter worse at h = .05.
 THREE_SAMPLES_MOMENT = 2e-3
@@ -31,8 +30,6 @@ THREE_SAMPLES_MOMENT = 2e-3
 THREE_OVER_ONE = 1e3
 #: Upper bound of the splits of a triangle: a curved edge may cross a plane again after each split.
 MOST_SPLITS = 100_000
-#: Newton steps from the chord to the point where an edge crosses a knot plane.
-CROSSING_STEPS = 3
 
 
 @compiled
@@ -78,7 +75,7 @@ def cross_plane(
         position(nodes, curved, r, s, corner[2:])
         bulge = 4 * (corner[2 + axis] - 0.5 * (start[2 + axis] + end[2 + axis]))
         slope = end[2 + axis] - start[2 + axis]
-        for _ in range(CROSSING_STEPS):
+        for _ in range(3):  # steps of Newton's method
             error = plane - start[2 + axis] - share * (slope + bulge * (1 - share))
             derivative = slope + bulge * (1 - 2 * share)
             if derivative * slope > 0:
@@ -154,17 +151,6 @@ def split_at_chord(piece: Floats, count: int, below: Floats, above: Floats) -> t
 
 
 @compiled
-def whole_triangle_rule(places: Floats, shares: Floats) -> float:
-    """Fill the first three ``places`` (k, 2) and ``shares`` (k,) with the rule of degree 2 on a whole triangle.
-
-    Places are barycentric coordinates (r, s), shares are weights with sum 1. Returns the area, 1/2.
-    """
-    places[:], shares[:] = 1 / 6, 1 / 3
-    places[0, 0] = places[1, 1] = 2 / 3
-    return 0.5
-
-
-@compiled
 def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
     """Fill ``normal`` (3,) with the unit normal of two tangents, and return the area of their parallelogram."""
     a = first[1] * second[2] - first[2] * second[1]
@@ -173,7 +159,7 @@ def unit_normal(first: Floats, second: Floats, normal: Floats) -> float:
     area = size = np.sqrt(a * a + b * b + c * c)
     first_square = first[0] * first[0] + first[1] * first[1] + first[2] * first[2]
     second_square = second[0] * second[0] + second[1] * second[1] + second[2] * second[2]
-    if area <= NO_DIRECTION_SHARE * max(first_square, second_square):
+    if area <= LEAST_AREA * max(first_square, second_square):
         # The weight is zero: take any vector perpendicular to the longer tangent.
         u, v = (first[0], first[1]) if first_square >= second_square else (second[0], second[1])
         a, b, c = (1.0, 0.0, 0.0) if u == 0 and v == 0 else (-v, u, 0.0)
@@ -287,13 +273,10 @@ def triangle_samples(
                 continue
             if clipped[m] and fine:
                 taken, area = 6 * (count - 2), fan_rule(piece, count, places, shares)
-            elif clipped[m]:
-                taken = points_needed(piece, count, curved, single[m])
-                area = polygon_rule(piece, count, taken, frame, thirds, corners, places, shares)
-            elif points_needed(piece, count, curved, single[m]) == 1:
-                taken, area = 1, polygon_rule(piece, count, 1, frame, thirds, corners, places, shares)
             else:
-                taken, area = 3, whole_triangle_rule(places, shares)
+                taken = points_needed(piece, count, curved, single[m])
+                taken = taken if clipped[m] else min(taken, 3)
+                area = polygon_rule(piece, count, taken, frame, thirds, corners, places, shares)
             if area <= LEAST_AREA:
                 continue
             lattice_cell(piece, count, cell)

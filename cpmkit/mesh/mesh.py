@@ -13,6 +13,7 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 
 from cpmkit.grid.lattice import find_codes
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.types import Bools, Floats, Ints
 
 #: How the manifold runs between the vertices of a mesh. "flat": along the cells. "closest_point": through the closest
@@ -38,10 +39,7 @@ class Edges:
 
     def lengths(self, vertices: Floats) -> Floats:
         """Return the distances (e,) between the ends of the edges."""
-        from cpmkit.mesh import mesh_kernels
-
-        lengths: Floats = mesh_kernels.lengths(np.ascontiguousarray(self.ends), np.ascontiguousarray(vertices))
-        return lengths
+        return norms(vertices[self.ends[:, 1]] - vertices[self.ends[:, 0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +61,9 @@ class Connectivity:
 
     @cached_property
     def edges(self) -> Edges:
-        """The edges of the cells."""
+        """The edges of the cells; points have none."""
+        if self.cells.shape[1] == 1:
+            return Edges(np.zeros((0, 2), dtype=np.int64), np.zeros((len(self.cells), 0), dtype=np.int64))
         if self.cells.shape[1] == 2:
             return Edges(self.cells, np.arange(len(self.cells))[:, None])
         from cpmkit.mesh import mesh_kernels
@@ -158,6 +158,11 @@ class Mesh:
         return self.edges.lengths(self.vertices)
 
     @property
+    def lengths_of_cells(self) -> Floats:
+        """(m, 3) or (m, 1) the lengths of the edges of each cell."""
+        return self.edge_lengths[self.edges.of_cells]
+
+    @property
     def dim(self) -> int:
         """Dimension d of the space."""
         return int(self.vertices.shape[1])
@@ -190,3 +195,16 @@ class Mesh:
         number = np.full(len(codes), -1)
         number[at[at >= 0]] = candidates[at >= 0]
         return np.asarray(number[place.ravel()], dtype=np.int64)
+
+
+def rectangle(lower: Floats, upper: Floats, spacing: float) -> tuple[Floats, Ints]:
+    """Return vertices (v, 2) of a regular triangulation between opposite corners, and its triangles (m, 3).
+
+    Triangles are counterclockwise; the legs are at most ``spacing`` long.
+    """
+    counts = np.maximum(np.ceil((upper - lower) / spacing).astype(np.int64), 1) + 1
+    axes = [np.linspace(low, high, count) for low, high, count in zip(lower, upper, counts, strict=True)]
+    vertices = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(vertices)).reshape(counts)
+    a, b, c, d = number[:-1, :-1].ravel(), number[1:, :-1].ravel(), number[1:, 1:].ravel(), number[:-1, 1:].ravel()
+    return vertices, np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])

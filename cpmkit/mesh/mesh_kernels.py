@@ -1,4 +1,4 @@
-"""Compiled: edges, orientation, welding and the support of edges of meshes, without sorting."""
+"""Compiled: edges, orientation, welding, the support of edges and the angles at edges of meshes, without sorting."""
 
 from __future__ import annotations
 
@@ -43,18 +43,6 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
                 following[edge], head[low] = head[low], edge
             of_cells[cell, corner] = edge
     return ends[:edge_count].copy(), of_cells
-
-
-@compiled
-def lengths(ends: Ints, vertices: Floats) -> Floats:
-    """Return the lengths (e,) of edges ``ends`` (e, 2) between ``vertices`` (v, d)."""
-    length = np.empty(len(ends))
-    for edge in range(len(ends)):
-        squared = 0.0
-        for k in range(vertices.shape[1]):
-            squared += (vertices[ends[edge, 1], k] - vertices[ends[edge, 0], k]) ** 2
-        length[edge] = np.sqrt(squared)
-    return length
 
 
 @compiled
@@ -279,3 +267,71 @@ def edge_supports(
                 ratio *= min(1.0, length / (total * lengths[edge]))
             support[edge] = min(support[edge], ratio)
     return support, heights
+
+
+@compiled
+def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
+    """Fill ``normal`` (3,) with the normal of a triangle whose length is twice the area, and return this length."""
+    total = 0.0
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        first = (vertices[cell[1], j] - vertices[cell[0], j]) * (vertices[cell[2], k] - vertices[cell[0], k])
+        second = (vertices[cell[1], k] - vertices[cell[0], k]) * (vertices[cell[2], j] - vertices[cell[0], j])
+        normal[i] = first - second
+        total += normal[i] * normal[i]
+    return float(np.sqrt(total))
+
+
+@compiled
+def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
+    """Return for each triangle the least sine (m,) of the angles between its plane and those of its neighbours.
+
+    ``of_cells`` (m, 3) are the edges of the triangles. Orientations do not matter. The sine is 0 if an edge belongs to
+    one triangle or more than two, or if a triangle has no area.
+    """
+    normals, sizes = np.empty((len(cells), 3)), np.empty(len(cells))
+    for cell in range(len(cells)):
+        sizes[cell] = area_vector(vertices, cells[cell], normals[cell])
+    edges = int(of_cells.max()) + 1 if len(cells) else 0
+    first, sine = np.full(edges, -1, np.int64), np.zeros(edges)
+    for cell in range(len(cells)):
+        for edge in of_cells[cell]:
+            if first[edge] == -1:
+                first[edge] = cell
+            elif first[edge] == -2:
+                sine[edge] = 0.0
+            else:
+                other, total = first[edge], 0.0
+                for i in range(3):
+                    j, k = (i + 1) % 3, (i + 2) % 3
+                    across = normals[cell, j] * normals[other, k] - normals[cell, k] * normals[other, j]
+                    total += across * across
+                both = sizes[cell] * sizes[other]
+                sine[edge] = np.sqrt(total) / both if both > 0 else 0.0
+                first[edge] = -2
+    least = np.ones(len(cells))
+    for cell in range(len(cells)):
+        for edge in of_cells[cell]:
+            least[cell] = min(least[cell], sine[edge])
+    return least
+
+
+@compiled
+def mark_small_triangles(vertices: Floats, cells: Ints, spacing: float, most: float, limits: Floats) -> None:
+    """Set ``limits`` (m,) to ``most`` where a triangle's area times its squared length, in spacings, is smaller."""
+    a, b, c = np.empty(3), np.empty(3), np.empty(3)
+    for cell in range(len(cells)):
+        squared = 0.0
+        for i in range(3):
+            a[i] = vertices[cells[cell, 0], i] / spacing
+            b[i] = vertices[cells[cell, 1], i] / spacing
+            c[i] = vertices[cells[cell, 2], i] / spacing
+            extent = max(max(a[i], b[i]), c[i]) - min(min(a[i], b[i]), c[i])
+            squared += extent * extent
+        total = 0.0
+        for i in range(3):
+            j, k = (i + 1) % 3, (i + 2) % 3
+            normal = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
+            total += normal * normal
+        if 0.5 * np.sqrt(total) * squared < most:
+            limits[cell] = most

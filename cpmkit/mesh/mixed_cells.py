@@ -8,18 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.manifold.abilities import HasMembers, HasMesh
+from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.mesh.mesh import Connectivity
 from cpmkit.types import Floats, Ints
-
-#: The corners of the pieces of a triangle (a, b, c) by its number of long edges, among a, b, c (0 to 2) and the middles
-#: of ab, bc, ca (3 to 5). A single long edge is ab; two long edges are ab and bc.
-PIECES_BY_LONG_EDGES = {
-    0: [(0, 1, 2)],
-    1: [(0, 3, 2), (3, 1, 2)],
-    2: [(3, 1, 4), (0, 3, 4), (0, 4, 2)],
-    3: [(0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)],
-}
 
 
 def with_corners(cells: Ints, corners: int) -> Ints:
@@ -55,11 +47,8 @@ def number_edges(cells: Ints, count: int) -> tuple[Ints, Ints]:
 
     Edge k of a cell joins its corners k and k + 1; a segment has one edge, a point none.
     """
-    corners = cells.shape[1]
-    ends = np.stack([cells, np.roll(cells, -1, axis=1)], axis=-1)[:, : corners if corners > 2 else corners - 1]
-    low, high = ends.min(axis=-1), ends.max(axis=-1)
-    keys, cell_edges = np.unique(low * count + high, return_inverse=True)
-    return np.stack([keys // count, keys % count], axis=1), cell_edges.reshape(low.shape)
+    edges = Connectivity(cells, count).edges
+    return edges.ends, np.roll(edges.of_cells, 1, axis=1)
 
 
 def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, Ints]:
@@ -86,7 +75,7 @@ def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints
 
 def member_dimensions(surface: ClosestPointSource) -> list[int]:
     """Return the different dimensions of a surface's members, ascending; a solid has the dimension of the space."""
-    members = surface.members if isinstance(surface, HasMembers) else [surface]
+    members = members_of(surface)
     return sorted({member.dim if member.manifold_dim is None else member.manifold_dim for member in members})
 
 
@@ -98,9 +87,8 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
     InputError
         If the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of this dimension.
     """
-    members = surface.members if isinstance(surface, HasMembers) else [surface]
     dimensions = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
-    if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members}:
+    if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members_of(surface)}:
         names = " and ".join({0: "points", 1: "segments", 2: "triangles"}[shown] for shown in sorted(dimensions))
         raise InputError(
             f"The mesh of {type(surface).__name__} has {names} "
@@ -129,48 +117,26 @@ def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float
     attributes, cells
         The given vertices come first; neighbours share the middles of their edges.
     """
+    from cpmkit.mesh.subdivision_kernels import split_triangles
+
     parts = []
-    for corners, halve in ((3, _halve_triangles), (2, _halve_segments)):
+    for corners in (3, 2):
         part = with_corners(cells, corners)
         while True:
-            edges, cell_edges = number_edges(part, len(attributes))
-            a, b = edges.T
-            long = np.linalg.norm(attributes[b, :dim] - attributes[a, :dim], axis=1) > longest
+            edges = Connectivity(part, len(attributes)).edges
+            long = edges.lengths(attributes[:, :dim]) > longest
             if not long.any():
                 break
             middle = np.where(long, len(attributes) + np.cumsum(long) - 1, -1)
-            part = halve(part, middle[cell_edges])
-            attributes = np.concatenate([attributes, (attributes[a[long]] + attributes[b[long]]) / 2])
+            attributes = np.concatenate([attributes, attributes[edges.ends[long]].mean(axis=1)])
+            if corners == 3:
+                points = np.ascontiguousarray(attributes[:, :dim])
+                part = split_triangles(np.ascontiguousarray(part), edges.of_cells, middle, points)
+            else:
+                (a, b), p = part[long].T, middle[long]
+                part = np.concatenate([part[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
         parts.append(part)
     return attributes, stack_cells([*parts, with_corners(cells, 1)])
-
-
-def _halve_segments(cells: Ints, middles: Ints) -> Ints:
-    """Return the segments (k, 2) into which segments ``cells`` (m, 2) are halved at the vertices ``middles`` (m, 1).
-
-    The vertex is -1 where a segment stays whole.
-    """
-    long = middles[:, 0] >= 0
-    (a, b), p = cells[long].T, middles[long, 0]
-    return np.concatenate([cells[~long], np.stack([a, p], axis=1), np.stack([p, b], axis=1)])
-
-
-def _halve_triangles(cells: Ints, middles: Ints) -> Ints:
-    """Return the triangles (k, 3) into which triangles ``cells`` (m, 3) with halved edges are split.
-
-    ``middles`` (m, 3) are the new vertices on the edges, -1 on edges that stay whole.
-    """
-    long = middles >= 0
-    # Renumber each triangle so that its long edges come first.
-    first = np.where(long.sum(axis=1) == 1, long.argmax(axis=1), long.argmin(axis=1) + 1)
-    corners, halves = rotate_triangles(cells, middles, first)
-    vertices = np.concatenate([corners, halves]).T
-    parts = [
-        vertices[long.sum(axis=1) == count][:, piece]
-        for count, pieces in PIECES_BY_LONG_EDGES.items()
-        for piece in pieces
-    ]
-    return np.concatenate(parts)
 
 
 class Polyline(NamedTuple):

@@ -8,19 +8,16 @@ from __future__ import annotations
 
 import numpy as np
 
+from cpmkit.mesh.cell_quadrature import TRIANGLE_RULE
 from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats
 
 #: Largest number of corners of a polygon; a triangle has 3, and each knot plane adds one.
 MOST_CORNERS = 32
-#: Barycentric coordinates and weights of the rule of degree 4 on a triangle with six points (Strang and Fix 1973).
-OUTER_POINT, OUTER_WEIGHT = 0.091576213509770743, 0.109951743655321868
-INNER_POINT, INNER_WEIGHT = 0.445948490915964886, 0.223381589678011466
 #: Largest number of points of a polygon: six for each triangle of its fan.
 MOST_POINTS = 6 * MOST_CORNERS
-#: Directions among which the search for the largest third moment starts, and the number of Newton steps that follow.
+#: Directions among which the search for the largest third moment starts.
 DIRECTIONS = np.stack([np.cos(np.arange(12) * np.pi / 12), np.sin(np.arange(12) * np.pi / 12)], axis=1)
-NEWTON_STEPS = 4
 #: Third moments that differ by less than this share count as equal, so that the choice does not depend on rounding.
 SAME_MOMENT = 1e-6
 #: Second derivative of the third moment below which Newton's method is skipped: the moment is nearly constant.
@@ -96,7 +93,7 @@ def skewest_direction(thirds: Floats) -> tuple[float, float]:
         here = abs(p * p * (p * thirds[0] + 3 * q * thirds[1]) + q * q * (3 * p * thirds[2] + q * thirds[3]))
         if here > (1 + SAME_MOMENT) * most:
             most, c, s = here, p, q
-    for _ in range(NEWTON_STEPS):
+    for _ in range(4):  # steps of Newton's method
         along = c * c * (c * thirds[0] + 3 * s * thirds[1]) + s * s * (3 * c * thirds[2] + s * thirds[3])
         slope = c * c * (c * thirds[1] - s * thirds[0]) + 2 * c * s * (c * thirds[2] - s * thirds[1])
         slope += s * s * (c * thirds[3] - s * thirds[2])
@@ -229,7 +226,7 @@ def fan_rule(piece: Floats, count: int, places: Floats, shares: Floats) -> float
         part = 0.5 * (a * d - b * c)
         total += part
         for j in range(6):
-            away, share = (OUTER_POINT, OUTER_WEIGHT) if j < 3 else (INNER_POINT, INNER_WEIGHT)
+            away, share = TRIANGLE_RULE[0] if j < 3 else TRIANGLE_RULE[1]
             second = 1.0 - 2.0 * away if j % 3 == 1 else away
             third = 1.0 - 2.0 * away if j % 3 == 2 else away
             at = 6 * (k - 1) + j

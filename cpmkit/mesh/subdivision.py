@@ -8,6 +8,7 @@ are halved later find them.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ from cpmkit.grid.lattice import find_codes
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Edges, Mesh
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 #: An edge is long if it is longer than ``length`` by more than this share: more than needles leave undivided, so that
 #: the triangles on both sides of an edge agree whether a half of it is long.
@@ -27,8 +28,6 @@ NEEDLE_EDGES = 2.0
 ROUNDED_LEVEL = 1e-9
 #: Crossings nearer to an end of their segment, or to each other, than this share of it are omitted.
 SAME_CROSSING_SHARE = 1e-6
-#: Secant steps from the chord to the place where a curve crosses a knot plane.
-SECANT_STEPS = 6
 
 
 def subdivide(mesh: Mesh, length: float) -> Mesh:
@@ -47,26 +46,25 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:
         return split_equally(mesh, length)
-    from cpmkit.mesh import subdivision_kernels
-
     mesh, halves = split_needles(mesh, length)
     longest = float(length) * (1 + SAME_LENGTH_SHARE)
-    done: list[Ints] = []
-    while True:  # triangles with a long edge are split together with all that share the edge; the rest is done
-        is_open = subdivision_kernels.with_long_edges(mesh.vertices, mesh.cells, longest)
-        if not done and not is_open.any():
-            return mesh  # the same array of cells: quantities that are cached for it stay valid
-        done.append(mesh.cells[~is_open])
-        if not is_open.any():
-            return replace(mesh, cells=np.concatenate(done))
-        mesh = replace(mesh, cells=mesh.cells[is_open])
-        edges = mesh.edges
-        middle = np.full(len(edges.ends), -1)
-        long = subdivision_kernels.long_edges(mesh.vertices, edges.ends, longest)
-        middle[long] = halves.middle_of(edges.ends[long])
+    return halve_long_edges(mesh, lambda mesh: mesh.edge_lengths > longest, halves)
+
+
+def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: HalvedEdges | None = None) -> Mesh:
+    """Return triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
+
+    ``halves`` are edges whose middles are vertices of the mesh already.
+    """
+    while (long := is_long(mesh)).any():
+        ends = mesh.edges.ends
+        middle = np.full(len(ends), -1)
+        if halves is not None:
+            middle[long] = halves.middle_of(ends[long])
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
-        mesh = halve_edges(mesh, middle, mesh.vertices[edges.ends[new]].mean(axis=1))
+        mesh = halve_edges(mesh, middle, mesh.vertices[ends[new]].mean(axis=1))
+    return mesh
 
 
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
@@ -205,13 +203,13 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
     """
     from cpmkit.mesh import subdivision_kernels
 
-    shortest, longest = subdivision_kernels.shortest_and_longest(mesh.vertices, np.ascontiguousarray(mesh.cells)).T
-    width = np.maximum(shortest, length)
-    needles = np.flatnonzero(longest > NEEDLE_EDGES * width)
+    lengths_of_cells = mesh.lengths_of_cells
+    width = np.maximum(lengths_of_cells.min(axis=1), length)
+    needles = np.flatnonzero(lengths_of_cells.max(axis=1) > NEEDLE_EDGES * width)
     if not len(needles):
         return mesh, HalvedEdges(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
     edges, lengths = mesh.edges, mesh.edge_lengths
-    tip = lengths[edges.of_cells[needles]].argmin(axis=1)
+    tip = lengths_of_cells[needles].argmin(axis=1)
     long_sides = edges.of_cells[needles[:, None], (tip[:, None] + [2, 1]) % 3]
     is_divided = np.zeros(len(lengths), dtype=bool)
     is_divided[long_sides] = True
@@ -325,7 +323,7 @@ def _shares_on_curve(
     """
     row = np.arange(len(share))
     before, error_before = np.zeros(len(share)), plane - start[row, axis]
-    for _ in range(SECANT_STEPS):
+    for _ in range(6):
         error = plane - source.closest_point(_interpolate(start, end, share)).points[row, axis]
         with np.errstate(all="ignore"):
             following = share + error * (share - before) / (error_before - error)

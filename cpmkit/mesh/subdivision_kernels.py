@@ -1,57 +1,14 @@
-"""Compiled: triangles with long edges, halving of edges, and needles cut across."""
+"""Compiled: triangles with halved edges, and needles cut across."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cpmkit.runtime.compilation import compiled
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Squared diagonals count as equal up to this factor, so that rounding does not decide which is shorter.
 SAME_DIAGONAL = 1.0 + 1e-9
-
-
-@compiled
-def _is_long(vertices: Floats, a: int, b: int, length: float) -> bool:
-    """Return whether the edge between vertices ``a`` and ``b`` is longer than ``length``."""
-    squared = 0.0
-    for k in range(vertices.shape[1]):
-        squared += (vertices[a, k] - vertices[b, k]) ** 2
-    return squared > length * length
-
-
-@compiled
-def shortest_and_longest(vertices: Floats, cells: Ints) -> Floats:
-    """Return the lengths (m, 2) of the shortest and of the longest edge of each triangle in ``cells`` (m, 3)."""
-    lengths = np.empty((len(cells), 2))
-    for cell in range(len(cells)):
-        least, most = np.inf, 0.0
-        for corner in range(3):
-            squared = 0.0
-            for k in range(vertices.shape[1]):
-                squared += (vertices[cells[cell, corner], k] - vertices[cells[cell, (corner + 1) % 3], k]) ** 2
-            least, most = min(least, squared), max(most, squared)
-        lengths[cell, 0], lengths[cell, 1] = np.sqrt(least), np.sqrt(most)
-    return lengths
-
-
-@compiled
-def with_long_edges(vertices: Floats, cells: Ints, length: float) -> Bools:
-    """Return which triangles (m, 3) have an edge longer than ``length``."""
-    long = np.zeros(len(cells), np.bool_)
-    for cell in range(len(cells)):
-        for corner in range(3):
-            long[cell] |= _is_long(vertices, cells[cell, corner], cells[cell, (corner + 1) % 3], length)
-    return long
-
-
-@compiled
-def long_edges(vertices: Floats, ends: Ints, length: float) -> Bools:
-    """Return which edges (e, 2) are longer than ``length``, by the same comparison as :func:`with_long_edges`."""
-    long = np.zeros(len(ends), np.bool_)
-    for edge in range(len(ends)):
-        long[edge] = _is_long(vertices, ends[edge, 0], ends[edge, 1], length)
-    return long
 
 
 @compiled

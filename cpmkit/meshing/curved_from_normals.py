@@ -39,8 +39,6 @@ from cpmkit.types import Bools, Floats, Ints
 FITTING_ROUNDS = 3
 #: Two vertices are the same if they differ by less than so many roundings of the largest coordinate.
 SAME_PLACE_ROUNDINGS = 8
-#: Relative difference of lengths that are computed in two ways.
-ROUNDING_SHARE = 1e-12
 
 
 def curve_cells(
@@ -100,22 +98,15 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
     length : float
         Longest edge, in the unit of the vertices.
     """
-    from cpmkit.mesh.subdivision_kernels import with_long_edges
-
-    normals, surely_short = smooth_vertex_normals(source, mesh), length * (1 - ROUNDING_SHARE)
-    halving = None
-    while True:
-        if not with_long_edges(mesh.vertices, np.ascontiguousarray(mesh.cells), surely_short).any():
-            return mesh  # without numbering the edges
-        long = mesh.edge_lengths > length
-        if not long.any():
-            return mesh
+    normals, halving = smooth_vertex_normals(source, mesh), None
+    while (long := mesh.edge_lengths > length).any():
         share = inherit_shares(*halving, mesh.edges) if halving else _height_shares(source, mesh, normals)
         points, between = smooth_midpoints(source, mesh.vertices, mesh.edges.ends[long], normals, share[long])
         normals = normals.append(between)
         middle = np.where(long, len(mesh.vertices) + np.cumsum(long) - 1, -1)
         halving = mesh.edges, middle, share
         mesh = halve_edges(mesh, middle, points)
+    return mesh
 
 
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:

@@ -17,8 +17,8 @@ import numpy as np
 
 from cpmkit.manifold.abilities import HasGivenMesh, HasMesh
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.adjacency import RepairReport, has_distinct_vertices, repair, repaired_cells
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.mesh.welding import RepairReport, has_distinct_vertices, repair, repaired_cells
 from cpmkit.types import Ints
 
 Value = TypeVar("Value")

@@ -9,8 +9,8 @@ import numpy as np
 from cpmkit.errors import place
 from cpmkit.grid.spacings import rounded_up
 from cpmkit.manifold.local_source import LocalSource
+from cpmkit.mesh.adjacency import RepairReport
 from cpmkit.mesh.mesh import CellGeometry
-from cpmkit.mesh.welding import RepairReport
 from cpmkit.meshing.contouring.contour_checks import MeshDefects
 from cpmkit.meshing.contouring.contoured_curves import CurveReport
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport

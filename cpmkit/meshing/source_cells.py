@@ -10,9 +10,8 @@ import numpy as np
 from cpmkit.manifold.abilities import HasMesh, HasValues, advice_of
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.mesh.adjacency import rim_of_edges
+from cpmkit.mesh.adjacency import box_size, repair, rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
-from cpmkit.mesh.welding import box_size, repair
 from cpmkit.meshing.curved_from_normals import refine_smooth
 from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
 

@@ -13,8 +13,11 @@ from cpmkit.grid.lattice import Codes
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.adjacency import rim_of_edges
+from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, edge_midpoints_on, quadratic_rule
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
-from cpmkit.mesh.quadratic_cells import OUTWARD_EDGE_SHARE, QuadraticCells, edge_midpoints_on, outward_edges
 from cpmkit.scene.boundary import boundary_number
 from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS
 from cpmkit.types import Floats, Ints, Side
@@ -43,10 +46,10 @@ def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spaci
     points, cells = source.mesh(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
     cells = with_corners(cells, dim + 1)
-    edges = outward_edges(points, cells)
-    nodes = np.concatenate([source.closest_point(points).points, edge_midpoints_on(source, points, edges)])
-    nodes = surface.closest_point(nodes).points
-    rule_points, weights, _ = QuadraticCells(nodes, np.hstack([cells, len(points) + edges.of_cells])).rule()
+    flat = Mesh.of(points, cells)
+    nodes = surface.closest_point(source.closest_point(points).points).points
+    middles = surface.closest_point(edge_midpoints_on(source, flat)).points
+    rule_points, _, weights, _ = quadratic_rule(Mesh.of(nodes, cells, middles[flat.edges.of_cells]))
     on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
     return surface.closest_point(on_source).points, weights.ravel()
 
@@ -108,12 +111,10 @@ def _rim_of_triangles(
     The closest points are those of points slightly beyond the mesh, so that they lie on the rim and have its loop
     number.
     """
-    edges = outward_edges(points, cells)
-    single = np.flatnonzero(edges.outward.any(axis=1))
-    nodes = np.concatenate([points, edge_midpoints_on(surface, points, edges)])
-    curved = QuadraticCells(nodes, np.hstack([edges.ends[single], len(points) + single[:, None]]))
-    at, weights, _ = curved.rule()
-    outward = np.repeat(edges.outward[single], at.shape[1], axis=0)
+    flat = Mesh.of(points, cells)
+    rim, middles = rim_of_edges(flat), edge_midpoints_on(surface, flat)
+    at, _, weights, _ = quadratic_rule(Mesh.of(points, flat.edges.ends[rim.rows], middles[rim.rows][:, None]))
+    outward = np.repeat(unit(rim.outward), at.shape[1], axis=0)
     beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward
     return surface.closest_point(beyond), weights.ravel()
 

@@ -9,11 +9,12 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.mesh.cell_quadrature import edge_midpoints_on, limit_midpoint_shift, quadratic_rule
+from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions
-from cpmkit.mesh.quadratic_cells import QuadraticCells, edge_midpoints_on, limit_midpoint_shift, outward_edges
 from cpmkit.scene.data import evaluate_data
 from cpmkit.solution.display_mesh import evaluate_on_sides, moved_onto_boundaries
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Floats
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
@@ -30,9 +31,9 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
         if function is not None:
             read = _integrand(function, form.points.copy(), read)
         return _one_or_each(form.point_weights @ read)
-    nodes, values, cells = _nodes_with_values(solution, dimension)
-    points, weights, shares = QuadraticCells(nodes, cells).rule()
-    read = np.einsum("qk,mkc->mqc", shares, values[cells]).reshape(-1, values.shape[1])
+    curved, values = _curved_cells(solution, dimension)
+    points, _, weights, shares = quadratic_rule(curved)
+    read = np.einsum("qk,mkc->mqc", shares, values).reshape(-1, values.shape[2])
     if function is not None:
         on_surface = solution.scene.surface.closest_point(points.reshape(-1, points.shape[2])).points
         read = _integrand(function, on_surface, read)
@@ -72,27 +73,27 @@ def _dimension(surface: ClosestPointSource, dim: int | None) -> int:
     return dimensions[0] if dim is None else dim
 
 
-def _nodes_with_values(solution: SolutionRecord, dim: int) -> tuple[Floats, Floats, Ints]:
-    """Return the nodes (n, d) of curved cells on the manifold, the solution (n, channels) there, and the cells.
+def _curved_cells(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
+    """Return a mesh of m curved cells on the manifold, and the solution (m, k, channels) at their k nodes.
 
-    A cell (a row of indices of nodes) has its corners first, then the midpoints of its edges. On boundaries the
-    solution is that of the cell's side.
+    The nodes of a cell are its corners, then the midpoints of its edges. On boundaries the solution is that of the
+    cell's side.
     """
     mesh, scene = solution.display_mesh(), solution.scene
     corners = cells_of_dimension(mesh.cells, scene.surface, dim)
     sides = mesh.sides if mesh.sides is not None else np.zeros((len(mesh.points), 0), dtype=np.int64)
     points = moved_onto_boundaries(scene, mesh.points, sides)
     points = scene.surface.closest_point(points).points
-    edges = outward_edges(points, corners)
-    a, b = edges.ends.T
+    flat = Mesh.of(points, corners)
+    a, b = flat.edges.ends.T
     shared = np.where(sides[a] == sides[b], sides[a], 0)
-    middles = edge_midpoints_on(scene.surface, points, edges)
+    middles = edge_midpoints_on(scene.surface, flat)
     on_boundary = np.flatnonzero(shared.any(axis=1))
     straight = 0.5 * (points[a] + points[b])[on_boundary]
-    length = np.linalg.norm(points[a] - points[b], axis=1)[on_boundary]
     moved = scene.surface.closest_point(moved_onto_boundaries(scene, straight, shared[on_boundary])).points
-    middles[on_boundary] = limit_midpoint_shift(straight, moved, length)
+    middles[on_boundary] = limit_midpoint_shift(straight, moved, flat.edge_lengths[on_boundary])
     off = (np.linalg.norm(moved - middles[on_boundary], axis=1) > 0)[:, None]
     shared[on_boundary] = np.where(off, 0, shared[on_boundary])
-    values = np.concatenate([mesh.values, evaluate_on_sides(solution, middles, shared)])
-    return np.concatenate([points, middles]), values, np.hstack([corners, len(points) + edges.of_cells])
+    of_cells, at_middles = flat.edges.of_cells, evaluate_on_sides(solution, middles, shared)
+    values = np.concatenate([mesh.values[corners], at_middles[of_cells]], axis=1)
+    return Mesh.of(points, corners, middles[of_cells]), values

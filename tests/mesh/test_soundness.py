@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from sample_shapes import grid, joined, moebius, octahedron, pieces
 
+from cpmkit.mesh.adjacency import RepairReport, repair
 from cpmkit.mesh.cell_quadrature import quadrature
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.mesh.welding import RepairReport, repair
 
 
 def shuffled(mesh, seed=0):

@@ -6,10 +6,9 @@ from made_cases import CASES, source_of
 from sample_shapes import octahedron
 
 import cpmkit as ck
-from cpmkit.mesh.adjacency import half_facets
+from cpmkit.mesh.adjacency import half_facets, repair
 from cpmkit.mesh.cell_quadrature import quadrature
 from cpmkit.mesh.subdivision import subdivide
-from cpmkit.mesh.welding import repair
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.source_cells import source_cells
 from cpmkit.plugin import Advice, localize

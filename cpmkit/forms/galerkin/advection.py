@@ -26,8 +26,9 @@ from cpmkit.forms.galerkin.space.energy import (
     kernel_arguments,
     stabilisation_data,
 )
-from cpmkit.forms.galerkin.space.energy_kernels import row_length, second_of, slope_of, sort_columns, value_of
+from cpmkit.forms.galerkin.space.pattern_kernels import sort_columns
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
+from cpmkit.forms.galerkin.space.sample_kernels import row_length, second_of, slope_of, value_of
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.grid.lattice import Lattice
 from cpmkit.linear.multigrid.cycle import Level

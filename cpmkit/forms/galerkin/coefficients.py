@@ -142,9 +142,9 @@ class SampleCoefficients:
 
         u and its gradient are evaluated at the boundary samples.
         """
-        boundary, u = self.sampled.boundary, state.u[: self.space.spline_count]
+        u = state.u[: self.space.spline_count]
         values = np.asarray(self.boundary_rows[0] @ u)[:, 0]
-        gradients = self.space.gradients_beside_boundaries(u, boundary.points, boundary.normals)[:, 0]
+        gradients = self.space.gradients_beside_boundaries(u)[:, 0]
         return lambda points: state.coefficient(values, gradients, points)
 
     @cached_property

@@ -22,7 +22,7 @@ from cpmkit.forms.galerkin.scene_sampling import (
     sample_scene,
 )
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS, STABILISATIONS_OF_DEGREE
+from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
@@ -74,7 +74,7 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree)
     sampled = replace(sampled, samples=QuantisedSamples.of(samples, dof_map))
     del samples  # quantised: the samples themselves are released
-    stabilisation = STABILISATIONS_OF_DEGREE[degree][options.own.stabilisation]
+    stabilisation = STABILISATIONS[degree][options.own.stabilisation]
     parts = build_spline_space(dof_map, sampled.samples), sampled.interior, stabilisation
     space = EnrichedSpace(*parts, sampled.singular) if sampled.singular else FunctionSpace(*parts)
     form = galerkin(scene, options, sampled, space)
@@ -126,7 +126,7 @@ def discretize_in_regions(
     assert isinstance(samples, Samples)
     first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell)
     levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)
-    stabilisation = STABILISATIONS[options.own.stabilisation]
+    stabilisation = STABILISATIONS[2][options.own.stabilisation]
     space = build_refined_space(samples, sampled.interior, sampled.corners, levels, regions, stabilisation)
     return galerkin(scene, options, replace(sampled, samples=space.splines.samples), space)
 

@@ -13,9 +13,8 @@ from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.forms.free_constants import free_pieces
 from cpmkit.forms.galerkin.advection import Advection, convection_matrix, outward_speed
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
-from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, concatenate, condition_terms
+from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
-from cpmkit.forms.galerkin.conditions.nitsche import scale_rows
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import mean_coefficient
@@ -102,14 +101,14 @@ class EquationAssembly:
         changes with u as it does inside.
         """
         matrix = convection_matrix(self.space.splines, self.coefficients.evaluate_at_state(field))
-        slope_rows = [condition.rows for _, condition in conditions_with_law(self.conditions, Flux, Mixed)]
-        rows = concatenate(slope_rows, np.int64)
-        if len(rows):
+        slope_rows = [condition.rows for condition in conditions_with_law(self.conditions, Flux, Mixed)]
+        if slope_rows:
+            rows = np.concatenate(slope_rows)
             boundary = self.sampled.boundary
             w = self.coefficients.beside_boundaries(field)(self.sampled.lattice.to_scene(boundary.points))
             through = boundary.weights * np.einsum("bd,bd->b", w, boundary.conormals)
             values = self.coefficients.boundary_rows[0][rows]
-            matrix = (matrix - values.T @ scale_rows(through[rows], values)).tocsr()
+            matrix = (matrix - values.T @ (values * through[rows, None])).tocsr()
         return CsrOperator(self.space.extend_matrix(matrix, None, None))
 
     @cached_property

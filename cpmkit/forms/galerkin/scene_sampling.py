@@ -19,8 +19,7 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.refinement.graded_mesh import grade_mesh, grade_towards_tips, graded_samples
-from cpmkit.forms.galerkin.refinement.regions import Regions
+from cpmkit.forms.galerkin.refinement.regions import Regions, grade_mesh, grade_towards_tips, graded_samples
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.options import Options
 from cpmkit.grid.lattice import Lattice, lattice_of

@@ -138,7 +138,7 @@ def outflow_layer_warnings(terms: ConditionTerms) -> Iterator[str]:
     if terms.outward_speed is None:
         return
     spacing = terms.lattice.spacing
-    for _, condition in conditions_with_law(terms.conditions, Value):
+    for condition in conditions_with_law(terms.conditions, Value):
         rows = condition.rows
         if not len(rows):
             continue

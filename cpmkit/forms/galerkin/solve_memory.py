@@ -10,7 +10,6 @@ import numpy as np
 
 from cpmkit.forms.cost_model import fitting_unknowns
 from cpmkit.forms.galerkin.options import GalerkinOptions
-from cpmkit.forms.galerkin.space.projection import MOST_FACTORISED_PROJECTION
 from cpmkit.forms.options import Options
 from cpmkit.grid.blocks import check_numbered
 from cpmkit.grid.lattice import lattice_of
@@ -131,9 +130,8 @@ class SolveMemory:
         used += BYTES_PER_FURTHER_SAMPLE[m] * max(samples - SAMPLES_PER_UNKNOWN[degree] * unknowns, 0.0)
         if self.scene.boundaries and factors != "all":
             used += BYTES_PER_UNKNOWN_WITH_BOUNDARIES[m] * unknowns
-        if isinstance(self.scene.problem, Evolution):  # the first steps have factors of their own, data are projected
-            systems = (factors == "all") + (unknowns <= MOST_FACTORISED_PROJECTION)
-            used += (BYTES_OF_STEPS + systems * of_factors) * unknowns
+        if isinstance(self.scene.problem, Evolution):  # the first steps have factors of their own
+            used += (BYTES_OF_STEPS + (factors == "all") * of_factors) * unknowns
         return LEAST_BYTES + used
 
     def check_samples_fit(self) -> None:

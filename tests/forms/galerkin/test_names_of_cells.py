@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh.welding import RepairReport
+from cpmkit.mesh.adjacency import RepairReport
 from cpmkit.meshing.mesh_warnings import repair_warnings, seam_warnings
 from cpmkit.plugin import localize
 

@@ -63,168 +63,133 @@ def local_widths(
     return width
 
 
-def one_sided_value(
-    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
-) -> Floats:
-    """Return the one-sided limits (b,) of a positive coefficient at boundary samples, on the side of their cells.
+@dataclass(frozen=True, eq=False)
+class OneSidedLimits:
+    """Limits of coefficients at boundary samples, on the side of their cells; coefficients may jump at boundaries.
 
-    Parameters
+    Attributes
     ----------
-    data : Data
-        The coefficient.
     samples : BoundarySamples
-        The samples.
+        The b samples.
     widths : (b,) float64
         The local width of the manifold, see :func:`local_widths`.
     around : (b,) float64
         The mean of the logarithm of the coefficient near each sample.
     lattice : Lattice
         The coordinates of samples are relative to its origin.
-    label : str
-        Name of the data in error messages.
-
-    Raises
-    ------
-    InputError
-        If the coefficient is not positive where it is evaluated.
-    """
-    if not callable(data):
-        return _positive_values(data, samples.points, lattice, label)
-    return extrapolated_value(data, samples, widths, around, lattice, label)[0]
-
-
-def inward_steps(samples: BoundarySamples, widths: Floats) -> tuple[Floats, Floats]:
-    """Return two steps (b, d) from samples into their side: against the conormal, and halfway to the cell's centre."""
-    return -READ_INSIDE_WIDTHS * widths[:, None] * samples.conormals, 0.5 * (samples.centres - samples.points)
-
-
-def extrapolated_value(
-    data: Data, samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice, label: str
-) -> tuple[Floats, Bools]:
-    """Return the one-sided limits of a positive function at boundary samples, and how each was evaluated.
-
-    The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
-    towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points may
-    lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not exactly on
-    the boundary: the limit that is nearer to ``around`` is taken. On rims, and where the function is smooth across the
-    boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is at most its second:
-    then a jump would be a smaller error than the extrapolation. Arguments are those of :func:`one_sided_value`.
-
-    Returns
-    -------
-    values : (b,) float64
-        The limits.
-    along : (b,) bool
-        Whether the function was evaluated against the conormal or at the sample, not towards the centre of the cell.
     """
 
-    def logarithm(step: Floats | float) -> Floats:
-        return np.asarray(np.log(_positive_values(data, samples.points + step, lattice, label)))
+    samples: BoundarySamples
+    widths: Floats
+    around: Floats
+    lattice: Lattice
 
-    inward, into_cell = inward_steps(samples, widths)
-    here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (inward, into_cell)]
-    limits = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
-    off = [np.abs(limit - around) for limit in limits]
-    by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
-    value = np.where(by_conormal, *limits)
-    value = np.where(np.abs(value - around) < OTHER_ZONE_LOG_RATIO, value, around)
-    rim = samples.owner < 0  # nothing is beyond
-    (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -inward))
-    smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
-    smooth = rim | (smooth & (np.abs(here - around) < OTHER_ZONE_LOG_RATIO))
-    return np.exp(np.where(smooth, here, value)), smooth | by_conormal
+    def value(self, data: Data, label: str) -> Floats:
+        """Return the limits (b,) of positive ``data``, which have the name ``label`` in error messages.
 
+        Raises
+        ------
+        InputError
+            If the data are not positive where they are evaluated.
+        """
+        return self._extrapolated(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
-def prescribed_conductivity(
-    data: Data | None, a: Floats, samples: BoundarySamples, widths: Floats, lattice: Lattice, label: str, side: str
-) -> Floats:
-    """Return the conductivity (k,) prescribed on one side of a boundary, the problem's ``a`` (k,) if ``data`` is None.
+    def conormal_flux(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """Return the conormal flux b . A grad u for ``tensors`` A, a function of points (b, d) that returns (b, d, d).
 
-    Raises
-    ------
-    SceneError
-        If the conductivity differs from the problem's diffusivity.
-    """
-    if data is None:
-        return a
-    prescribed = one_sided_value(data, samples, widths, np.log(a), lattice, f"a conductivity of {label}")
-    off = np.abs(prescribed / a - 1)
-    if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
-        worst = int(off.argmax())
-        where = place(lattice.to_scene(samples.points[[worst]])[0])
-        raise SceneError(
-            f"{label} gives the conductivity {prescribed[worst]:.4g} on its {side} near {where}, where the problem's "
-            f"diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
-        )
-    return prescribed
+        With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
+        along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
+        of A over tangents is extrapolated as in :meth:`value`. The tensor divided by this mean is evaluated at the same
+        two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point,
+        which is then used.
 
+        Returns
+        -------
+        a : (b,) float64
+            s; at points of a surface, which have no conormal, the mean of A over tangents.
+        directions : (b, d) float64
+            A b / s, tangent to the manifold.
+        """
+        label, normals, b = "the diffusivity", self.samples.normals, self.samples.conormals
 
-def _positive_values(data: Data, points: Floats, lattice: Lattice, label: str) -> Floats:
-    """Return the values (k,) of ``data`` at ``points`` (k, d), relative to the lattice's origin.
+        def mean(points: Floats) -> Floats:
+            return mean_over_tangents(evaluate_diffusivity(tensors, points, label), normals)
 
-    Raises
-    ------
-    InputError
-        If a value is not positive.
-    """
-    values = evaluate_data(data, lattice.to_scene(points), 1, label)[:, 0]
-    if np.any(values <= 0):
-        raise InputError(f"{label} must be above zero, got {values.min():g}.")
-    return values
+        value, along = self._extrapolated(mean, label)
+        step = np.where(along[:, None], *self._inward_steps)
+        places = [self.lattice.to_scene(self.samples.points + k * step) for k in (1, 2)]
+        near, far = (evaluate_diffusivity(tensors, at, label) / mean(at)[:, None, None] for at in places)
+        limit = 2 * near - far
+        definite = np.einsum("bi,bij,bj->b", b, limit, b) > 0.5 * np.einsum("bi,bij,bj->b", b, near, b)
+        direction = np.einsum("bij,bj->bi", np.where(definite[:, None, None], limit, near), b)
+        direction -= np.einsum("bci,bc->bi", normals, np.einsum("bci,bi->bc", normals, direction))
+        share = np.einsum("bi,bi->b", b, direction)
+        share = np.where(share > 0, share, 1.0)
+        return value * share, direction / share[:, None]
 
+    @property
+    def _inward_steps(self) -> tuple[Floats, Floats]:
+        """Steps (b, d) from the samples into their side: against the conormal, and halfway to the cell's centre."""
+        samples = self.samples
+        against = -READ_INSIDE_WIDTHS * self.widths[:, None] * samples.conormals
+        return against, 0.5 * (samples.centres - samples.points)
 
-@dataclass(frozen=True, eq=False)
-class ConormalFlux:
-    """The conormal flux b . A grad u for a tensor A, as a number times a directional derivative of u.
+    def _extrapolated(self, data: Data, label: str) -> tuple[Floats, Bools]:
+        """Return the limits of a positive function, and how each was evaluated.
 
-    With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative along
-    that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db.
+        The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
+        towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points
+        may lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not
+        exactly on the boundary: the limit that is nearer to :attr:`around` is taken. On rims, and where the function is
+        smooth across the boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is
+        at most its second: then a jump would be a smaller error than the extrapolation.
 
-    Attributes
-    ----------
-    a : (b,) float64
-        s; at points of a surface, which have no conormal, the mean of A over tangents.
-    directions : (b, d) float64
-        A b / s, tangent to the manifold.
-    """
+        Returns
+        -------
+        values : (b,) float64
+            The limits.
+        along : (b,) bool
+            Whether the function was evaluated against the conormal or at the sample, not towards the cell's centre.
+        """
 
-    a: Floats
-    directions: Floats
+        def logarithm(step: Floats | float) -> Floats:
+            return np.log(self._positive_values(data, step, label))
 
+        inward, into_cell = self._inward_steps
+        here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (inward, into_cell)]
+        limits = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
+        off = [np.abs(limit - self.around) for limit in limits]
+        by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
+        value = np.where(by_conormal, *limits)
+        value = np.where(np.abs(value - self.around) < OTHER_ZONE_LOG_RATIO, value, self.around)
+        rim = self.samples.owner < 0  # nothing is beyond
+        (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -inward))
+        smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
+        smooth = rim | (smooth & (np.abs(here - self.around) < OTHER_ZONE_LOG_RATIO))
+        return np.exp(np.where(smooth, here, value)), smooth | by_conormal
 
-def conormal_flux(
-    tensors: Callable[[Floats], Floats], samples: BoundarySamples, widths: Floats, around: Floats, lattice: Lattice
-) -> ConormalFlux:
-    """Return the conormal flux for a tensor diffusivity at boundary samples, on the side of their cells.
+    def _positive_values(self, data: Data, step: Floats | float, label: str) -> Floats:
+        """Return the values (b,) of ``data`` at ``step`` from the samples; raise InputError if one is not positive."""
+        values = evaluate_data(data, self.lattice.to_scene(self.samples.points + step), 1, label)[:, 0]
+        if np.any(values <= 0):
+            raise InputError(f"{label} must be above zero, got {values.min():g}.")
+        return values
 
-    The mean over tangents is evaluated by :func:`extrapolated_value`. The tensor divided by this mean is evaluated at
-    the same two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer
-    point, which is then used.
+    def conductivity(self, data: Data, label: str, side: str) -> Floats:
+        """Return the conductivity (b,) prescribed on one ``side`` of the boundary called ``label``.
 
-    Parameters
-    ----------
-    tensors : callable
-        Function of points (b, d), in the scene's coordinates, that returns (b, d, d); or an array (d, d).
-    samples, widths, around, lattice
-        As of :func:`one_sided_value`.
-    """
-
-    def evaluate(points: Floats) -> Floats:
-        return evaluate_diffusivity(tensors, points, "the diffusivity")
-
-    def mean(points: Floats) -> Floats:
-        return mean_over_tangents(evaluate(points), samples.normals)
-
-    value, along = extrapolated_value(mean, samples, widths, around, lattice, "the diffusivity")
-    step = np.where(along[:, None], *inward_steps(samples, widths))
-    places = [lattice.to_scene(samples.points + k * step) for k in (1, 2)]
-    near, far = (evaluate(at) / mean(at)[:, None, None] for at in places)
-    b, limit = samples.conormals, 2 * near - far
-    definite = np.einsum("bi,bij,bj->b", b, limit, b) > 0.5 * np.einsum("bi,bij,bj->b", b, near, b)
-    shape = np.where(definite[:, None, None], limit, near)
-    direction = np.einsum("bij,bj->bi", shape, b)
-    normal_part = np.einsum("bci,bi->bc", samples.normals, direction)
-    direction -= np.einsum("bci,bc->bi", samples.normals, normal_part)
-    share = np.einsum("bi,bi->b", b, direction)
-    share = np.where(share > 0, share, 1.0)
-    return ConormalFlux(value * share, direction / share[:, None])
+        Raises
+        ------
+        SceneError
+            If the conductivity differs from the problem's diffusivity, whose logarithm is :attr:`around`.
+        """
+        prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
+        off = np.abs(prescribed / a - 1)
+        if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
+            worst = int(off.argmax())
+            where = place(self.lattice.to_scene(self.samples.points[[worst]])[0])
+            raise SceneError(
+                f"{label} gives the conductivity {prescribed[worst]:.4g} on its {side} near {where}, where the "
+                f"problem's diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
+            )
+        return prescribed

@@ -10,9 +10,9 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from cpmkit.manifold.vector_algebra import dots, norms
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.adjacency import HalfFacets
-from cpmkit.mesh.cell_quadrature import Samples
+from cpmkit.mesh.cell_quadrature import Samples, normal_frames
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.types import Bools, Floats, Ints
 
@@ -24,9 +24,6 @@ REACH = (-2.0, 3.0)
 #: Number of Gauss points of an edge: splines have a kink wherever the edge leaves a lattice cell, and two points
 #: distribute a flux through a rim among the splines with errors of .4 % at any spacing.
 POINTS_OF_EDGE = 6
-#: Coordinates of the Gauss points in [0, 1] from tail to head of an edge, and their weights.
-EDGE_POINTS, EDGE_WEIGHTS = (0.5 * values for values in np.polynomial.legendre.leggauss(POINTS_OF_EDGE))
-EDGE_POINTS += 0.5
 #: Points, weights, conormals out of the cell, normals of the manifold.
 FacetPoints = tuple[Floats, Floats, Floats, Floats]
 
@@ -54,11 +51,10 @@ def conormals_of_slivers(
     )
     along, out = tangents[slivers], -inward[:, None]
     normal = normal[:, None] - dots(normal[:, None], along)[..., None] * along
-    normal /= np.maximum(norms(normal), np.finfo(float).tiny)[..., None]
-    for axis in (along, normal):
+    for axis in (along, unit(normal)):
         out = out - dots(out, axis)[..., None] * axis
     corrected = conormals.copy()
-    corrected[slivers] = out / norms(out)[..., None]
+    corrected[slivers] = unit(out)
     return corrected
 
 
@@ -87,8 +83,7 @@ def _mean_place_and_normal(mesh: Mesh, corners: Ints, at: Ints, middles: Floats)
     if mesh.dim == 2:
         return place, np.zeros_like(place)
     slopes = (a, b) if mesh.midpoints is None else _quadratic_tangents(corner, mesh.midpoints[cell], middles[row])
-    across = np.cross(*slopes)
-    across *= (np.sqrt(area) / np.maximum(norms(across), np.finfo(float).tiny))[:, None]
+    across = np.sqrt(area)[:, None] * unit(np.cross(*slopes))
     squares = np.array([[np.bincount(row, x * y, len(at)) for x in across.T] for y in across.T])
     normal: Floats = np.linalg.eigh(squares.transpose(2, 0, 1))[1][:, :, -1]
     return place, normal
@@ -126,17 +121,18 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
     mid = _midpoints(mesh, vertices, cell)
     p, q, opposite = (_select_corner(vertices, which) for which in (tail, head, facet))
     m, beside_tail, beside_head = (_select_corner(mid, which) for which in (facet, head, tail))
-    s = EDGE_POINTS[:, None]
+    gauss, weights = np.polynomial.legendre.leggauss(POINTS_OF_EDGE)
+    s = 0.5 * (1 + gauss[:, None])  # from 0 at the tail to 1 at the head
     y = (1 - s) * (1 - 2 * s) * p + 4 * s * (1 - s) * m + s * (2 * s - 1) * q
     along = (4 * s - 3) * p + (4 - 8 * s) * m + (4 * s - 1) * q
     inward = -opposite + 4 * (1 - s) * beside_tail + 4 * s * beside_head  # derivative by the opposite corner's l
     inward = inward - ((3 - 4 * s) * p + 4 * s * m)  # less the derivative by the tail's l: the sum of both is constant
     speed = norms(along)
-    tangent = along / speed[..., None]
-    conormals = _unit(dots(inward, tangent)[..., None] * tangent - inward)
+    tangent = unit(along)
+    conormals = unit(dots(inward, tangent)[..., None] * tangent - inward)
     conormals = conormals_of_slivers(mesh, corners, cell, facet, tangent, conormals)
     normals = np.cross(tangent, conormals)[:, :, None] if mesh.dim == 3 else np.zeros((len(cell), POINTS_OF_EDGE, 0, 2))
-    return y, EDGE_WEIGHTS * speed, conormals, normals
+    return y, 0.5 * weights * speed, conormals, normals
 
 
 def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _reversed: Bools) -> FacetPoints:
@@ -147,17 +143,8 @@ def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _rever
     vertices = mesh.vertices[mesh.cells[cell]]
     end, other = _select_corner(vertices, 1 - facet), _select_corner(vertices, facet)
     mid = 0.5 * (end + other) if mesh.midpoints is None else mesh.midpoints[cell]
-    tangent = _unit(3 * end - 4 * mid + other)
-    return end, np.ones(end.shape[:2]), tangent, _normals_of_tangents(tangent)
-
-
-def _normals_of_tangents(tangent: Floats) -> Floats:
-    """Return orthonormal bases (n, 1, d - 1, d) of the spaces normal to unit tangents (n, 1, d)."""
-    if tangent.shape[-1] == 2:
-        return np.stack([-tangent[..., 1], tangent[..., 0]], axis=-1)[:, :, None]
-    axis = np.eye(3)[np.abs(tangent).argmin(axis=-1)]
-    first = _unit(np.cross(tangent, axis))
-    return np.stack([first, np.cross(tangent, first)], axis=-2)
+    tangent = unit(3 * end - 4 * mid + other)
+    return end, np.ones(end.shape[:2]), tangent, normal_frames(tangent[:, 0])[:, None]
 
 
 def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
@@ -170,11 +157,6 @@ def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
 def _select_corner(values: Floats, which: Ints) -> Floats:
     """Return for each cell the point (n, 1, d) with number ``which`` (n,) among its points ``values`` (n, k, d)."""
     return np.take_along_axis(values, which[:, None, None], axis=1)
-
-
-def _unit(vectors: Floats) -> Floats:
-    """Return ``vectors`` (..., d) scaled to length 1; zero vectors stay zero."""
-    return np.asarray(vectors / np.maximum(norms(vectors), np.finfo(float).tiny)[..., None])
 
 
 @dataclass(frozen=True, eq=False)

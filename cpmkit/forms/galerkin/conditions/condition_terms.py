@@ -11,34 +11,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.conditions.boundary_coefficients import (
-    conormal_flux,
-    local_widths,
-    one_sided_value,
-    prescribed_conductivity,
-)
+from cpmkit.forms.galerkin.conditions.boundary_coefficients import OneSidedLimits, local_widths
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
     StateFluxSamples,
     conditions_with_law,
-    linearised_flux,
+    joined,
 )
 from cpmkit.forms.galerkin.conditions.nitsche import (
     COUPLING_PENALTY,
     TIP_PENALTY,
-    advection_jump_terms,
-    inflow_terms,
+    advection_jump_forms,
+    form_rows,
+    inflow_forms,
     interface_products,
     one_sided_products,
-    scale_rows,
-    side_factors,
+    symmetric_sum,
 )
-from cpmkit.forms.galerkin.conditions.sample_products import LoadRows, SampleRows, sample_rows, symmetric_sum
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value
+from cpmkit.types import SIDES, Bools, Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -52,20 +46,20 @@ class AddedTerms:
     ----------
     matrix : csr_array (n, n)
         The sum of their terms in the matrix.
-    load : csr_array (n, k) or LoadRows
-        The matrix that maps the values of the data of all conditions, one after the other, to the load.
-    data : tuple of (Data, (k_i, d) float64, str)
+    load : csr_array (n, k)
+        Maps the values of the data of all conditions, one after the other, to the load.
+    data : list of (Data, (k_i, d) float64, str)
         For each condition the data, the points at which they are evaluated, and their label in error messages.
     """
 
     matrix: csr_array
-    load: csr_array | LoadRows
-    data: tuple[tuple[Data, Floats, str], ...]
+    load: csr_array
+    data: list[tuple[Data, Floats, str]]
 
     def loads(self, channels: int, time: float | None) -> Floats:
         """Return the load (n, channels) of these terms, with data at ``time``."""
         values = [evaluate_data(data, points, channels, label, time) for data, points, label in self.data]
-        return np.asarray(self.load @ np.concatenate([np.zeros((0, channels)), *values]))
+        return np.asarray(self.load @ np.concatenate(values))
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,46 +97,46 @@ class ConditionTerms:
     @property
     def matrix(self) -> csr_array:
         """The matrix (n, n) that is added to the stiffness, symmetric to the last bit except for advection terms."""
-        matrix = self._one_sided.matrix
-        for terms in (self._interface, *([] if self.outward_speed is None else [self._inflow])):
-            if terms.matrix.nnz:
-                matrix = matrix + terms.matrix if matrix.nnz else terms.matrix
-        return matrix.tocsr()
+        from scipy.sparse import csr_array
+
+        n = self.values.shape[1]
+        return sum((terms.matrix for terms in self._terms), csr_array((n, n))).tocsr()
 
     def load(self, channels: int, time: float | None = None) -> Floats:
         """Return the load (n, channels) of all conditions, with data at ``time``."""
-        loads = self._one_sided.loads(channels, time) + self._interface.loads(channels, time)
-        return loads if self.outward_speed is None else loads + self._inflow.loads(channels, time)
+        zero = np.zeros((self.values.shape[1], channels))
+        return sum((terms.loads(channels, time) for terms in self._terms), zero)
 
     @property
     def outflow_matrix(self) -> csr_array:
         """The integrals (n, n) of v . b u phi over all boundaries and rims, for a velocity v in conservative form."""
         assert self.outward_speed is not None
-        return (self.values.T @ scale_rows(self.samples.weights * self.outward_speed, self.values)).tocsr()
+        return (self.values.T @ (self.values * (self.samples.weights * self.outward_speed)[:, None])).tocsr()
 
     @property
     def for_laplacian(self) -> ConditionTerms:
         """The conditions on Lap u: of the same kinds, with the data of supports for Lap u, and zero data elsewhere."""
-        laws = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
-        return replace(self, conditions=tuple(laws))
+        conditions = [replace(condition, law=condition.law.of_laplacian) for condition in self.conditions]
+        return replace(self, conditions=tuple(conditions))
 
     @property
     def boundary_mass(self) -> csr_array | None:
         """The matrix (n, n) that lambda multiplies in conditions ``du/db = lambda u``; None without such conditions."""
-        rows = [condition.rows for _, condition in conditions_with_law(self.conditions, Spectral)]
+        rows = [condition.rows for condition in conditions_with_law(self.conditions, Spectral)]
         if not rows:
             return None
         chosen = np.concatenate(rows)
-        zero, weighted = np.zeros(len(chosen)), 0.5 * self.samples.weights[chosen] * self.a[chosen]
-        product = side_factors(zero + 1, zero), side_factors(weighted, zero)
-        return symmetric_sum(self._sample_rows, chosen[:, None], [product])
+        values = self.values[chosen]
+        return symmetric_sum([(values, values * (0.5 * self.samples.weights * self.a)[chosen, None])])
 
     @property
     def state_fluxes(self) -> list[StateFluxSamples]:
         """The samples of each condition whose flux depends on u."""
         return [
-            StateFluxSamples(law, self._scene_points(condition.rows), self.values[condition.rows], self.lattice.spacing)
-            for law, condition in conditions_with_law(self.conditions, Nonlinear)
+            StateFluxSamples(
+                condition, self._scene_points(condition), self.values[condition.rows], self.lattice.spacing
+            )
+            for condition in conditions_with_law(self.conditions, Nonlinear)
         ]
 
     def linearise(self, seen: Sequence[Floats]) -> ConditionTerms:
@@ -150,12 +144,9 @@ class ConditionTerms:
 
         ``seen`` has an array (k,) of values at the samples for each of :attr:`state_fluxes`.
         """
-        values, conditions = iter(seen), list(self.conditions)
-        for law, condition in conditions_with_law(self.conditions, Nonlinear):
-            points = self._scene_points(condition.rows)
-            tangent = linearised_flux(law, next(values), points, self.lattice.spacing)
-            conditions[conditions.index(condition)] = replace(condition, law=tangent)
-        return replace(self, conditions=tuple(conditions))
+        fluxes = self.state_fluxes
+        tangents = {id(flux.condition): flux.linearise(values) for flux, values in zip(fluxes, seen, strict=True)}
+        return replace(self, conditions=tuple(tangents.get(id(each), each) for each in self.conditions))
 
     def flux(self, u: Floats, chosen: Bools, time: float | None) -> Floats | None:
         """Return the integrals (channels,) of du/db over ``chosen`` samples, with b the conormal out of their cells.
@@ -197,96 +188,86 @@ class ConditionTerms:
         # exact sums: the penalty makes matrix product and load a thousand times larger than their difference
         product = [fsum(row.data * u[row.coords[1], channel]) for channel in range(u.shape[1])]
         flux = with_test_function.load(u.shape[1], time)[n] - product
-        for law, condition in conditions_with_law(conditions, Nonlinear):
-            rows = condition.rows[chosen[condition.rows]]
-            values = np.asarray(self.values[rows] @ u)[:, 0]
-            flux = flux + self.samples.weights[rows] @ law.flux_at(values, self._scene_points(rows))
+        for condition in conditions_with_law(conditions, Nonlinear):
+            part = replace(condition, rows=condition.rows[chosen[condition.rows]])
+            values = np.asarray(self.values[part.rows] @ u)[:, 0]
+            flux = flux + self.samples.weights[part.rows] @ part.law.flux_at(values, self._scene_points(part))
         return np.asarray(flux).reshape(u.shape[1])
 
     @cached_property
-    def _one_sided(self) -> AddedTerms:
-        """The terms of conditions on one side of a boundary: values, fluxes and Robin conditions."""
-        laws = conditions_with_law(self.conditions, Value, Flux, Mixed)
-        if not laws:
-            return self._no_terms
-        rows = concatenate([condition.rows for _, condition in laws], np.int64)
-        points = [self._scene_points(condition.rows) for _, condition in laws]
-        labels = [condition.label for _, condition in laws]
-        alpha = concatenate([np.full(len(condition.rows), float(law.alpha)) for law, condition in laws])
-        beta = concatenate([beta_at(law, at, label) for (law, _), at, label in zip(laws, points, labels, strict=True)])
+    def _terms(self) -> list[AddedTerms]:
+        """The terms of all conditions, by the kind of their laws."""
+        kinds: list[tuple[Callable[..., AddedTerms], Any]] = [
+            (self._one_sided, conditions_with_law(self.conditions, Value, Flux, Mixed)),
+            (self._interface, conditions_with_law(self.conditions, Interface)),
+        ]
+        if self.outward_speed is not None:
+            coupled = [each for each in conditions_with_law(self.conditions, Interface) if each.law.resistance == 0]
+            kinds += [
+                (self._inflow, conditions_with_law(self.conditions, Value)),
+                (self._advection_jump, coupled),  # with a resistance u may jump, and nothing is added
+            ]
+        return [terms(conditions) for terms, conditions in kinds if conditions]
+
+    def _one_sided(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of values, fluxes and Robin conditions on one side of a boundary."""
+        rows = np.concatenate([each.rows for each in conditions])
+        alpha = joined(conditions, lambda each: each.law.alpha)
+        beta = joined(conditions, lambda each: each.beta(self._scene_points(each)))
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # no width at points
         products, factors = one_sided_products(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
-        data = tuple((law.datum, at, label) for (law, _), at, label in zip(laws, points, labels, strict=True))
-        load = LoadRows(self._sample_rows, rows[:, None], factors[None])
-        return AddedTerms(symmetric_sum(self._sample_rows, rows[:, None], products), load, data)
+        matrix = symmetric_sum([(self._forms(x, rows), self._forms(y, rows)) for x, y in products])
+        return AddedTerms(matrix, self._forms(factors, rows).T.tocsr(), self._data(conditions, "datum"))
 
-    @cached_property
-    def _interface(self) -> AddedTerms:
-        """The terms of conditions that couple the two sides of a boundary."""
-        laws = conditions_with_law(self.conditions, Interface)
-        if not laws:
-            return self._no_terms
-        left = concatenate([condition.rows for _, condition in laws], np.int64)
-        right = concatenate([condition.across for _, condition in laws], np.int64)
-        a, widths = [self.a[left], self.a[right]], [self.widths[left], self.widths[right]]
-        resistance = concatenate([np.full(len(condition.rows), law.resistance) for law, condition in laws])
-        penalty = concatenate(
-            [
-                np.full(len(condition.rows), TIP_PENALTY if condition.beyond_tip else COUPLING_PENALTY)
-                for _, condition in laws
-            ]
-        )
+    def _interface(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of conditions that couple the two sides of a boundary."""
+        from scipy.sparse import vstack
+
+        left, right = rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
+        a, widths = [self.a[side] for side in rows], [self.widths[side] for side in rows]
+        resistance = joined(conditions, lambda each: each.law.resistance)
+        penalty = joined(conditions, lambda each: TIP_PENALTY if each.beyond_tip else COUPLING_PENALTY)
         products, factors = interface_products(a, widths, resistance, self.samples.weights[left], penalty)
-        jumps, fluxes = [], []
-        for law, condition in laws:
-            points = self._scene_points(condition.rows)
-            jumps.append((law.jump, points, f"the jump of {condition.label}"))
-            fluxes.append((law.flux, points, f"the flux of {condition.label}"))
-        sides = np.stack([left, right], axis=1)
-        load = LoadRows(self._sample_rows, sides, np.stack(factors))
-        return AddedTerms(symmetric_sum(self._sample_rows, sides, products), load, (*jumps, *fluxes))
+        matrix = symmetric_sum([(self._forms(x, left, right), self._forms(y, left, right)) for x, y in products])
+        load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
+        return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
-    @cached_property
-    def _inflow(self) -> AddedTerms:
-        """The terms of advection at boundaries: inflow where values are prescribed, upwinding across couplings.
-
-        Couplings with a resistance, across which u may jump, have no such term.
-        """
-        from scipy.sparse import hstack
-
+    def _inflow(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of advection at inflow where values are prescribed."""
         assert self.outward_speed is not None
-        prescribed = conditions_with_law(self.conditions, Value)
-        coupled = [pair for pair in conditions_with_law(self.conditions, Interface) if pair[0].resistance == 0]
-        rows = concatenate([condition.rows for _, condition in prescribed], np.int64)
-        left = concatenate([condition.rows for _, condition in coupled], np.int64)
-        right = concatenate([condition.across for _, condition in coupled], np.int64)
-        speed, weights = self.outward_speed, self.samples.weights
-        inflow, by_value = inflow_terms(speed[rows], weights[rows], self.values[rows])
-        speeds = speed[left], speed[right]
-        passing, by_jump = advection_jump_terms(speeds, weights[left], self.values[left], self.values[right])
-        values = [(law.datum, self._scene_points(condition.rows), condition.label) for law, condition in prescribed]
-        jumps = [
-            (law.jump, self._scene_points(condition.rows), f"the jump of {condition.label}")
-            for law, condition in coupled
-        ]
-        return AddedTerms((inflow + passing).tocsr(), hstack([by_value, by_jump], format="csr"), (*values, *jumps))
+        rows = np.concatenate([each.rows for each in conditions])
+        value, tested = inflow_forms(self.outward_speed[rows], self.samples.weights[rows])
+        load = self._forms(tested, rows).T.tocsr()
+        return AddedTerms(load @ self._forms(value, rows), load, self._data(conditions, "datum"))
+
+    def _advection_jump(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of advection, with upwinding, across boundaries at which u is continuous up to a jump."""
+        assert self.outward_speed is not None
+        rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
+        speeds = [self.outward_speed[side] for side in rows]
+        jump, tested = advection_jump_forms(speeds, self.samples.weights[rows[0]])
+        load = self._forms(tested, *rows).T.tocsr()
+        return AddedTerms(load @ self._forms(jump, *rows), load, self._data(conditions, "jump"))
+
+    def _forms(self, factors: Floats, *rows: Ints) -> csr_array:
+        """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""
+        return form_rows(factors, np.stack(rows, axis=1), self._traces)
 
     @cached_property
-    def _sample_rows(self) -> SampleRows:
-        """The rows of ``values`` and ``slopes`` as dense entries in common columns."""
-        return sample_rows(self.values, self.slopes)
+    def _traces(self) -> csr_array:
+        """The matrix (2 b, n) that evaluates u, then du/db, at all samples."""
+        from scipy.sparse import vstack
 
-    @property
-    def _no_terms(self) -> AddedTerms:
-        """Terms without conditions: a zero matrix (n, n), and no data."""
-        from scipy.sparse import csr_array
+        return vstack([self.values, self.slopes], format="csr")
 
-        n = self.values.shape[1]
-        return AddedTerms(csr_array((n, n)), csr_array((n, 0)), ())
+    def _data(self, conditions: Sequence[ImposedCondition], name: str) -> list[tuple[Data, Floats, str]]:
+        """Return the data called ``name`` of the laws of ``conditions``, with their points and labels."""
+        label = "" if name == "datum" else f"the {name} of "
+        return [(getattr(each.law, name), self._scene_points(each), f"{label}{each.label}") for each in conditions]
 
-    def _scene_points(self, rows: Ints) -> Floats:
-        """Return the points (k, d) of the samples ``rows`` (k,) in the scene's coordinates."""
-        return self.lattice.to_scene(self.samples.points[rows])
+    def _scene_points(self, condition: ImposedCondition) -> Floats:
+        """Return the points (k, d) of the samples ``condition.rows`` (k,) in the scene's coordinates."""
+        return self.lattice.to_scene(self.samples.points[condition.rows])
 
 
 def condition_terms(
@@ -298,17 +279,15 @@ def condition_terms(
     diffusivity: Any,
     logarithms: Floats,
     lattice: Lattice,
-    slopes_along: Callable[[Floats], csr_array] | None = None,
-    spacings: Floats | None = None,
+    slopes_along: Callable[[Floats], csr_array] | None,
+    spacings: Floats,
 ) -> ConditionTerms:
     """Return the terms that the conditions of a scene add to the matrix and the load.
 
     Parameters
     ----------
-    conditions : sequence of ImposedCondition
-        The laws, each with the samples at which it is imposed.
-    samples : BoundarySamples
-        The samples on boundaries and rims.
+    conditions, samples, lattice
+        The attributes of :class:`ConditionTerms`.
     left : (b,) bool
         Whether each sample is on the left of its boundary.
     rows : two csr_array (b, n)
@@ -319,13 +298,11 @@ def condition_terms(
         The diffusivity of the equation.
     logarithms : (n,) float64
         The integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over tangents.
-    lattice : Lattice
-        The coordinates of samples are relative to its origin.
     slopes_along : callable, optional
         Maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; given if the diffusivity
         is a tensor.
-    spacings : (b,) or (1,) float64, optional
-        The spacing of the splines at the samples; by default that of the lattice.
+    spacings : (b,) or (1,) float64
+        The spacing of the splines at the samples.
 
     Raises
     ------
@@ -336,32 +313,29 @@ def condition_terms(
     """
     values, slopes = rows
     constrained = np.zeros(len(samples), dtype=bool)
-    constrained[
-        concatenate([condition.all_rows for condition in conditions if condition.constrains_value], np.int64)
-    ] = True
-    spacing = np.broadcast_to(lattice.spacing if spacings is None else spacings, len(samples))
+    for condition in conditions:
+        constrained[condition.all_rows] |= condition.constrains_value
+    spacing = np.broadcast_to(spacings, len(samples))
     widths = local_widths(values, areas, samples, (left, ~left), spacing)
-    around = (values @ logarithms) / (values @ areas)
+    limits = OneSidedLimits(samples, widths, (values @ logarithms) / (values @ areas), lattice)
     if slopes_along is None:
-        a = one_sided_value(diffusivity, samples, widths, around, lattice, "the diffusivity")
+        a = limits.value(diffusivity, "the diffusivity")
     else:
-        flux = conormal_flux(diffusivity, samples, widths, around, lattice)
-        a, slopes = flux.a, slopes_along(flux.directions)
-    for law, condition in conditions_with_law(conditions, Interface):
-        if slopes_along is not None and not (law.left is None and law.right is None):
-            raise SceneError(
-                f"{condition.label} gives conductivities where the problem's diffusivity is a tensor, which no number "
-                "is; leave `left` and `right` out."
-            )
-        for numbers, data, side in ((condition.rows, law.left, "left"), (condition.across, law.right, "right")):
-            on_side = samples.take(numbers), widths[numbers]
-            a[numbers] = prescribed_conductivity(data, a[numbers], *on_side, lattice, condition.label, side)
+        a, directions = limits.conormal_flux(diffusivity)
+        slopes = slopes_along(directions)
+    for condition in conditions_with_law(conditions, Interface):
+        for numbers, side in zip(condition.sides, SIDES, strict=True):
+            conductivity = getattr(condition.law, side)
+            if conductivity is None:
+                continue
+            if slopes_along is not None:
+                raise SceneError(
+                    f"{condition.label} gives conductivities where the problem's diffusivity is a tensor, which no "
+                    "number is; leave `left` and `right` out."
+                )
+            on_side = OneSidedLimits(samples.take(numbers), widths[numbers], np.log(a[numbers]), lattice)
+            a[numbers] = on_side.conductivity(conductivity, condition.label, side)
     if not constrained.all():
         between = local_widths(values, areas, samples, (left & constrained, ~left & constrained), spacing)
         widths = np.where(constrained, between, widths)
     return ConditionTerms(tuple(conditions), samples, values, slopes, a, widths, lattice)
-
-
-def concatenate(parts: Sequence[Any], dtype: Any = np.float64) -> Any:
-    """Return the arrays ``parts`` (k_i,) joined to one; an empty array of ``dtype`` if there are none."""
-    return np.concatenate([np.zeros(0, dtype=dtype), *parts])

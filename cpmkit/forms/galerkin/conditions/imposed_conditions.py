@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,8 +15,8 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
 from cpmkit.scene.conditions import Condition, same_condition
-from cpmkit.scene.edge_conditions import LoopConditions, check_parts_used, conditions_along
-from cpmkit.scene.laws import Flux, Interface, Law, Mixed, Nonlinear, Spectral, Value, beta_at
+from cpmkit.scene.edge_conditions import check_parts_used, conditions_along
+from cpmkit.scene.laws import Flux, Interface, Mixed, Value, beta_at
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
 from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Bools, Floats, Ints
@@ -53,7 +53,7 @@ class ImposedCondition:
         The name of the condition.
     """
 
-    law: Law
+    law: Any
     label: str
     rows: Ints
     across: Ints
@@ -63,17 +63,31 @@ class ImposedCondition:
     @property
     def constrains_value(self) -> bool:
         """Whether the law constrains u itself or couples it to the other side, and not only du/db."""
-        return not isinstance(self.law, (Flux, Nonlinear, Spectral))
+        return bool(self.law.involves_value or self.law.couples)
+
+    @property
+    def sides(self) -> tuple[Ints, Ints]:
+        """The samples on the left (k,) and on the right (k,), for a law that couples both sides."""
+        return self.rows, self.across
 
     @property
     def all_rows(self) -> Ints:
         """The samples on one side or on both, (k,) or (2 k,)."""
-        return np.concatenate([self.rows, self.across])
+        return np.concatenate(self.sides)
+
+    def beta(self, points: Floats) -> Floats:
+        """Return the factor beta (k,) of u in a law on one side at ``points`` (k, d), in the scene's coordinates."""
+        return beta_at(self.law, points, self.label)
 
 
-def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[tuple[Any, ImposedCondition]]:
-    """Return the pairs (law, condition) of those ``conditions`` whose law is of one of these ``kinds``."""
-    return [(condition.law, condition) for condition in conditions if isinstance(condition.law, kinds)]
+def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[ImposedCondition]:
+    """Return those ``conditions`` whose law is of one of these ``kinds``."""
+    return [condition for condition in conditions if isinstance(condition.law, kinds)]
+
+
+def joined(conditions: Iterable[ImposedCondition], values: Callable[[ImposedCondition], Any]) -> Floats:
+    """Return the ``values`` of ``conditions``, a number or (k_i,) for each, at all of their samples in order."""
+    return np.concatenate([np.broadcast_to(np.float64(values(each)), len(each.rows)) for each in conditions])
 
 
 def needs_rims(scene: Scene) -> bool:
@@ -117,9 +131,9 @@ def impose_conditions(
     """
     conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
     conditions += _tip_continuations(samples)
-    for law, condition in conditions_with_law(conditions, Mixed):
+    for condition in conditions_with_law(conditions, Mixed):
         points = lattice.to_scene(samples.points[condition.rows])
-        if not np.any(beta_at(law, points, condition.label)):
+        if not np.any(condition.beta(points)):
             raise InputError(
                 f"beta of {condition.kind.capitalize()} of {condition.label} is zero at all {len(points)} points; use "
                 "Neumann."
@@ -205,39 +219,24 @@ def _on_rims(
     """
     if not needs_rims(scene):
         return
-    rows, none = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
-    if not isinstance(scene.edge, Mapping):
-        if not len(rows):
-            raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
-        loop_of = none
-    else:
-        loop_of = _rim_loops_of_table(scene.edge, samples.take(rows), surface, lattice)
+    rows, loop_of = np.flatnonzero(samples.owner < 0), np.zeros(0, dtype=np.int64)
+    none = loop_of
+    if isinstance(scene.edge, Mapping):
+        loop_of = rim_loops(samples.take(rows), surface, lattice.spacing)
+        loops = np.unique(loop_of).tolist()
+        missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in scene.edge} - set(loops))
+        if missing:
+            named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
+            raise SceneError(
+                f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: {named}; leave it out, "
+                "or correct the number."
+            )
+    elif not len(rows):
+        raise SceneError("`edge` gives a condition, which the manifold has not: it is closed; leave it out.")
     conditions = conditions_along(scene.edge, loop_of, lattice.to_scene(samples.points[rows]))
     check_parts_used(scene.edge, [condition for condition, _ in conditions])
     for condition, chosen in conditions:
         yield ImposedCondition(condition.law, "the edge's condition", rows[chosen], none, kind=condition.kind)
-
-
-def _rim_loops_of_table(
-    edge: Mapping[int, LoopConditions], samples: BoundarySamples, surface: LocalSource, lattice: Lattice
-) -> Ints:
-    """Return the number (k,) of the loop of the rim that each sample lies on, checked against the table ``edge``.
-
-    Raises
-    ------
-    SceneError
-        If the table has a loop on which no sample lies.
-    """
-    loop_of = rim_loops(samples, surface, lattice.spacing)
-    loops = np.unique(loop_of).tolist()
-    missing = sorted({whole(loop, "a key of `edge`, the number of a loop,") for loop in edge} - set(loops))
-    if missing:
-        named = f"its loops are {', '.join(map(str, loops))}" if loops else "it is closed"
-        raise SceneError(
-            f"`edge` gives a condition for loop {missing[0]}, which the manifold has not: {named}; leave it out, or "
-            "correct the number."
-        )
-    return loop_of
 
 
 def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) -> Ints:
@@ -296,8 +295,8 @@ class StateFluxSamples:
 
     Attributes
     ----------
-    law : Nonlinear
-        The law with j, its derivative and the value at which Newton's method starts.
+    condition : ImposedCondition
+        The condition; its law has j, its derivative and the value at which Newton's method starts.
     points : (k, d) float64
         The points of the samples, in the scene's coordinates.
     values : csr_array (k, n)
@@ -306,7 +305,7 @@ class StateFluxSamples:
         The spacing h of the lattice.
     """
 
-    law: Nonlinear
+    condition: ImposedCondition
     points: Floats
     values: csr_array
     spacing: float
@@ -314,15 +313,22 @@ class StateFluxSamples:
     @property
     def guess(self) -> float:
         """The value of u at which Newton's method starts."""
-        return self.law.guess
+        return float(self.condition.law.guess)
 
     def read(self, u: Floats) -> Floats:
         """Return the values (k,) of u at the samples, from the unknowns ``u`` (n, 1)."""
         return np.asarray((self.values @ u)[:, 0])
 
     def grows(self, seen: Floats) -> bool:
-        """Return whether the flux depends on u, beyond rounding, at the values ``seen`` (k,) at the samples."""
-        return _depends_on_solution(self.law, seen, self.points, self.spacing)
+        """Return whether |j'(u)| times the spacing exceeds `LEAST_SLOPE` for a value ``seen`` (k,) at the samples."""
+        return bool(np.any(np.abs(self.condition.law.slope_at(seen, self.points)) * self.spacing > LEAST_SLOPE))
+
+    def linearise(self, seen: Floats) -> ImposedCondition:
+        """Return the condition ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,); a flux if j' is zero."""
+        slope = self.condition.law.slope_at(seen, self.points)
+        datum = KnownValues(self.condition.law.flux_at(seen, self.points) - slope * seen)
+        law = Mixed(1.0, KnownValues(-slope), datum) if self.grows(seen) else Flux(datum)
+        return replace(self.condition, law=law)
 
 
 @dataclass(frozen=True, eq=False)
@@ -334,15 +340,3 @@ class KnownValues:
     def __call__(self, _points: Floats) -> Floats:
         """Return the values (k,) at the k samples; the points are not used."""
         return self.values
-
-
-def linearised_flux(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> Mixed | Flux:
-    """Return the law ``du/db = j(v) + j'(v) (u - v)``, with v = ``seen`` (k,) at ``points``; a flux if j' is zero."""
-    slope = law.slope_at(seen, points)
-    datum = KnownValues(law.flux_at(seen, points) - slope * seen)
-    return Mixed(1.0, KnownValues(-slope), datum) if _depends_on_solution(law, seen, points, spacing) else Flux(datum)
-
-
-def _depends_on_solution(law: Nonlinear, seen: Floats, points: Floats, spacing: float) -> bool:
-    """Return whether |j'(u)| times the spacing exceeds `LEAST_SLOPE` for a value ``seen`` (k,) at ``points`` (k, d)."""
-    return bool(np.any(np.abs(law.slope_at(seen, points)) * spacing > LEAST_SLOPE))

@@ -1,5 +1,9 @@
 """Weak terms of conditions at samples: on one side, across a boundary, and for advection.
 
+At one sample a condition adds products x y of two linear forms to the matrix. A form is a sum over the s sides of a
+boundary (1 or 2) of a factor times u and a factor times du/db on that side, with b the conormal out of the side; forms
+at k samples are given by the array (k, s, 2) of these factors.
+
 **One side.** The condition is ``alpha du/db + beta u = gamma``, with b the conormal out of the side. Let q(u) be
 a du/db, B the penalty, w the local width, e = alpha / a, g = w / (B a) and m = e + beta g. A sample of weight s adds to
 the matrix, K in the formulas, and to the load, b in the formulas:
@@ -36,7 +40,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cpmkit.types import Floats
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -56,8 +60,7 @@ def one_sided_products(
 ) -> tuple[list[tuple[Floats, Floats]], Floats]:
     """Return the products that conditions on one side add to the matrix, and the factors of their data in the load.
 
-    A product is a pair of linear forms; forms and load are given by factors (k, 1, 2) of u and du/db at k samples, see
-    :mod:`~cpmkit.forms.galerkin.conditions.sample_products`.
+    A product is a pair of linear forms (k, 1, 2), of which the transposed product is added too.
 
     Parameters
     ----------
@@ -82,7 +85,7 @@ def interface_products(
 ) -> tuple[list[tuple[Floats, Floats]], list[Floats]]:
     """Return the products that couplings add to the matrix, and the factors of jump and flux (k,) in the load.
 
-    All are factors (k, 2, 2) of u and du/db on the left and on the right, with b out of each side.
+    All are linear forms (k, 2, 2), on the left and on the right.
 
     Parameters
     ----------
@@ -109,42 +112,23 @@ def interface_products(
     return [(jump, with_jump), (flux, with_flux)], [by_jump, by_flux]
 
 
-def inflow_terms(outward_speed: Floats, weights: Floats, values: csr_array) -> tuple[csr_array, csr_array]:
-    """Return the inflow terms of the matrix (n, n), and the matrix (n, k) that maps prescribed values to the load.
+def inflow_forms(outward_speed: Floats, weights: Floats) -> tuple[Floats, Floats]:
+    """Return the forms (k, 1, 2) of advection where values are prescribed: u, and the form that it is multiplied by.
 
-    Parameters
-    ----------
-    outward_speed : (k,) float64
-        v . b, with b the conormal out of the side.
-    weights : (k,) float64
-        The weights of the samples.
-    values : csr_array (k, n)
-        Evaluates u at the samples.
+    ``outward_speed`` (k,) is v . b, with b the conormal out of the side, and ``weights`` (k,) are those of the samples.
     """
-    tested = scale_rows(weights * np.maximum(-outward_speed, 0.0), values).T.tocsr()
-    return (tested @ values).tocsr(), tested
+    zero = np.zeros(len(weights))
+    return side_factors(zero + 1, zero), side_factors(weights * np.maximum(-outward_speed, 0.0), zero)
 
 
-def advection_jump_terms(
-    outward_speeds: tuple[Floats, Floats], weights: Floats, left: csr_array, right: csr_array
-) -> tuple[csr_array, csr_array]:
-    """Return the upwind terms (n, n) of advection across a boundary, and the matrix (n, k) that maps jumps to the load.
+def advection_jump_forms(outward_speeds: Sequence[Floats], weights: Floats) -> tuple[Floats, Floats]:
+    """Return the forms (k, 2, 2) of advection across a boundary: the jump of u, and the form that it is multiplied by.
 
-    A jump is the value of u on the left less that on the right.
-
-    Parameters
-    ----------
-    outward_speeds : two (k,) float64
-        v . b with b out of the left side, and out of the right side.
-    weights : (k,) float64
-        The weights of the samples.
-    left, right : csr_array (k, n)
-        Evaluate u at the samples on each side.
+    The jump is u on the left less u on the right. ``outward_speeds`` are two (k,): v . b with b out of the left side,
+    and out of the right side; ``weights`` (k,) are those of the samples.
     """
-    tested = scale_rows(weights * np.maximum(-outward_speeds[0], 0.0), left)
-    tested = tested - scale_rows(weights * np.maximum(-outward_speeds[1], 0.0), right)
-    tested = tested.T.tocsr()
-    return (tested @ (left - right)).tocsr(), tested
+    zero, (left, right) = np.zeros(len(weights)), (weights * np.maximum(-speed, 0.0) for speed in outward_speeds)
+    return side_factors(zero + 1, zero, zero - 1, zero), side_factors(left, zero, -right, zero)
 
 
 def side_factors(*factors: Floats) -> Floats:
@@ -152,8 +136,32 @@ def side_factors(*factors: Floats) -> Floats:
     return np.stack(factors, axis=1).reshape(len(factors[0]), -1, 2)
 
 
-def scale_rows(factors: Floats, rows: csr_array) -> csr_array:
-    """Return the matrix ``rows`` (k, n) with each row multiplied by its entry of ``factors`` (k,)."""
-    product = rows.tocsr(copy=True)
-    product.data *= np.repeat(factors, np.diff(product.indptr))
-    return product
+def form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_array:
+    """Return the matrix (k, n) that evaluates linear forms at k samples.
+
+    Parameters
+    ----------
+    factors : (k, s, 2) float64
+        Factors of u and of du/db on each side.
+    rows : (k, s) int64
+        The sample on each side.
+    traces : csr_array (2 b, n)
+        Evaluates u at all b samples, then du/db.
+    """
+    from scipy.sparse import csr_array
+
+    k, sides = rows.shape
+    columns = np.stack([rows, traces.shape[0] // 2 + rows], axis=-1)
+    starts = np.arange(0, factors.size + 1, 2 * sides)
+    chosen = csr_array((factors.ravel(), columns.ravel(), starts), shape=(k, traces.shape[0]))
+    chosen.eliminate_zeros()
+    return (chosen @ traces).tocsr()
+
+
+def symmetric_sum(products: Sequence[tuple[csr_array, csr_array]]) -> csr_array:
+    """Return the sum of ``x^T y + y^T x`` over pairs of matrices (k, n), symmetric to the last bit."""
+    from scipy.sparse import vstack
+
+    x, y = (vstack(matrices, format="csr") for matrices in zip(*products, strict=True))
+    half = x.T.tocsr() @ y
+    return (half + half.T).tocsr()

@@ -291,10 +291,10 @@ def singular_functions(
 def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) -> Ints:
     """Return the kind of condition (b,) at each boundary sample: FLUX, VALUE or THROUGH."""
     kinds = np.full(len(boundary), FLUX)
-    for _, condition in conditions_with_law(conditions, Value):
+    for condition in conditions_with_law(conditions, Value):
         kinds[condition.all_rows] = VALUE
-    for law, condition in conditions_with_law(conditions, Interface):
-        if law.resistance == 0:
+    for condition in conditions_with_law(conditions, Interface):
+        if condition.law.resistance == 0:
             kinds[condition.all_rows] = THROUGH
     return kinds
 

@@ -155,13 +155,17 @@ def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> 
 
 def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]:
     """Return the representations R_l (n_l, n), l = 0 to ``cap``, for the space whose finest level is ``cap``."""
+    from scipy.sparse import csr_array, diags_array
+
     actives = [level.candidates if number == cap else level.active for number, level in enumerate(levels[: cap + 1])]
     starts = np.cumsum([0, *(int(active.sum()) for active in actives)])
     matrices: list[csr_array] = []
-    for number, (level, active) in enumerate(zip(levels, actives, strict=False)):
-        matrix = _selection(active, int(starts[number]), int(starts[-1]))
+    for level, active, start in zip(levels, actives, starts, strict=False):
+        rows: Ints = np.flatnonzero(active)
+        entries = np.ones(len(rows)), (rows, start + np.arange(len(rows)))
+        matrix = csr_array(entries, shape=(level.size, starts[-1]))
         if level.prolongation is not None:
-            matrix = matrix + select_rows(~level.candidates, level.prolongation @ matrices[-1])
+            matrix = matrix + diags_array(1.0 - level.candidates) @ (level.prolongation @ matrices[-1])
         matrices.append(matrix.tocsr())
     return matrices
 
@@ -181,22 +185,3 @@ def prolongation_to(levels: Sequence[LevelSplines], cap: int, coarser: csr_array
     level = levels[cap]
     assert level.prolongation is not None
     return vstack([same, (level.prolongation @ coarser)[level.candidates]], format="csr")
-
-
-def _selection(active: Bools, start: int, size: int) -> csr_array:
-    """Return the matrix (n_l, size) with a one in the row of each active spline, in columns from ``start`` on."""
-    from scipy.sparse import csr_array
-
-    rows: Ints = np.flatnonzero(active)
-    return csr_array((np.ones(len(rows)), (rows, start + np.arange(len(rows)))), shape=(len(active), size))
-
-
-def select_rows(keep: Bools, matrix: csr_array) -> csr_array:
-    """Return the ``matrix`` with all rows emptied except the rows that ``keep`` (n,) marks."""
-    from scipy.sparse import csr_array
-
-    matrix = matrix.tocsr()
-    counts = np.where(keep, np.diff(matrix.indptr), 0)
-    entries = np.repeat(keep, np.diff(matrix.indptr))
-    starts = np.concatenate([[0], np.cumsum(counts)]).astype(matrix.indptr.dtype)
-    return csr_array((matrix.data[entries], matrix.indices[entries], starts), shape=matrix.shape)

@@ -17,14 +17,13 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.galerkin.dof_map import DofMap
-from cpmkit.forms.galerkin.refinement.graded_mesh import shift_of
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
     LevelSplines,
     build_patches,
     prolongation_to,
     representations,
 )
-from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells
+from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
 from cpmkit.forms.galerkin.space.energy import (
     NO_STABILISATION,
     Stabilisation,
@@ -260,9 +259,8 @@ def build_refined_space(
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)
-    fixed = QuantisedSamples.of(magnified, dof_map)
-    refined = RefinedSamples(*[getattr(fixed, name) for name in QuantisedSamples.__dataclass_fields__])
-    return RefinedSpace(build_spline_space(dof_map, refined), interior, stabilisation, levels, used, regions)
+    splines = build_spline_space(dof_map, RefinedSamples.of(magnified, dof_map))
+    return RefinedSpace(splines, interior, stabilisation, levels, used, regions)
 
 
 def _build_refined_dof_map(

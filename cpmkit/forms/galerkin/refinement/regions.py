@@ -1,4 +1,4 @@
-"""Where splines are finer: lattice cells that are subdivided into two along every axis, level by level.
+"""Where splines are finer: lattice cells that are subdivided into two along every axis; meshes graded by their size.
 
 Level l has the spacing h_l = h / 2^l; its cells are those of level l - 1, each subdivided along every axis. The cell of
 a point depends on its position alone, so that the mesh of the manifold may be made anew for each set of regions.
@@ -6,10 +6,15 @@ a point depends on its position alone, so that the mesh of the manifold may be m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.solution_warnings import ends_inside
+from cpmkit.mesh.cell_quadrature import Samples, quadrature, triangles_to_clip
+from cpmkit.mesh.mesh import CellGeometry, Mesh
+from cpmkit.mesh.subdivision import halve_long_edges
 from cpmkit.types import Bools, Floats, Ints
 
 #: Bits of a cell's code for its place along an axis, and the place that counts as zero: half their range.
@@ -84,11 +89,6 @@ class Regions:
             codes[level - 1] = np.union1d(codes[level - 1], codes_of_cells(around >> 1))
         return Regions(self.spacing, self.dim, tuple(level for level in codes if len(level)))
 
-    def codes_near(self) -> Ints:
-        """Return the ascending codes of the cells of level 0 that are subdivided or neighbours of such cells."""
-        first = self.subdivided[0] if self.finest else np.zeros(0, dtype=np.int64)
-        return codes_of_cells(with_neighbours(cells_of_codes(first, self.dim)))
-
     def table(self) -> Ints:
         """Return (k, 1 + d) the subdivided cells as integers: the level, then the cell."""
         rows = [
@@ -126,3 +126,120 @@ def with_neighbours(cells: Ints) -> Ints:
     steps = np.indices((3,) * dim).reshape(dim, -1).T - 1
     codes = codes_of_cells((cells[:, None] + steps).reshape(-1, dim))
     return cells_of_codes(np.unique(codes), dim)
+
+
+#: Edges near a tip are no longer than this share of their distance from it, but may be as long as so many spacings: one
+#: such edge holds 1/1000 of the energy within a spacing.
+LONGEST_EDGE_SHARE, LEAST_EDGE_SPACINGS = 0.5, 1e-3
+
+
+def grade_mesh(mesh: Mesh, regions: Regions, spacings: float) -> Mesh:
+    """Return flat triangles whose edges are at most ``spacings`` times as long as the spacing of the splines there.
+
+    Longer edges are halved, and so is the longest edge of each triangle with a halved edge, so that no needles arise.
+    """
+    first = regions.subdivided[0] if regions.finest else np.zeros(0, dtype=np.int64)
+    near_codes = codes_of_cells(with_neighbours(cells_of_codes(first, regions.dim)))
+    return halve_long_edges(mesh, lambda mesh: _with_longest(_is_long(mesh, regions, near_codes, spacings), mesh))
+
+
+def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) -> Bools:
+    """Return (e,) whether each edge is longer than ``spacings`` times the spacing of the finest splines along it.
+
+    Outside the cells of level 0 with the codes ``near_codes`` all splines have level 0.
+    """
+    vertices, ends, lengths, longest = mesh.vertices, mesh.edges.ends, mesh.edge_lengths, spacings * regions.spacing
+    long = lengths > longest * 0.5**regions.finest
+    middles = vertices[ends[long]].mean(axis=1)
+    rows = np.flatnonzero(long)[is_among(codes_of_cells(regions.cells(middles, 0)), near_codes)]
+    first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
+    level = np.zeros(len(rows), dtype=np.int64)
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        level = np.maximum(level, regions.levels_around((1 - share) * first + share * second))
+    long[:] = False
+    long[rows] = lengths[rows] > longest * 0.5**level
+    return long
+
+
+def _with_longest(long: Bools, mesh: Mesh) -> Bools:
+    """Return ``long`` (e,) in which the longest edge of each triangle with a marked edge is marked too.
+
+    The array is changed; marking is repeated until no triangle has a marked edge but not its longest.
+    """
+    of_cells = mesh.edges.of_cells
+    longest = of_cells[np.arange(len(of_cells)), mesh.lengths_of_cells.argmax(axis=1)]
+    rows = np.flatnonzero(~long[longest])
+    while True:
+        rows = rows[~long[longest[rows]]]
+        new = longest[rows[long[of_cells[rows]].any(axis=1)]]
+        if not len(new):
+            return long
+        long[new] = True
+
+
+def graded_samples(
+    mesh: Mesh, regions: Regions, sampling: str, geometry: CellGeometry, further: Samples | None
+) -> Samples:
+    """Return the samples of triangles in the order of the triangles, followed by the samples ``further``.
+
+    Each triangle is clipped at the knot planes of the finest level at its corners and its centroid.
+    """
+    middle = mesh.vertices[mesh.cells].mean(axis=1)
+    corners = [mesh.vertices[vertices] for vertices in mesh.cells.T]
+    levels = np.max([regions.levels(points) for points in (middle, *corners)], axis=0)
+    by_level = [
+        _samples_of_level(mesh, np.flatnonzero(levels == level), regions, level, sampling, geometry)
+        for level in range(regions.finest + 1)
+    ]
+    order = np.argsort(np.concatenate([samples.cell for samples in by_level]), kind="stable")
+    arrays = []
+    for name in ("points", "weights", "normals", "cell"):
+        array = np.concatenate([getattr(samples, name) for samples in by_level])[order]
+        arrays.append(array if further is None else np.concatenate([array, getattr(further, name)]))
+    return Samples(*arrays)
+
+
+def _samples_of_level(
+    mesh: Mesh, chosen: Ints, regions: Regions, level: int, sampling: str, geometry: CellGeometry
+) -> Samples:
+    """Return the samples of the triangles ``chosen`` (k,), which are clipped, if at all, at the level's knot planes."""
+    shift = shift_of(regions.spacing, level)
+    midpoints = None if mesh.midpoints is None else mesh.midpoints[chosen] + shift
+    shifted = replace(mesh, vertices=mesh.vertices + shift, cells=mesh.cells[chosen], midpoints=midpoints)
+    spacing = regions.spacing / 2**level
+    samples = quadrature(shifted, spacing, clipped=triangles_to_clip(shifted, sampling, geometry, spacing))
+    return Samples(samples.points - shift, samples.weights, samples.normals, chosen[samples.cell])
+
+
+def shift_of(spacing: float, level: Any) -> Any:
+    """Return the distance along each axis from node 0 of a level's lattice to node 0 of level 0."""
+    return 0.5 * spacing * (1 - 0.5**level)
+
+
+def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
+    """Return flat triangles whose edges are at most half as long as their distance from an end of a boundary.
+
+    Edges shorter than a thousandth of a spacing are not subdivided.
+
+    Parameters
+    ----------
+    mesh : Mesh
+        A mesh of flat triangles.
+    spacing : float
+        Spacing h of the lattice.
+    """
+    from scipy.spatial import cKDTree
+
+    tips = np.concatenate([np.zeros(0, dtype=np.int64), *(ends_inside(mesh, k) for k in np.unique(mesh.owner))])
+    if not len(tips):
+        return mesh
+    tree = cKDTree(mesh.vertices[tips])
+
+    def is_long(mesh: Mesh) -> Bools:
+        """Return (e,) whether edges are longer than half their distance from the nearest tip."""
+        lengths = mesh.edge_lengths
+        distance = tree.query(mesh.vertices, distance_upper_bound=lengths.max() / LONGEST_EDGE_SHARE)[0]  # or infinite
+        nearer = distance[mesh.edges.ends].min(axis=1)
+        return np.asarray(lengths > np.maximum(LONGEST_EDGE_SHARE * nearer, LEAST_EDGE_SPACINGS * spacing))
+
+    return halve_long_edges(mesh, is_long)

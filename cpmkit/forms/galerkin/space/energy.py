@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import lines_through
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -55,13 +55,11 @@ class Stabilisation:
 #: No stabilisation.
 NO_STABILISATION = Stabilisation(0.0, 0.0, 0.0)
 #: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
-STABILISATIONS_OF_DEGREE = {
+STABILISATIONS = {
     1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
     2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
     3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
 }
-#: Stabilisation of splines of degree 2, by name.
-STABILISATIONS = STABILISATIONS_OF_DEGREE[2]
 #: The floor is added for unknowns whose diagonal entry over the coefficient is below this share of the median.
 LIGHT_SHARE = 1e-4
 #: The factor of the floor as a share of that median. For splines of degree 1 the matrix of a circle in a
@@ -72,23 +70,6 @@ FLOOR_SHARE, LINEAR_FLOOR_SHARE = 1e-3, 0.2
 def differences(order: int) -> Floats:
     """Return the coefficients (order + 1,) of a finite difference of neighbouring values: 1, -2, 1 for order 2."""
     return np.array([(-1.0) ** (order - k) * comb(order, k) for k in range(order + 1)])
-
-
-def stiffness(space: SplineSpace, a: Floats | float, stabilisation: Stabilisation) -> csr_array:
-    """Return the stiffness matrix with stabilisation, K + S (n, n), symmetric to the last bit.
-
-    Parameters
-    ----------
-    space : SplineSpace
-        The splines and their samples.
-    a : float or (q,) or (q, d, d) float64
-        The diffusivity at the samples: numbers, or symmetric tensors whose tangential part is used.
-    stabilisation : Stabilisation
-        Factors of S; with `NO_STABILISATION` K is returned.
-    """
-    data = energy_data(space, a, None, stabilisation)
-    add_ghosts(space, a, stabilisation, data)
-    return space.matrix(data)
 
 
 def stiffness_with_floor(
@@ -102,8 +83,12 @@ def stiffness_with_floor(
 
     Parameters
     ----------
-    space, a, stabilisation
-        As of `stiffness`.
+    space : SplineSpace
+        The splines and their samples.
+    a : float or (q,) or (q, d, d) float64
+        The diffusivity at the samples: numbers, or symmetric tensors whose tangential part is used.
+    stabilisation : Stabilisation
+        Its factors.
     c : float or (q,) float64, optional
         The coefficient of u v at the samples; None where there is no such term.
     scale : (q,) float64, optional
@@ -163,43 +148,19 @@ def values_at_samples(space: SplineSpace, u: Floats, some: slice | Ints = EVERY_
     return values
 
 
-def gradients_at_samples(space: SplineSpace, count: int, u: Floats) -> Floats:
-    """Return the tangential gradients (count, channels, d) at the first ``count`` samples.
+def gradients_at_samples(space: SplineSpace, u: Floats, some: slice = EVERY_SAMPLE) -> Floats:
+    """Return the tangential gradients (q, channels, d) at the samples ``some``.
 
     ``u`` (n, channels) are the coefficients of the splines.
     """
-    from cpmkit.forms.galerkin.space.sample_kernels import read_slopes_at_samples
-
-    dof_map, samples = space.dof_map, space.samples
-    gradients = np.empty((count, u.shape[1], dof_map.dim))
-    sample_arrays = dof_map.patch, *_spline_count_tuples(space), samples.places, samples.directions
-    read_slopes_at_samples(dof_map.unknowns, dof_map.spacing, *sample_arrays, np.ascontiguousarray(u), gradients)
-    return _with_true_lengths(gradients, dof_map.magnification(dof_map.patch[:count]))
-
-
-def gradients_at(space: SplineSpace, patch: Ints, points: Floats, normals: Floats, u: Floats) -> Floats:
-    """Return the tangential gradients (k, channels, d) at ``points`` (k, d) by the splines of their patches (k,).
-
-    A patch is a connected part of the manifold in one lattice cell, on one side of boundaries.
-
-    ``normals`` (k, c, d) are orthonormal bases of the normal space at the points; ``u`` (n, channels) are coefficients.
-    """
     from cpmkit.forms.galerkin.space.sample_kernels import read_slopes
 
-    dof_map = space.dof_map
-    gradients = np.empty((len(points), u.shape[1], points.shape[1]))
-    at = np.ascontiguousarray(dof_map.magnify(patch, points))
-    arrays = (at, np.ascontiguousarray(normals), np.ascontiguousarray(u))
-    read_slopes(dof_map.unknowns, dof_map.cells, dof_map.spacing, patch, *arrays, gradients)
-    return _with_true_lengths(gradients, dof_map.magnification(patch))
-
-
-def _with_true_lengths(gradients: Floats, magnification: Floats) -> Floats:
-    """Scale gradients (k, channels, d) on magnified lattices to true lengths, in place, and return them.
-
-    ``magnification`` (k,) is the factor by which lengths are enlarged; (1,) where nothing is magnified.
-    """
-    if len(magnification) > 1:
+    dof_map, samples, patch = space.dof_map, space.samples, space.dof_map.patch[some]
+    gradients = np.empty((len(patch), u.shape[1], dof_map.dim))
+    sample_arrays = patch, *_spline_count_tuples(space), samples.places[some], samples.directions[some]
+    read_slopes(dof_map.unknowns, dof_map.spacing, *sample_arrays, np.ascontiguousarray(u), gradients)
+    magnification = dof_map.magnification(patch)
+    if len(magnification) > 1:  # lengths on magnified lattices are enlarged
         gradients *= magnification[:, None, None]
     return gradients
 
@@ -269,24 +230,15 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median
     if space.dof_map.degree == 1:
-        runs = space.runs[(light & _read_by_boundary_patches(space))[space.runs].any(axis=1)]
+        beside = np.zeros(space.dof_map.size, dtype=bool)  # unknowns of patches with a sample of weight zero
+        beside[space.dof_map.unknowns[space.dof_map.patch[space.samples.weights == 0]]] = True
+        runs = space.runs[(light & beside)[space.runs].any(axis=1)]
         factors = LINEAR_FLOOR_SHARE * median * means[runs].mean(axis=1)
         add_differences(space, runs, factors, data)
         return
     lines = lines_through(space.dof_map, space.heaviest[light])
     factors = np.tile(FLOOR_SHARE * median * means[light], space.dof_map.dim)
     add_differences(space, lines, factors, data)
-
-
-def _read_by_boundary_patches(space: SplineSpace) -> Bools:
-    """Return whether each unknown (n,) is read by a patch with a sample on a boundary.
-
-    A patch is a connected part of the manifold in one lattice cell, and reads the unknowns of (degree + 1)^d splines.
-    Samples on boundaries are those of weight zero.
-    """
-    is_read = np.zeros(space.dof_map.size, dtype=bool)
-    is_read[space.dof_map.unknowns[space.dof_map.patch[space.samples.weights == 0]]] = True
-    return is_read
 
 
 def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Floats) -> None:
@@ -327,7 +279,7 @@ def _spline_count_tuples(space: SplineSpace) -> tuple[tuple[int, ...], tuple[int
     The first is for the first two axes, the second for the third axis, of length 1 in the plane. Their entries are
     unused: a compiled kernel knows the length of a tuple when it is compiled.
     """
-    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
+    from cpmkit.forms.galerkin.space.sample_kernels import SPLINES
 
     along = SPLINES[space.dof_map.degree]
     return along, along if space.dof_map.dim == 3 else (0,)
@@ -338,7 +290,7 @@ def kernel_arguments(space: SplineSpace) -> tuple[Ints, float, tuple[int, ...], 
 
     The last two are those of :meth:`SplineSpace.samples_by_patch`.
     """
-    from cpmkit.forms.galerkin.space.energy_kernels import SPLINES
+    from cpmkit.forms.galerkin.space.sample_kernels import SPLINES
 
     dof_map = space.dof_map
     return dof_map.unknowns, dof_map.spacing, SPLINES[dof_map.degree], *space.samples_by_patch()

@@ -16,88 +16,23 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.space.pattern_kernels import scatter
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
-from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
-from cpmkit.runtime.compilation import compiled, inlined
+from cpmkit.forms.galerkin.space.sample_kernels import (
+    derivative_of,
+    row_length,
+    second_of,
+    slope_of,
+    splines_read,
+    value_of,
+)
+from cpmkit.runtime.compilation import compiled
 from cpmkit.types import Floats, Ints
 
 #: Number of pairs of rows that are gathered before their products are added, and the largest number for one sample.
 GATHERED, FORMS_OF_A_SAMPLE = 64, 12
 #: Number of pairs whose products are added in one pass over a block.
 SWEEP = 8
-#: By degree a tuple whose length is the number of splines that a cell reads along an axis: a constant for the compiler.
-SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
-#: Where the coefficients of values, slopes, second and third derivatives start on the fourth axis of `POLYNOMIALS`.
-VALUE, SLOPE, SECOND, THIRD = 0, 4, 7, 9
-
-
-def _polynomials() -> Floats:
-    """Return the polynomials in t (3, 2, 3, 10, 64) of the splines that a cell reads, and of their derivatives.
-
-    The axes are: the degree less 1; plane or space; the coordinate axis; four coefficients of the value, that of 1
-    first, three of the slope, two of the second and one of the third derivative; the number of the spline in the cell.
-    """
-    table = np.zeros((len(DEGREES), 2, 3, 10, 64))
-    for degree in DEGREES:
-        pieces, width = spline_pieces(degree).T, degree + 1
-        for d in (2, 3):
-            digits = np.indices((width,) * d).reshape(d, -1)
-            for axis in range(d):
-                for order, first in enumerate((VALUE, SLOPE, SECOND, THIRD)):
-                    own = np.polynomial.polynomial.polyder(pieces, order)
-                    table[degree - 1, d - 2, axis, first : first + len(own), : width**d] = own[:, digits[axis]]
-        table[degree - 1, 0, 2, 0, : width**2] = 1.0
-    return table
-
-
-#: A constant of the kernels: the compiler knows that no store changes it, and vectorises loops over it.
-POLYNOMIALS = _polynomials()
-
-
-@inlined
-def splines_read(splines: Any) -> int:
-    """Return the number of splines that a cell in space reads: a constant for the compiler."""
-    return len(splines) ** 3
-
-
-@inlined
-def row_length(splines: Any) -> int:
-    """Return the length of a row of forms: the number of splines that a cell in space reads, rounded up to fours."""
-    return (len(splines) ** 3 + 3) // 4 * 4
-
-
-@inlined
-def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the value at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
-    T, p = POLYNOMIALS, len(splines) - 2
-    if len(splines) == 2:
-        return T[p, kind, axis, VALUE, i] + t * T[p, kind, axis, VALUE + 1, i]
-    if len(splines) == 3:
-        return T[p, kind, axis, VALUE, i] + t * (T[p, kind, axis, VALUE + 1, i] + t * T[p, kind, axis, VALUE + 2, i])
-    high = T[p, kind, axis, VALUE + 2, i] + t * T[p, kind, axis, VALUE + 3, i]
-    return T[p, kind, axis, VALUE, i] + t * (T[p, kind, axis, VALUE + 1, i] + t * high)
-
-
-@inlined
-def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
-    T, p = POLYNOMIALS, len(splines) - 2
-    if len(splines) == 2:
-        return T[p, kind, axis, SLOPE, i]
-    if len(splines) == 3:
-        return T[p, kind, axis, SLOPE, i] + t * T[p, kind, axis, SLOPE + 1, i]
-    return T[p, kind, axis, SLOPE, i] + t * (T[p, kind, axis, SLOPE + 1, i] + t * T[p, kind, axis, SLOPE + 2, i])
-
-
-@inlined
-def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
-    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
-    T, p = POLYNOMIALS, len(splines) - 2
-    if len(splines) == 2:
-        return 0.0
-    if len(splines) == 3:
-        return T[p, kind, axis, SECOND, i]
-    return T[p, kind, axis, SECOND, i] + t * T[p, kind, axis, SECOND + 1, i]
 
 
 @compiled
@@ -109,40 +44,6 @@ def value_form(forms: Floats, splines: Any, kind: int, x: float, y: float, z: fl
         Z = value_of(splines, kind, 2, i, z)
         forms[i] = X * Y * Z
         forms[room + i] = weight * (X * Y * Z)
-
-
-@compiled
-def slope_forms(
-    forms: Floats,
-    splines: Any,
-    kind: int,
-    x: float,
-    y: float,
-    z: float,
-    xx: float,
-    xy: float,
-    xz: float,
-    yy: float,
-    yz: float,
-    zz: float,
-) -> None:
-    """Fill three pairs of rows of ``forms``: the slopes of the splines along each axis, and tensor times slopes.
-
-    The symmetric tensor has the entries xx, xy, xz, yy, yz and zz.
-    """
-    room = row_length(splines)
-    for i in range(room):
-        X, Y = value_of(splines, kind, 0, i, x), value_of(splines, kind, 1, i, y)
-        Z = value_of(splines, kind, 2, i, z)
-        along_x = slope_of(splines, kind, 0, i, x) * Y * Z
-        along_y = X * slope_of(splines, kind, 1, i, y) * Z
-        along_z = X * Y * slope_of(splines, kind, 2, i, z)
-        forms[i] = along_x
-        forms[room + i] = xx * along_x + xy * along_y + xz * along_z
-        forms[2 * room + i] = along_y
-        forms[3 * room + i] = xy * along_x + yy * along_y + yz * along_z
-        forms[4 * room + i] = along_z
-        forms[5 * room + i] = xz * along_x + yz * along_y + zz * along_z
 
 
 @compiled
@@ -168,7 +69,7 @@ def second_form(
 
 
 @compiled
-def forms_on_hypersurface(
+def sample_forms(
     forms: Floats,
     splines: Any,
     kind: int,
@@ -178,9 +79,10 @@ def forms_on_hypersurface(
     second_weight: float,
     value_weight: float,
 ) -> None:
-    """Fill the three pairs of rows of `slope_forms`, then those of `second_form` and `value_form`.
+    """Fill five pairs of rows of ``forms``: the slopes of the splines, their second derivatives, and their values.
 
-    Each factor of the splines at ``place`` (x, y, z) is evaluated once for all of them.
+    The first three pairs are the slopes along each axis at ``place`` (x, y, z), and the symmetric ``tensor``, given by
+    its entries xx, xy, xz, yy, yz and zz, times these. Then follow the pairs of `second_form` and `value_form`.
     """
     room, (x, y, z), (nx, ny, nz) = row_length(splines), place, n
     xx, xy, xz, yy, yz, zz = tensor
@@ -223,9 +125,9 @@ def third_form(
         ddX = nx * nx * second_of(splines, kind, 0, i, x)
         ddY = ny * ny * second_of(splines, kind, 1, i, y)
         ddZ = nz * nz * second_of(splines, kind, 2, i, z)
-        T = POLYNOMIALS
-        form = nx * nx * nx * T[2, kind, 0, THIRD, i] * Y * Z + ny * ny * ny * X * T[2, kind, 1, THIRD, i] * Z
-        form += nz * nz * nz * X * Y * T[2, kind, 2, THIRD, i] + 6.0 * dX * dY * dZ
+        form = nx * nx * nx * derivative_of(splines, kind, 0, 3, i, x) * Y * Z
+        form += ny * ny * ny * X * derivative_of(splines, kind, 1, 3, i, y) * Z
+        form += nz * nz * nz * X * Y * derivative_of(splines, kind, 2, 3, i, z) + 6.0 * dX * dY * dZ
         form += 3.0 * (ddX * (dY * Z + Y * dZ) + ddY * (dX * Z + X * dZ) + ddZ * (dX * Y + X * dY))
         forms[i] = form
         forms[room + i] = weight * form
@@ -267,20 +169,6 @@ def tensor_at(q: int, normals: Floats, a: float, tensors: Floats, e1: float, wei
                 C[i, j] += weight * e1 * a * normals[c, i] * normals[c, j]
 
 
-@inlined
-def tangential(n: Any, less: float, a: float) -> Any:
-    """Return the entries xx, xy, xz, yy, yz, zz of the tensor a (I - less n n'), for a unit vector ``n``."""
-    x, y, z = n
-    return (
-        a * (1.0 - less * (x * x)),
-        a * (0.0 - less * (x * y)),
-        a * (0.0 - less * (x * z)),
-        a * (1.0 - less * (y * y)),
-        a * (0.0 - less * (y * z)),
-        a * (1.0 - less * (z * z)),
-    )
-
-
 @compiled
 def add_products(forms: Floats, splines: Any, count: int, width: int, block: Floats) -> None:
     """Add the outer products of the first ``count`` pairs of rows of ``forms`` to the upper half of ``block``.
@@ -303,36 +191,6 @@ def add_products(forms: Floats, splines: Any, count: int, width: int, block: Flo
                     + (e * F[j + 9 * room] + f * F[j + 11 * room])
                     + (g * F[j + 13 * room] + h * F[j + 15 * room])
                 )
-
-
-@compiled
-def sort_columns(columns: Ints, order: Ints, ascending: Any) -> None:
-    """Fill ``ascending`` (k,) with ``columns`` (k,) sorted, and ``rank`` (k,) with the index of each in ``columns``."""
-    for i in range(len(columns)):
-        at = i
-        while at > 0 and ascending[at - 1] > columns[i]:
-            ascending[at], order[at] = ascending[at - 1], order[at - 1]
-            at -= 1
-        ascending[at], order[at] = columns[i], i
-
-
-@compiled
-def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any) -> None:
-    """Add a dense symmetric ``block``, of which the upper half is filled, to a sparse matrix in CSR format.
-
-    ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
-    work space for the position of each column in a row of the matrix.
-    """
-    width = len(columns)
-    for i in range(width):
-        first: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
-        row = indices[first : indptr[columns[i] + 1]]
-        for k in range(len(row)):
-            standing[row[k]] = k
-        for j in range(i):
-            data[first + np.uint64(standing[columns[j]])] += block[j * room + i]
-        for j in range(i, width):
-            data[first + np.uint64(standing[columns[j]])] += block[i * room + j]
 
 
 @compiled
@@ -410,32 +268,19 @@ def add_energy(
             weight = weights[q] / spacing**2
             own = a[q if len(a) > 1 else 0]
             decode_normals(directions[q], normals)
-            if codim == 1 and len(tensors) == 0:
-                n = combined_normal(normals, 0, 0, 1.0, 0.0)
-                tensor = tangential(n, 1.0 - e1, weight * own)
-            else:
-                tensor_at(q, normals, own, tensors, e1, weight, C)
-                tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
-            if codim == 1:
-                n = combined_normal(normals, 0, 0, 1.0, 0.0)
-                forms_on_hypersurface(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
-                count += 5 if len(c) else 4
-                if len(splines) == 4:
-                    third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
-                    count += 1
-                continue
-            slope_forms(rows, splines, kind, x, y, z, *tensor)
-            count += d
-            if len(c):
-                value_form(forms[2 * room * count :], splines, kind, x, y, z, factor)
-                count += 1
+            tensor_at(q, normals, own, tensors, e1, weight, C)
+            tensor = C[0, 0], C[0, 1], C[0, 2], C[1, 1], C[1, 2], C[2, 2]
+            n = combined_normal(normals, 0, 0, 1.0, 0.0)
+            sample_forms(rows, splines, kind, (x, y, z), tensor, n, weight * e2 * own, factor)
+            count += 5 if len(c) else 4
             for one in range(codim):
                 for two in range(one, codim):
                     share = 1.0 if one == two else np.sqrt(0.5)
                     other = 0.0 if one == two else share
                     n = combined_normal(normals, one, two, share, other)
-                    second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
-                    count += 1
+                    if two > 0:
+                        second_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e2 * own)
+                        count += 1
                     if len(splines) < 4:
                         continue
                     third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)

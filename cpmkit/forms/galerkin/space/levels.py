@@ -124,7 +124,9 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     count, label = components(len(dof_map.cells), dof_map.touching[inside])
     cells = np.empty((count, dof_map.dim), dtype=np.int64)
     cells[label] = dof_map.cells >> 1
-    touching = _distinct_pairs(label[dof_map.touching[~inside]], count)
+    pairs = np.sort(label[dof_map.touching[~inside]], axis=1)
+    codes = np.unique(pairs[:, 0].astype(np.int64) * count + pairs[:, 1])
+    touching = np.stack([codes // count, codes % count], axis=1)
     isolated = _is_isolated(cells, touching)
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
@@ -136,12 +138,6 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
 def two_scale_shares(degree: int) -> Floats:
     """Return the coefficients (degree + 2,) of a spline of spacing 2h in splines of spacing h, along an axis."""
     return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
-
-
-def _distinct_pairs(pairs: Ints, count: int) -> Ints:
-    """Return the distinct pairs (k, 2) among ``pairs`` (t, 2) of numbers below ``count``, the smaller number first."""
-    codes = np.unique(pairs.min(axis=1) * count + pairs.max(axis=1))
-    return np.stack([codes // count, codes % count], axis=1)
 
 
 def _is_isolated(cells: Ints, touching: Ints) -> Bools:

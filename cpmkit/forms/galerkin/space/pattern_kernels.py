@@ -144,3 +144,33 @@ def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors:
             r, one = places[at] // k, places[at] % k
             for two in range(k):
                 data[first + np.uint64(standing[runs[r, two]])] += factors[r] * (stencil[one] * stencil[two])
+
+
+@compiled
+def sort_columns(columns: Ints, order: Ints, ascending: Any) -> None:
+    """Fill ``ascending`` (k,) with ``columns`` (k,) sorted, and ``rank`` (k,) with the index of each in ``columns``."""
+    for i in range(len(columns)):
+        at = i
+        while at > 0 and ascending[at - 1] > columns[i]:
+            ascending[at], order[at] = ascending[at - 1], order[at - 1]
+            at -= 1
+        ascending[at], order[at] = columns[i], i
+
+
+@compiled
+def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any) -> None:
+    """Add a dense symmetric ``block``, of which the upper half is filled, to a sparse matrix in CSR format.
+
+    ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
+    work space for the position of each column in a row of the matrix.
+    """
+    width = len(columns)
+    for i in range(width):
+        first: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
+        row = indices[first : indptr[columns[i] + 1]]
+        for k in range(len(row)):
+            standing[row[k]] = k
+        for j in range(i):
+            data[first + np.uint64(standing[columns[j]])] += block[j * room + i]
+        for j in range(i, width):
+            data[first + np.uint64(standing[columns[j]])] += block[i * room + j]

@@ -14,43 +14,91 @@ from typing import Any
 import numpy as np
 
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
+from cpmkit.forms.galerkin.space.splines import DEGREES, spline_pieces
 from cpmkit.runtime.compilation import compiled, inlined
 from cpmkit.types import Floats, Ints
+
+#: By degree a tuple whose length is the number of splines that a cell reads along an axis: a constant for the compiler.
+SPLINES = {degree: (0,) * (degree + 1) for degree in DEGREES}
+
+
+def _polynomials() -> Floats:
+    """Return the polynomials in t (3, 2, 3, 4, 4, 64) of the splines that a cell reads, and of their derivatives.
+
+    The axes are: the degree less 1; plane or space; the coordinate axis; the order of the derivative; the coefficients,
+    that of 1 first; the number of the spline in the cell.
+    """
+    table = np.zeros((len(DEGREES), 2, 3, 4, 4, 64))
+    for degree in DEGREES:
+        pieces, width = spline_pieces(degree).T, degree + 1
+        for d in (2, 3):
+            digits = np.indices((width,) * d).reshape(d, -1)
+            for axis in range(d):
+                for order in range(4):
+                    own = np.polynomial.polynomial.polyder(pieces, order)
+                    table[degree - 1, d - 2, axis, order, : len(own), : width**d] = own[:, digits[axis]]
+        table[degree - 1, 0, 2, 0, 0, : width**2] = 1.0
+    return table
+
+
+#: A constant of the kernels: the compiler knows that no store changes it, and vectorises loops over it.
+POLYNOMIALS = _polynomials()
+
+
+@inlined
+def splines_read(splines: Any) -> int:
+    """Return the number of splines that a cell in space reads: a constant for the compiler."""
+    return len(splines) ** 3
+
+
+@inlined
+def row_length(splines: Any) -> int:
+    """Return the length of a row of forms: the number of splines that a cell in space reads, rounded up to fours."""
+    return (len(splines) ** 3 + 3) // 4 * 4
+
+
+@inlined
+def derivative_of(splines: Any, kind: int, axis: int, order: int, i: int, t: float) -> Any:
+    """Return a derivative, of constant ``order``, at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    T, p, last = POLYNOMIALS, len(splines) - 2, max(len(splines) - 1 - order, 0)
+    value = T[p, kind, axis, order, last, i]
+    for k in range(last):
+        value = T[p, kind, axis, order, last - 1 - k, i] + t * value
+    return value
+
+
+@inlined
+def value_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return the value at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    return derivative_of(splines, kind, axis, 0, i, t)
+
+
+@inlined
+def slope_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return the derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    return derivative_of(splines, kind, axis, 1, i, t)
+
+
+@inlined
+def second_of(splines: Any, kind: int, axis: int, i: int, t: float) -> Any:
+    """Return the second derivative at ``t`` of the factor along ``axis`` of spline ``i`` of a cell."""
+    return derivative_of(splines, kind, axis, 2, i, t)
 
 
 @inlined
 def spline_values(t: float, width: int, values: Floats) -> None:
     """Fill ``values`` (width,) with the values at ``t`` of the splines of degree width - 1 on a cell, along an axis."""
-    s = 1.0 - t
-    if width == 3:
-        values[0], values[1], values[2] = 0.5 * s * s, 0.5 + t * s, 0.5 * t * t
-    elif width == 2:
-        values[0], values[1] = s, t
-    else:
-        values[0], values[3] = s * s * s / 6, t * t * t / 6
-        values[1], values[2] = 2 / 3 + t * t * (0.5 * t - 1.0), 2 / 3 + s * s * (0.5 * s - 1.0)
+    T = POLYNOMIALS[width - 2, 0, 1, 0]
+    for i in range(width):
+        values[i] = T[0, i] + t * (T[1, i] + t * (T[2, i] + t * T[3, i]))
 
 
 @inlined
 def spline_slopes(t: float, width: int, slopes: Floats) -> None:
     """Fill ``slopes`` (width,) with the derivatives at ``t`` of the splines of degree width - 1 on a cell."""
-    s = 1.0 - t
-    if width == 3:
-        slopes[0], slopes[1], slopes[2] = -s, s - t, t
-    elif width == 2:
-        slopes[0], slopes[1] = -1.0, 1.0
-    else:
-        slopes[0], slopes[3] = -0.5 * s * s, 0.5 * t * t
-        slopes[1], slopes[2] = t * (1.5 * t - 2.0), s * (2.0 - 1.5 * s)
-
-
-@inlined
-def spline_count_along(width: int, d: int) -> int:
-    """Return the number of splines along an axis for a patch that reads ``width`` splines in ``d`` dimensions."""
-    along = 2
-    while along**d < width:
-        along += 1
-    return along
+    T = POLYNOMIALS[width - 2, 0, 1, 1]
+    for i in range(width):
+        slopes[i] = T[0, i] + t * (T[1, i] + t * T[2, i])
 
 
 @inlined
@@ -141,59 +189,6 @@ def read_values(unknowns: Ints, patch: Any, splines: Any, third: Any, places: An
 
 
 @inlined
-def splines_by_axis(point: Floats, cell: Any, spacing: float, along: int, values: Floats, steps: Floats) -> None:
-    """Fill ``values`` and ``steps`` (3, along), for each axis, with the splines at ``point`` (d,) and their slopes.
-
-    Slopes are derivatives with respect to coordinates in spacings. Rows of a missing third axis are left as they are.
-    """
-    for axis in range(len(cell)):
-        t = point[axis] / spacing - cell[axis] + 0.5
-        spline_values(t, along, values[axis])
-        spline_slopes(t, along, steps[axis])
-
-
-@compiled
-def read_slopes(
-    unknowns: Ints, cells: Ints, spacing: float, patch: Any, points: Floats, normals: Floats, u: Floats, slopes: Floats
-) -> None:
-    """Fill ``slopes`` (q, channels, d) with the tangential gradients at ``points`` (q, d).
-
-    ``u`` (n, channels) are coefficients of splines, ``patch`` (q,) the patches of the points, and ``normals`` (q, c, d)
-    orthonormal bases of the normal space.
-    """
-    d = cells.shape[1]
-    along = spline_count_along(unknowns.shape[1], d)
-    depth = along if d == 3 else 1
-    values, steps = np.ones((3, along)), np.zeros((3, along))
-    own = np.empty(3)
-    for q in range(len(points)):
-        p = patch[q]
-        splines_by_axis(points[q], cells[p], spacing, along, values, steps)
-        for channel in range(u.shape[1]):
-            own[:] = 0.0
-            place = 0
-            for i in range(along):
-                for j in range(along):
-                    both = values[0, i] * values[1, j]
-                    first, second = steps[0, i] * values[1, j], values[0, i] * steps[1, j]
-                    for k in range(depth):
-                        value = u[unknowns[p, place], channel]
-                        own[0] += value * first * values[2, k]
-                        own[1] += value * second * values[2, k]
-                        own[2] += value * both * steps[2, k]
-                        place += 1
-            own /= spacing
-            for c in range(normals.shape[1]):
-                across = 0.0
-                for axis in range(d):
-                    across += normals[q, c, axis] * own[axis]
-                for axis in range(d):
-                    own[axis] -= across * normals[q, c, axis]
-            for axis in range(d):
-                slopes[q, channel, axis] = own[axis]
-
-
-@inlined
 def splines_by_place(place: Any, along: int, depth: int, values: Floats, steps: Floats) -> None:
     """Fill ``values`` and ``steps`` (3, along), for each axis, with the splines at a sample and their slopes.
 
@@ -218,7 +213,7 @@ def make_tangential(normals: Floats, vector: Floats) -> None:
 
 
 @compiled
-def read_slopes_at_samples(
+def read_slopes(
     unknowns: Ints,
     spacing: float,
     patch: Any,
@@ -229,7 +224,7 @@ def read_slopes_at_samples(
     u: Floats,
     slopes: Floats,
 ) -> None:
-    """Fill ``slopes`` (q, channels, d) with the tangential gradients at the first q samples.
+    """Fill ``slopes`` (q, channels, d) with the tangential gradients at samples.
 
     ``u`` (n, channels) are coefficients of splines; ``places`` and ``directions`` are those of `QuantisedSamples`.
     """

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sphere, together
+from galerkin_systems import stiffness
 
 from cpmkit.forms.galerkin.dof_map import connected_pieces, dof_map_from_patches
 from cpmkit.forms.galerkin.space.energy import (
@@ -10,7 +11,6 @@ from cpmkit.forms.galerkin.space.energy import (
     Stabilisation,
     load,
     mass,
-    stiffness,
     stiffness_with_floor,
     values_at_samples,
 )
@@ -20,7 +20,7 @@ from cpmkit.mesh.cell_quadrature import Samples
 
 H = 0.4
 NOTHING = Stabilisation(0.0, 0.0, 0.0)
-DEFAULT = STABILISATIONS["default"]
+DEFAULT = STABILISATIONS[2]["default"]
 SCENES = {
     "sphere": lambda: sphere(0.5 * H),
     "circle in the plane": lambda: plane_circle(H),
