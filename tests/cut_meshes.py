@@ -13,9 +13,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import Insertion, insert_boundaries
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 ICOSAHEDRON = (
     "0 11 5 0 5 1 0 1 7 0 7 10 0 10 11 1 5 9 5 11 4 11 10 2 10 7 6 7 1 8 "

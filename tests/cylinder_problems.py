@@ -3,7 +3,7 @@
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 RADIUS, LENGTH, CUT = 0.5, 1.0, 0.44
 AXIS = np.array([0.36, 0.48, 0.8])

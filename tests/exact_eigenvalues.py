@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.types import Floats
+from cpmkit.plugin import Floats
 
 #: Number of wave numbers around the axis.
 WAVE_NUMBERS = 20

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def octahedron(rounds=0, radius=1.0):

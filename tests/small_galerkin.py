@@ -16,9 +16,8 @@ from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.cell_quadrature import Samples, quadrature
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
-from cpmkit.plugin import evaluate_data, localize
+from cpmkit.plugin import Mesh, evaluate_data, localize
 
 
 @dataclass

@@ -13,10 +13,9 @@ from scipy.spatial import KDTree
 
 import cpmkit as ck
 from cpmkit.errors import CpmkitError
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
 from cpmkit.meshing.mesh_warnings import contouring_warnings
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 #: A measure off by more than this share is wrong; an open edge farther than this share of the spacing from a rim.
 MEASURE, OFF_RIM = 0.02, 0.3

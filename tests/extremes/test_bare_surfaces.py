@@ -56,7 +56,7 @@ def test_every_kind_has_its_own_area_by_its_mesh():
     """The exact areas against those of fine meshes, from which topology and u are taken."""
     from meshing.contouring.measures import area
 
-    from cpmkit.mesh.mesh import Mesh
+    from cpmkit.plugin import Mesh
 
     for kind in KINDS:
         shape = next(draws(3, 1, (kind,))).source.shape

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from cpmkit.errors import InputError
-from cpmkit.files.whole_files import check_place, written_whole
+from cpmkit.files.whole_files import check_place
+from cpmkit.plugin import written_whole
 from cpmkit.saving.results import check_request
 from cpmkit.scenefile.look import OutputRequest, PictureRequest
 

@@ -19,11 +19,11 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.errors import InputError
-from cpmkit.files.whole_files import unfinished_name, written_whole
-from cpmkit.plugin import no_progress
+from cpmkit.files.whole_files import unfinished_name
+from cpmkit.plugin import no_progress, written_whole
 from cpmkit.runtime.progress import ProgressLine
-from cpmkit.saving import results
 from cpmkit.saving.export import save
+from cpmkit.saving.results import write_results
 from cpmkit.scenefile.look import OutputRequest
 from cpmkit.studies.records import append_record, drop_unfinished_line
 
@@ -165,9 +165,9 @@ def test_a_file_that_fails_keeps_no_other_from_being_written(square, tmp_path, m
                 raise raised
         save(solution, path, *vertices, **options)
 
-    monkeypatch.setattr(results, "save", fail)
+    monkeypatch.setattr("cpmkit.saving.results.save", fail)
     request = OutputRequest(tmp_path / "r", ("lost.npz", "u.npz", "summary.json"), None)
-    written = results.write_results(square(3), request, tmp_path / "r", no_progress)
+    written = write_results(square(3), request, tmp_path / "r", no_progress)
     assert sorted(os.listdir(tmp_path / "r")) == ["summary.json", "u.npz"]
     assert written.summary["files"] == ["u.npz", "summary.json"]
     assert list(written.summary["unwritten"]) == ["lost.npz"]

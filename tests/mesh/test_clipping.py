@@ -6,7 +6,7 @@ import pytest
 import cpmkit as ck
 from cpmkit.mesh import polygon_rules
 from cpmkit.mesh.cell_quadrature import quadrature, triangles_to_clip
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 SPACING = 0.2
 #: Long enough to cross several knot planes of each axis.

@@ -4,7 +4,7 @@ import numpy as np
 from sample_shapes import equator, grid, moebius, octahedron, pieces, with_cut
 
 from cpmkit.mesh.adjacency import cut_corners, half_facets
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def corners_at(mesh, vertex):

@@ -8,7 +8,7 @@ from trimesh.creation import box, icosphere
 
 import cpmkit as ck
 from cpmkit.mesh.cell_quadrature import one_point_limits, quadrature
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 BALL = icosphere(subdivisions=3)
 

@@ -6,7 +6,7 @@ from sample_shapes import grid, joined, moebius, octahedron, pieces
 
 from cpmkit.mesh.adjacency import RepairReport, repair
 from cpmkit.mesh.cell_quadrature import quadrature
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def shuffled(mesh, seed=0):

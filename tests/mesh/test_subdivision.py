@@ -6,8 +6,8 @@ from sample_shapes import equator, grid, octahedron, pieces, with_cut
 
 from cpmkit.mesh.adjacency import cut_corners, half_facets, repair
 from cpmkit.mesh.cell_quadrature import quadrature
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes, subdivide
+from cpmkit.plugin import Mesh
 
 
 def least_angles(mesh):

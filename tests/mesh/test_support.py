@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import halve_edges, inherit_shares
 from cpmkit.meshing.curved_from_normals import source_support
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 
 def source(mesh, closest="smooth"):

@@ -3,7 +3,7 @@
 import numpy as np
 from sample_shapes import moebius, octahedron
 
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def test_cells_that_were_turned_are_marked():

@@ -7,12 +7,11 @@ from sample_shapes import equator, octahedron, with_cut
 import cpmkit as ck
 from cpmkit.mesh.adjacency import repair
 from cpmkit.mesh.cell_quadrature import quadrature
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import subdivide
 from cpmkit.meshing.curved_from_normals import curve_cells
 from cpmkit.meshing.curved_from_points import curve_from_points
 from cpmkit.meshing.source_cells import source_cells
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 
 def samples(source, spacing, origin=None):

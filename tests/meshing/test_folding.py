@@ -3,8 +3,8 @@
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.untangling import is_folded, untangle_vertices
+from cpmkit.plugin import Mesh
 
 FLAT = np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1e-3, 0], [0.5, -1, 0]])
 MESH = Mesh.of(FLAT, np.array([[0, 1, 2], [1, 0, 3]]))

@@ -7,8 +7,8 @@ import pytest
 from model_problems import order_of
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.boundary_edges import flip_chords
+from cpmkit.plugin import Mesh
 
 SPHERE = ck.source("analytic.sphere")
 TORUS = ck.source("analytic.torus", major=1.0, minor=0.4)

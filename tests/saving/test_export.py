@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.files.whole_files import written_whole
+from cpmkit.plugin import written_whole
 from cpmkit.saving.export import check_file, save, write_summary
 from cpmkit.solution.display_mesh import display_mesh
 

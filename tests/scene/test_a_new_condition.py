@@ -11,7 +11,6 @@ from arc_problems import tilted_circle
 import cpmkit as ck
 from cpmkit import plugins
 from cpmkit.plugin import Condition, Interface, Mixed, Nonlinear, hookimpl
-from cpmkit.solution.summary import describe_scene
 
 BAR = ck.source("analytic.segment", start=[0, 0], end=[1, 0])
 
@@ -135,9 +134,9 @@ def test_its_data_have_channels():
 def test_it_is_described_by_its_kind_and_its_data():
     scene = on_the_sphere(ck.ScreenedPoisson(1.0), left=Convection(2.0, ambient), right=Convection(2.0, 3.0))
     assert "Convection left, Convection right" in str(ck.explain(scene, spacing=0.2, dry_run=True))
-    told = describe_scene(scene)["boundaries"][0]
-    assert told["left"] == "convection transfer=2.0 ambient=of position"
-    assert told["right"] == "convection transfer=2.0 ambient=3.0"
+    described = ck.solve(scene, 0.3).summary()["scene"]["boundaries"][0]
+    assert described["left"] == "convection transfer=2.0 ambient=of position"
+    assert described["right"] == "convection transfer=2.0 ambient=3.0"
 
 
 def test_two_that_say_the_same_are_one_condition_for_both_sides():

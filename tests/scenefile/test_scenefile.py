@@ -125,20 +125,23 @@ def test_files_named_in_python_are_found_there_too(tmp_path, monkeypatch):
 def test_a_mesh_is_fetched_into_the_cache_and_its_checksum_verified(tmp_path, monkeypatch):
     import hashlib
 
-    from cpmkit.files import data_files as data
+    from cpmkit.files.data_files import find_file
 
     pytest.importorskip("pooch")
     origin = tmp_path / "origin"
     origin.mkdir()
     (origin / "small.obj").write_text("v 0 0 0\n")
     right = hashlib.sha256(b"v 0 0 0\n").hexdigest()
-    monkeypatch.setattr(data, "KNOWN_MESHES", {"small.obj": ("small.obj", right), "other.obj": ("small.obj", "0" * 64)})
+    monkeypatch.setattr(
+        "cpmkit.files.data_files.KNOWN_MESHES",
+        {"small.obj": ("small.obj", right), "other.obj": ("small.obj", "0" * 64)},
+    )
     monkeypatch.setenv("CPMKIT_ORIGIN", origin.as_uri())
     monkeypatch.setenv("CPMKIT_CACHE", str(tmp_path / "cache"))
     monkeypatch.delenv("CPMKIT_FETCH", raising=False)
-    assert data.find_file("small.obj", tmp_path).read_text() == "v 0 0 0\n"
+    assert find_file("small.obj", tmp_path).read_text() == "v 0 0 0\n"
     with pytest.raises(ck.InputError, match="checksum"):
-        data.find_file("other.obj", tmp_path)
+        find_file("other.obj", tmp_path)
     assert [path.name for path in (tmp_path / "cache").iterdir()] == ["small.obj"]
 
 

@@ -9,10 +9,9 @@ import pytest
 from made_cases import CASES, source_of
 from meshing.contouring.measures import area, length, pieces, topology
 
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
-from cpmkit.plugin import localize
+from cpmkit.plugin import Mesh, localize
 
 #: Components, pieces of the border and Euler characteristic, where they are not those of a sphere.
 SHAPES = {

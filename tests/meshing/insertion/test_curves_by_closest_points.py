@@ -5,7 +5,7 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere, moebius_band, plate, polyline, torus, tube, zones_and_tips
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 PLATE = plate(30)
 TURN = 2 * np.pi * np.arange(200) / 200

@@ -6,7 +6,7 @@ from cut_meshes import area, check_sound, cut, moebius_band, polyline, torus, tu
 from sample_shapes import box
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 TURN = 2 * np.pi * np.arange(200) / 200
 TWICE = 2 * TURN

@@ -5,9 +5,8 @@ import pytest
 from cut_meshes import check_sound, cut, plate, polyline, zones_and_tips
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.boundary_insertion import insert_boundaries
-from cpmkit.plugin import LocalSource, localize
+from cpmkit.plugin import LocalSource, Mesh, localize
 
 PLATE = plate(30)
 TURN = 2 * np.pi * np.arange(100) / 100

@@ -5,7 +5,7 @@ import pytest
 from cut_meshes import check_sound, cut, icosphere
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def ring(count, dim):

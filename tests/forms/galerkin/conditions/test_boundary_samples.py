@@ -7,7 +7,7 @@ import pytest
 
 from cpmkit.forms.galerkin.conditions.boundary_samples import boundary_samples
 from cpmkit.mesh.adjacency import cut_corners, half_facets
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 
 def sampled(mesh, rims=False, points=None):

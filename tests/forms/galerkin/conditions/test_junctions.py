@@ -6,8 +6,8 @@ from model_problems import order_of
 from small_galerkin import small
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import subdivide
+from cpmkit.plugin import Mesh
 
 SPACINGS = (0.2, 0.14, 0.1)
 #: Rows: two axes of the hexagon's plane, and its normal.

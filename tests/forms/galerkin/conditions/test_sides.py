@@ -9,7 +9,7 @@ from cylinder_problems import AXIS, CUT, LENGTH, RADIUS, cylinder_mesh, local, p
 from small_galerkin import small
 
 import cpmkit as ck
-from cpmkit.mesh.mesh import Mesh
+from cpmkit.plugin import Mesh
 
 SPACING = 0.2
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)

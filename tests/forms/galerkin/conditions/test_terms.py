@@ -21,8 +21,8 @@ from small_galerkin import circle_mesh, small
 import cpmkit as ck
 from cpmkit.errors import InputError, SceneError
 from cpmkit.forms.galerkin.conditions.imposed_conditions import point_warnings
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
+from cpmkit.plugin import Mesh
 
 SURFACE = ck.source("analytic.cylinder", axis=AXIS, radius=RADIUS, length=LENGTH)
 
