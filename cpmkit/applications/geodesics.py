@@ -256,7 +256,7 @@ def _distance_by_heat(
 
     A constant is added to the distance on each piece so that it is the straight distance beside the origins.
     """
-    field = heat_directions(prepared, origins, everywhere=False)
+    field = heat_directions(prepared, origins, pieces)
     phi = heat_solver(prepared).solve(problem=ck.Poisson(field.divergence(-1.0)))
     h, shifts = phi.spacing, np.zeros(pieces.count)
     for piece in range(pieces.count):

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.origins import Origins, pieces_of
+from cpmkit.applications.origins import Origins, Pieces
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource, unit
@@ -25,8 +25,6 @@ DISTANCE_RESIDUAL = 1e-7
 HEAT_TIME, TIME_GROWTH = 0.5, 4.0
 #: Heat below this share of its largest value is noise if an iterative solver computed it.
 NOISE_SHARE = 1e-9
-#: Share of points that may remain without a direction where heat underflows; a longer time would blur all directions.
-UNDERFLOW_SHARE = 1e-2
 
 
 def scene_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
@@ -86,16 +84,15 @@ def longest_time(prepared: Prepared) -> float:
     return float(np.ptp(prepared.scene.surface.bounds, axis=0).max()) ** 2
 
 
-def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = True) -> ck.Field:
+def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None = None) -> ck.Field:
     """Return the unit vectors (p, d) in which heat flows away from the origins.
 
-    They are zero at the few points where heat underflows and, unless it must arrive ``everywhere``, on pieces of the
-    manifold without an origin.
+    They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin.
 
     Raises
     ------
     SceneError
-        If no heat arrives at some points: of a piece with an origin, or of any piece if it must arrive ``everywhere``.
+        If no heat arrives at some points: of a piece with an origin, or of any piece if ``pieces`` are not given.
     """
     h, heated = prepared.discretized.spacing, heat_solver(prepared)
     share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
@@ -103,11 +100,12 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
         source = origins.heat_source(h, time**0.5)
         heat = prepared.field(heated.solve(problem=ck.ScreenedPoisson(source, c=1 / time, lumped=True)))
         cold = heat.values <= share * heat.values.max()
-        if not everywhere:
-            pieces = pieces_of(prepared)
+        if pieces is not None:
             warm = np.bincount(pieces.of_point, heat.values > 0.0, pieces.count) > 0  # pieces with an origin
             cold &= warm[pieces.of_point]
-        underflow = is_only_underflow(heat.values, cold)
+        # Few points may be cold by underflow: a longer time would blur all directions. On pieces without an origin heat
+        # is exactly zero.
+        underflow = bool(cold.mean() <= 0.01 and heat.values[cold].all())
         if underflow or time > longest_time(prepared):
             break
         time *= TIME_GROWTH
@@ -115,14 +113,6 @@ def heat_directions(prepared: Prepared, origins: Origins, everywhere: bool = Tru
         check_warmed(cold, prepared.scene.surface)
     undirected = cold | (heat.values <= 0.0)
     return heat.gradient().map(lambda _, slopes: np.where(undirected[:, None], 0.0, -unit(slopes)))
-
-
-def is_only_underflow(heat: Floats, cold: Bools) -> bool:
-    """Return whether the ``cold`` points (p,) are few and the heat (p,) of none of them is exactly zero.
-
-    It is zero on a piece without an origin; elsewhere it is small by underflow or rounding.
-    """
-    return bool(cold.mean() <= UNDERFLOW_SHARE and heat[cold].all())
 
 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:

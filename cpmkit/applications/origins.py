@@ -167,12 +167,8 @@ def pieces_of(prepared: Prepared) -> Pieces:
     form = prepared.discretized
     if form not in _CACHE:
         border = form.free_constants(form.stiffness(Terms()))
-        count = 1 if border is None else border.indicator.shape[1]
-        of_unknown = np.zeros(form.size, dtype=np.int64)
-        of_point = np.zeros(len(form.points), dtype=np.int64)
-        if border is not None and count > 1:
-            numbers = border.indicator @ np.arange(count, dtype=np.float64)
-            of_unknown = np.rint(numbers).astype(np.int64)
-            of_point = np.rint(form.at_points(numbers[:, None])[:, 0]).astype(np.int64)
-        _CACHE[form] = Pieces(count, of_unknown, of_point)
+        numbers = np.zeros(form.size) if border is None else border.indicator @ np.arange(border.indicator.shape[1])
+        of_unknown = np.rint(numbers).astype(np.int64)
+        of_point = np.rint(form.at_points(numbers[:, None].astype(np.float64))[:, 0]).astype(np.int64)
+        _CACHE[form] = Pieces(int(of_unknown.max()) + 1, of_unknown, of_point)
     return _CACHE[form]

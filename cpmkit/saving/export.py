@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
-from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, written_whole
+from cpmkit.files.whole_files import explain_system_error, remove_leftovers, unfinished_name, write_png, written_whole
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of
@@ -24,7 +24,6 @@ from cpmkit.scenefile.look import Look, check_vertices
 from cpmkit.solution.display_mesh import given_mesh_of
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.types import Floats
-from cpmkit.view.colours import write_png
 from cpmkit.view.pictures import animate, check_film, frame_images
 
 if TYPE_CHECKING:
@@ -215,8 +214,7 @@ def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
     count = len(frames_of(solution, "a picture of each frame"))
     files = [_numbered_path(path, number, count) for number in range(count)]
     for file, image in zip(files, frame_images(solution, look), strict=True):
-        with written_whole(file) as unfinished:
-            write_png(image, unfinished)
+        write_png(file, image / 255)
     return files
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -140,13 +139,6 @@ def title_strip(title: str, columns: int, width: int) -> Any:
     size = min(1.3 * letters, columns / (LETTER_BREADTH * len(title)))
     figure.text(0.5, 0.45, title, ha="center", va="center", fontsize=size)
     return _drawn_bytes(figure)
-
-
-def write_png(picture: Any, path: Path) -> None:
-    """Write bytes (rows, columns, 3) as a PNG file, in full colours."""
-    from PIL import Image
-
-    Image.fromarray(picture).save(path, "PNG", optimize=True)
 
 
 @lru_cache(maxsize=1)

@@ -210,8 +210,7 @@ def fit_camera(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: i
         pins.append(in_space(solution.doubled))
     segments, dots = np.concatenate(curves), np.concatenate(pins)
     more = np.concatenate([segments.reshape(-1, 3), dots])
-    camera = fit(in_space(mesh.points), width, look.view, look.up, mesh.points.shape[1] == 2, more)
-    return camera, segments, dots
+    return fit(mesh.points, more, width, look), segments, dots
 
 
 def outlines(drawing: Drawing) -> Shapes:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Unpack
 import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError, shown
-from cpmkit.files.whole_files import written_whole
+from cpmkit.files.whole_files import write_png, written_whole
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.messages import install_command
 from cpmkit.scenefile.look import Look
@@ -21,7 +21,7 @@ from cpmkit.solution.frames import frames_of
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.types import Floats
 from cpmkit.view.camera import axes_of
-from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet, write_png
+from cpmkit.view.colours import Bar, compose, make_bar, model_width, picture_sheet
 from cpmkit.view.drawing import Drawing, Shapes, arrows, draw, isolines, mesh_edges, outlines
 
 if TYPE_CHECKING:
@@ -70,8 +70,7 @@ def picture(solution: SolutionRecord, path: str | Path, **options: Unpack[LookKe
     look = Look.of(options)
     path = check_picture(path, look)
     image, camera = render(solution, look)
-    with written_whole(path) as unfinished:
-        write_png(image, unfinished)
+    write_png(path, image / 255)
     logging.getLogger("cpmkit").info("%s: %s.", path, camera)
     return Picture(path, camera)
 

@@ -58,13 +58,13 @@ def test_a_further_origin_by_heat_makes_no_factors_and_goes_through_the_samples_
 
 def test_the_rounds_of_transport_share_one_preconditioner(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
-    plain = multigrid.prepare_advection
+    plain = multigrid.build_schwarz_cycle
 
     def counted(*arguments: Any) -> Any:
         made.append(plain(*arguments))
         return made[-1]
 
-    monkeypatch.setattr(multigrid, "prepare_advection", counted)
+    monkeypatch.setattr(multigrid, "build_schwarz_cycle", counted)
     prepared = ck.prepare(ck.Scene(SPHERE, ck.Poisson(0.0)), 0.15, form="galerkin")
     distance = geodesic_distance(prepared, [0, 0, 1], rounds=3)
     assert len(made) == 1
