@@ -1,14 +1,10 @@
 """Curves that were inserted along chords lie on themselves after, wherever edges of the mesh run beside them."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from model_problems import order_of
 
 import cpmkit as ck
-from cpmkit.meshing.boundary_edges import flip_chords
-from cpmkit.plugin import Mesh
 
 SPHERE = ck.source("analytic.sphere")
 TORUS = ck.source("analytic.torus", major=1.0, minor=0.4)
@@ -81,21 +77,6 @@ def test_fluxes_through_rings_add_up():
         found.append(abs(fluxes[1] / exact - 1))
     assert order_of(spacings, found) > 3.5
     assert found[-1] < 4e-6
-
-
-def test_chords_of_boundaries_are_flipped():
-    """A boundary 0, 1, 2 that runs on through 1 above the chord from 0 to 2, which two triangles have."""
-    vertices = np.array([[0.0, 0, 0], [1, 0.02, 0], [2, 0, 0], [1, -1, 0], [1, 1, 0]])
-    cells = np.array([[2, 0, 3], [0, 2, 1], [1, 2, 4], [0, 1, 4]])
-    mesh = replace(Mesh.of(vertices, cells), cut=np.array([[0, 1], [1, 2]]), owner=np.array([0, 0]))
-    mesh = replace(mesh, beyond_tip=np.zeros(2, dtype=bool))
-    flipped = flip_chords(mesh)
-    assert sorted(sorted(cell) for cell in flipped.cells.tolist()) == [[0, 1, 3], [0, 1, 4], [1, 2, 3], [1, 2, 4]]
-    x = vertices[flipped.cells]
-    assert (np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])[:, 2] > 0).all()
-    curved = replace(mesh, vertices=vertices + [[0, 0, 0], [0, 0.7, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]])
-    for kept in (curved, replace(mesh, cells=cells[1:]), replace(mesh, cut=np.array([[0, 2], [1, 2]]))):
-        np.testing.assert_array_equal(flip_chords(kept).cells, kept.cells)
 
 
 def test_each_side_of_a_ring_has_its_area():
