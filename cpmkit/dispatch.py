@@ -9,10 +9,9 @@ from typing import Any
 
 from cpmkit.families.context import Checkpointing, OperatorCache, SolveContext
 from cpmkit.families.quasilinear import solve_nonlinear, solve_quasilinear
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import Backend, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.contract import Discretized, require
-from cpmkit.forms.options import Options, solver_of
+from cpmkit.forms.options import AccuracyTarget, Options, solver_of
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions, make_solver, make_step_solver
 from cpmkit.plugins import call, check_keys, factory, takes
 from cpmkit.runtime.options import declared_options, split_options

@@ -11,8 +11,7 @@ from cpmkit.dispatch import solve_scene
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.context import PreparingKeywords
 from cpmkit.forms.choice import FORMS, cost_model, every_option, explain_memory_error, module_of, options_of
-from cpmkit.forms.cost_model import CostModel, line_through
-from cpmkit.forms.explanation import Explanation, Part, sides_in_words, solver_part
+from cpmkit.forms.cost_model import CostModel, Explanation, Part, line_through, sides_in_words, solver_part
 from cpmkit.forms.options import Options
 from cpmkit.grid.blocks import check_numbered
 from cpmkit.grid.lattice import lattice_of

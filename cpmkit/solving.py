@@ -13,10 +13,9 @@ from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.facade import EigenSolution, EvolvedSolution, Solution
 from cpmkit.families.context import Checkpointing, DiscretizingKeywords, SolvingKeywords
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, module_of, options_of
 from cpmkit.forms.contract import Discretized
-from cpmkit.forms.options import Options
+from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import call, factory, takes
 from cpmkit.runtime.messages import did_you_mean, warn_each

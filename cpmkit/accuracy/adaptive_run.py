@@ -21,8 +21,7 @@ from cpmkit.accuracy.estimate import (
 )
 from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.solve_eigen import fewer_modes
-from cpmkit.forms.accuracy_target import AccuracyTarget
-from cpmkit.forms.options import lattice_options
+from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.solution.record import SolutionRecord

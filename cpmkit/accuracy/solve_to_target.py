@@ -16,7 +16,7 @@ from cpmkit.accuracy.spacing_search import CUBIC_ERROR, Status, errors_stay, pre
 from cpmkit.dispatch import solve_scene
 from cpmkit.errors import InputError
 from cpmkit.families.context import Checkpointing
-from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.options import AccuracyTarget
 from cpmkit.manifold.abilities import advice_of
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.runtime.deprecation import DeprecatedMember

@@ -137,7 +137,7 @@ def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[f
     ``target`` has the accuracy target of the command line, which takes precedence over the scene file, as ``spacing``
     does.
     """
-    from cpmkit.forms.accuracy_target import AccuracyTarget
+    from cpmkit.forms.options import AccuracyTarget
     from cpmkit.runtime.options import declared_options
 
     command_line = {name: value for name, value in target.items() if value is not None}

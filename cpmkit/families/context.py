@@ -70,7 +70,7 @@ class PreparedKeywords(CheckpointingKeywords, total=False):
 
 
 class TargetKeywords(TypedDict, total=False):
-    """Keyword arguments for the target; see :class:`cpmkit.forms.accuracy_target.AccuracyTarget`."""
+    """Keyword arguments for the target; see :class:`cpmkit.forms.options.AccuracyTarget`."""
 
     tolerance: float | None
     norm: str

@@ -10,7 +10,7 @@ from typing import Any
 from cpmkit.errors import SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
-from cpmkit.forms.accuracy_target import AccuracyTarget
+from cpmkit.forms.options import AccuracyTarget
 from cpmkit.plugins import check_accepted
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.runtime.options import declared_options

@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 from typing import Any
 
 from cpmkit.errors import PluginError, shown
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS
-from cpmkit.forms.options import Options
+from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.plugins import FACTORY_HOOKS, any_factory, installed_kinds
 from cpmkit.runtime.deprecation import DeprecatedMember

@@ -11,9 +11,8 @@ from typing import Any
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
-from cpmkit.forms.options import Options
+from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, check_accepted, check_keys, factory, source, takes

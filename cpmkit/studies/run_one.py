@@ -15,9 +15,8 @@ from cpmkit.errors import ConvergenceError, InputError, ResolutionError, SceneEr
 from cpmkit.facade import Solution
 from cpmkit.families.evolution.run_state import ROUNDED_STEP_SHARE
 from cpmkit.files.whole_files import check_place
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.options import lattice_options
+from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.grid.lattice import lattice_of
 from cpmkit.plugins import factory
 from cpmkit.runtime.memory import peak_growth_bytes, reset_peak_memory

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.accuracy_target import AccuracyTarget
 from cpmkit.forms.choice import FORMS, every_option
+from cpmkit.forms.options import AccuracyTarget
 from cpmkit.plugins import call, check_keys
 from cpmkit.runtime.arrays import positive
 from cpmkit.runtime.options import check_key_types, declared_options

@@ -11,8 +11,7 @@ import numpy as np
 from cpmkit.forms.collocation.band_layout import Layout, lay_out
 from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnings
 from cpmkit.forms.collocation.options import CollocationOptions
-from cpmkit.forms.cost_model import CostModel
-from cpmkit.forms.explanation import Explanation, Part, condition_name, sides_in_words, solver_part
+from cpmkit.forms.cost_model import CostModel, Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, lattice_of
 from cpmkit.grid.spacings import bytes_per_unknown, check_fits, fitting_spacing
