@@ -108,7 +108,6 @@ if TYPE_CHECKING:
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
-    from cpmkit.scene.boundary import BoundarySet as BoundarySet
     from cpmkit.scene.boundary import named_sides as named_sides
     from cpmkit.scene.conditions import Condition as Condition
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
@@ -261,7 +260,6 @@ GROUPS: dict[str, dict[str, str]] = {
         "Solution": "facade",
     },
     "Scenes, and the laws of their conditions": {
-        "BoundarySet": "scene.boundary",
         "SIDES": "types",
         "Condition": "scene.conditions",
         "Data": "scene.data",

@@ -17,7 +17,7 @@ from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime.deprecation import DeprecatedMember
 from cpmkit.runtime.messages import html_table
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import Condition
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Progress
@@ -137,7 +137,7 @@ def condition_name(condition: Condition) -> str:
     return "zero Neumann" if condition.law.is_zero_flux else condition.kind.replace("_", " ").capitalize()
 
 
-def sides_in_words(boundary: BoundarySet) -> str:
+def sides_in_words(boundary: Boundary) -> str:
     """Return the kinds of the conditions on both sides of a boundary in words."""
     left, right = boundary.condition("left"), boundary.condition("right")
     return condition_name(left) if left is right else f"{condition_name(left)} left, {condition_name(right)} right"

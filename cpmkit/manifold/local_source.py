@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partialmethod
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,6 @@ from cpmkit.manifold.abilities import (
     HasMembers,
     HasNormals,
     HasTangents,
-    HasTranslation,
     members_of,
 )
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource, check_answer
@@ -154,9 +154,9 @@ class LocalSource:
 
         Rows ascend, and the feet of a row are ordered by distance. A row counts as one query.
         """
-        assert isinstance(self.source, HasLocalMinima)
+        source: Any = self.source
         self.queries["points"] += len(x)
-        rows, feet = self.source.local_minima(np.ascontiguousarray(x + self.shift), radius)
+        rows, feet = source.local_minima(np.ascontiguousarray(x + self.shift), radius)
         check_answer(feet, x[rows], self.source, self.scene_origin, self.is_union)
         return rows, self._shift(feet, -self.shift)
 
@@ -186,10 +186,11 @@ def localize(source: ClosestPointSource, origin: Floats) -> LocalSource:
     """
     if not origin.any():
         return LocalSource(source, np.array(origin), of=source)
-    translate = source.translate if isinstance(source, HasTranslation) else getattr(source, "translated", None)
+    translate: Any = getattr(source, "translate", None)
+    if translate is None and hasattr(source, "translated"):
+        warn_renamed(f"{type(source).__name__}.translated", "translate")
+        translate = source.translated
     if translate is not None:
-        if not isinstance(source, HasTranslation):
-            warn_renamed(f"{type(source).__name__}.translated", "translate")
         return LocalSource(translate(-origin), np.zeros_like(origin), origin=np.array(origin), of=source)
     return LocalSource(source, np.array(origin), of=source)
 

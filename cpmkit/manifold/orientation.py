@@ -175,16 +175,8 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
     with sideways distance weighted more, and with its conormal to the same side. Branches that cross, parallel arms
     and neighbouring sheets of a surface therefore stay separate.
 
-    Parameters
-    ----------
-    points : (n, d) float64
-        Samples of the curves, a few times denser than ``reach``.
-    tangents : (n, d) float64
-        Unit tangents of any sign.
-    conormals : (n, d) float64
-        Unit vectors across the curve, of one sign along each curve.
-    reach : float
-        Largest distance of linked points.
+    The ``points`` are a few times denser than ``reach``, the largest distance of linked points. ``tangents`` (n, d) are
+    unit tangents of any sign, ``conormals`` (n, d) unit vectors across the curve, of one sign along each curve.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components

@@ -140,15 +140,9 @@ def source_repr(source: ClosestPointSource, name: str | None = None) -> str:
 
 
 def check_source(source: Any, label: str, alternatives: str = "") -> None:
-    """Raise if ``source`` is not an object that answers closest point queries.
+    """Raise if ``source``, called ``label`` in the message, is not an object that answers closest point queries.
 
-    Parameters
-    ----------
-    source : object
-    label : str
-        Names the object in the message.
-    alternatives : str
-        What the caller accepts in place of a source, for the message.
+    ``alternatives`` says what the caller accepts in place of a source.
 
     Raises
     ------
@@ -166,19 +160,10 @@ def check_source(source: Any, label: str, alternatives: str = "") -> None:
 
 
 def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: bool) -> None:
-    """Raise if an answer to closest point queries breaks the contract; the message names the source at fault.
+    """Raise if the ``answer`` of ``source`` to closest point queries breaks the contract; the message names the source.
 
-    Parameters
-    ----------
-    answer : ClosestPoints
-        Answer of ``source``.
-    x : (n, d) float64
-        The queries, relative to ``origin``.
-    source : object
-    origin : (d,) float64
-        Position of zero in the user's coordinates.
-    union : bool
-        Whether the source is a union, whose answers must contain the number of a member for each query.
+    The queries ``x`` (n, d) are relative to ``origin`` (d,). Answers of a ``union`` must contain the number of a member
+    for each query.
 
     Raises
     ------

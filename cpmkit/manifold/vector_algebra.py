@@ -35,12 +35,8 @@ def unit(a: Floats) -> Floats:
 def as_rotation(rotation: Any, dim: int) -> Floats:
     """Return a rotation as a (dim, dim) matrix.
 
-    Parameters
-    ----------
-    rotation : None, angle, (3,) vector or (dim, dim) matrix
-        An angle in radians in the plane; in space a vector along the axis, as long as the angle. None is no rotation.
-    dim : int
-        2 or 3.
+    It is given as an angle in radians in the plane, in space as a vector (3,) along the axis, as long as the angle; as
+    a matrix; or None for no rotation.
 
     Raises
     ------

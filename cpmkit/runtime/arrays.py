@@ -265,3 +265,8 @@ def as_colours(colours: Any, label: str = "colours") -> Floats:
     if len(outside):
         raise InputError(f"{label} must be numbers from 0 to 1, got {outside[0]:g}; divide those up to 255 by it.")
     return checked
+
+
+def not_negative(x: Any, label: str) -> float:
+    """Return ``x`` as a float if it is zero or a finite number above zero; ``label`` is its name in the message."""
+    return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0

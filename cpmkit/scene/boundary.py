@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -192,29 +192,7 @@ class Boundary:
         return condition
 
 
-@runtime_checkable
-class BoundarySet(Protocol):
-    """A point or curve inside the manifold, with a condition on each side of it."""
-
-    @property
-    def name(self) -> str:
-        """The name of the boundary in reports and in ``evaluate(side=...)``."""
-
-    @property
-    def source(self) -> ClosestPointSource:
-        """The closest-point source of the boundary."""
-
-    @property
-    def left_of(self) -> Floats | None:
-        """A point (d,) on the left of each connected piece, or None; needed by sources without normals or tangents."""
-
-    def condition(self, side: Side, /) -> Condition:
-        """Return the condition on ``side``."""
-
-
-def named_sides(
-    boundaries: Sequence[BoundarySet], side: Sides, has_left: Sequence[bool] | None = None
-) -> dict[str, Side]:
+def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[bool] | None = None) -> dict[str, Side]:
     """Return the side that is read of each boundary, by name; a single side holds for all boundaries that have sides.
 
     ``has_left`` says for each of the ``boundaries`` whether it has sides; by default all have.
@@ -236,7 +214,7 @@ def named_sides(
     return by_name
 
 
-def boundary_number(boundaries: Sequence[BoundarySet], name: str) -> int:
+def boundary_number(boundaries: Sequence[Boundary], name: str) -> int:
     """Return the number of the boundary called ``name``.
 
     Raises

@@ -12,10 +12,19 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.formulas.expressions import ReactionExpression
 from cpmkit.runtime.arrays import number, positive, whole
 from cpmkit.scene.conditions import Condition, same_parameter
-from cpmkit.scene.data import ChannelData, Data, ScalarData, TensorData, is_sequence, is_zero, read_formula
+from cpmkit.scene.data import (
+    AfterStep,
+    ChannelData,
+    Data,
+    Reaction,
+    ScalarData,
+    TensorData,
+    is_sequence,
+    is_zero,
+    read_formula,
+)
 from cpmkit.scene.equations import EigenFamily, Equation, NotNegative, Terms
 from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.pointwise import AfterStep, Reaction
 
 
 @dataclass(frozen=True, eq=False)

@@ -128,12 +128,10 @@ class Dirichlet(Condition):
 
 def as_condition(value: Any) -> Any:
     """Return data (a number, formula, sequence, array or function) as a Dirichlet condition; other values unchanged."""
-    if is_sequence(value):
-        return value if any(isinstance(entry, Condition) for entry in value) else Dirichlet(value)
-    if isinstance(value, (Condition, bool, type)) or value is None:
+    if isinstance(value, (bool, type)) or (is_sequence(value) and any(isinstance(entry, Condition) for entry in value)):
         return value
-    is_data = isinstance(value, (int, float, str, np.ndarray, np.number))
-    return Dirichlet(value) if is_data or callable(value) or hasattr(value, "to_numpy") else value
+    is_data = is_sequence(value) or callable(value) or hasattr(value, "to_numpy")
+    return Dirichlet(value) if is_data or isinstance(value, (int, float, str, np.ndarray, np.number)) else value
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,19 +1,19 @@
-"""Data of a scene: numbers, one for each channel, or functions of position and time, also written as formulas."""
+"""Data of a scene: numbers, entries for channels, and functions of position, time or the solution, also as formulas."""
 
 from __future__ import annotations
 
 import inspect
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from types import FunctionType
 from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.errors import CpmkitError, InputError, SceneError, shown
+from cpmkit.errors import CpmkitError, InputError, ResolutionError, SceneError, shown
 from cpmkit.formulas.expressions import Expression
-from cpmkit.runtime.arrays import number, positive
+from cpmkit.runtime.arrays import number
 from cpmkit.types import Floats
 
 
@@ -73,8 +73,8 @@ def takes_time(data: Any) -> bool:
     if is_sequence(data):
         return any(takes_time(entry) for entry in data)
     declared = getattr(data, "takes_time", None)
-    if isinstance(declared, bool):
-        return declared
+    if declared is not None:
+        return bool(declared)
     if not callable(data):
         return False
     if isinstance(data, FunctionType) and "t" not in data.__code__.co_varnames and not data.__dict__:
@@ -161,13 +161,8 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
     return np.ascontiguousarray(values)
 
 
-def not_negative(x: Any, label: str) -> float:
-    """Return ``x`` as a float if it is zero or a finite number above zero; ``label`` is its name in the message."""
-    return positive(x, f"{label}, where it is not zero,") if number(x, label) != 0 else 0.0
-
-
-#: Names of the declared types of dataclass fields that contain data, and vector fields.
-DATA_TYPE, VECTOR_TYPE = "Data", "VectorField"
+#: Part of the names of the declared types of dataclass fields that contain data.
+DATA_TYPE = "Data"
 
 
 @dataclass(frozen=True)
@@ -194,7 +189,7 @@ def read_formulas(instance: Any, label: str) -> None:
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
         name = f"{member.name} of {label}"
-        if VECTOR_TYPE in kind and is_sequence(value):
+        if "VectorField" in kind and is_sequence(value):
             object.__setattr__(instance, member.name, as_vector_field(value, name))
         elif DATA_TYPE in kind:
             object.__setattr__(instance, member.name, as_data(value, name))
@@ -209,7 +204,7 @@ def as_data(value: Any, label: str) -> Any:
         return value.to_numpy()
     if isinstance(value, str):
         return read_formula(Expression, value, label)
-    if is_sequence(value) and _contains_text(value):
+    if is_sequence(value):
         return [as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(value, 1)]
     return value
 
@@ -242,6 +237,100 @@ def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) ->
         raise SceneError(f"{label}: {error}") from error
 
 
-def _contains_text(entries: Any) -> bool:
-    """Return True if an entry of a nested sequence is a string."""
-    return any(isinstance(entry, str) or (is_sequence(entry) and _contains_text(entry)) for entry in entries)
+def call_pointwise(
+    function: Callable[..., Any],
+    arrays: tuple[Floats, ...],
+    shape: tuple[int, ...],
+    label: str,
+    time: float | None = None,
+    least: int = 1,
+    finite: bool = True,
+) -> Floats:
+    """Return the values of a function at points, of this ``shape``: (p,) or (p, channels).
+
+    The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, but ``least``
+    of them at least; and the ``time`` if it has a parameter ``t`` without a default. It may return one number for all
+    points, and (p,) where (p, 1) is needed. Unless ``finite`` is False, values that are not finite are refused.
+    ``label`` is its name in messages.
+
+    Raises
+    ------
+    InputError
+        If the function fails, or does not return numbers of this shape.
+    """
+    timed = {"t": time} if time is not None and takes_time(function) else {}
+    try:
+        parameters = inspect.signature(function).parameters.values()
+    except (TypeError, ValueError):  # some built-in functions have no signature
+        parameters = {}.values()
+    needed = [each for each in parameters if each.default is each.empty and each.kind is not each.VAR_KEYWORD]
+    count = max(sum(each.name not in timed for each in needed), least)
+    try:
+        values = np.asarray(function(*arrays[:count], **timed), dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{label} must return numbers of shape {shape}: {shown(str(error))}.") from error
+    if values.ndim == 0 or (values.shape == shape[:1] and shape[1:] == (1,)):
+        values = np.broadcast_to(values.reshape(-1, *shape[1:]), shape)
+    if values.shape != shape or (finite and not np.isfinite(values).all()):
+        bad = "" if np.isfinite(values).all() else " with NaN or infinity"
+        at = "" if time is None else f" at time {time:.4g}"
+        raise InputError(f"{label} must return finite numbers of shape {shape}, got shape {values.shape}{bad}{at}.")
+    return values
+
+
+#: Step of differences, as a share of the varied quantity: above the square root of the rounding error.
+DIFFERENCE_SHARE = 1e-6
+
+
+def difference_step(x: Floats) -> Floats:
+    """Return the steps (k,) of differences of functions of x (k,), which may be zero."""
+    return DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
+
+
+def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats) -> Floats:
+    """Return the derivative (k,) of a function of x (k,) by differences with a ``step`` (k,)."""
+    return np.asarray((function(x + step) - function(x - step)) / (2 * step))
+
+
+#: A function of points (p, d), values (p, channels) and, if it has a parameter ``t`` without a default, the time, that
+#: returns values (p, channels).
+AfterStep = Callable[..., Any]
+
+
+def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
+    """Return the result (p, channels) of ``after_step`` for ``values`` (p, channels) at ``points`` (p, d) and ``time``.
+
+    Raises
+    ------
+    InputError
+        If the result has another shape, or is not finite.
+    """
+    return call_pointwise(after_step, (points, values.copy()), values.shape, "after_step", time, least=2)
+
+
+#: A function of u (p, channels), of points (p, d) if it has a second parameter, and of the time if it has a parameter
+#: ``t`` without a default, that returns rates (p, channels); or the formulas of the channels.
+Reaction = Callable[..., Any] | str | Sequence[str]
+
+
+def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
+    """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
+
+    Raises
+    ------
+    InputError
+        If the rates have another shape, or are not finite at the time ``start``.
+    ResolutionError
+        If the rates are not finite at a later time.
+    """
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        values = call_pointwise(reaction, (u.copy(), points), u.shape, "the reaction", time, finite=False)
+    if not np.abs(values).max(initial=0.0) <= LARGEST_DATUM:
+        if time == start:
+            raise InputError("the reaction must be finite for the initial data, got NaN, infinity or more than 1e100.")
+        raise ResolutionError(
+            f"The reaction ceased to be finite at time {time:.4g}: it is taken from the step before, and the step must "
+            "be shorter than the time in which the fastest part of it acts; use a shorter step. If that puts the time "
+            "off by nothing, the equation itself has no solution beyond it."
+        )
+    return np.ascontiguousarray(values)

@@ -14,8 +14,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import positive
-from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.pointwise import DIFFERENCE_SHARE, call_pointwise, central_difference, difference_step
+from cpmkit.scene.data import DIFFERENCE_SHARE, Data, call_pointwise, central_difference, difference_step, evaluate_data
 from cpmkit.types import Floats
 
 #: Shapes of tensors in the plane and in space.
@@ -98,12 +97,7 @@ def mean_diffusivity(diffusivity: Any, points: Floats) -> float:
 def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
     """Return the smallest and the largest eigenvalue (n,) of tensors restricted to the tangent space.
 
-    Parameters
-    ----------
-    tensors : (n, d, d) float64
-        Symmetric.
-    normals : (n, c, d) float64
-        Orthonormal normals of a curve or a surface.
+    ``tensors`` (n, d, d) are symmetric, ``normals`` (n, c, d) the orthonormal normals of a curve or a surface.
     """
     tangent = np.eye(tensors.shape[1]) - np.einsum("nci,ncj->nij", normals, normals)
     restricted = tangent @ tensors @ tangent

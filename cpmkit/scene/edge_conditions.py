@@ -58,8 +58,8 @@ class ByPosition:
 
 
 def is_by_position(value: Any) -> bool:
-    """Return True for a list with a condition, a part or a pair (condition, where); False for data of channels."""
-    return is_sequence(value) and any(isinstance(entry, (Condition, Part)) or _is_pair(entry) for entry in value)
+    """Return True for a list with a condition or a pair (condition, where); False for data of channels."""
+    return is_sequence(value) and any(isinstance(entry, Condition) or _is_pair(entry) for entry in value)
 
 
 def _is_pair(entry: Any) -> bool:
@@ -67,7 +67,7 @@ def _is_pair(entry: Any) -> bool:
 
 
 def _as_part(entry: Any, number: int, is_last: bool) -> Part:
-    """Return the part ``number`` of the edge given as a condition, as a pair (condition, where) or as a part.
+    """Return the part ``number`` of the edge given as a condition or as a pair (condition, where).
 
     Raises
     ------
@@ -77,8 +77,6 @@ def _as_part(entry: Any, number: int, is_last: bool) -> Part:
     """
     label = f"`where` of part {number} of the edge"
     condition, where = entry if _is_pair(entry) else (entry, None)
-    if isinstance(entry, Part):
-        condition, where = entry.condition, entry.where
     condition = as_condition(condition)
     if isinstance(where, str):
         where = read_formula(Expression, where, label)
@@ -116,7 +114,7 @@ def as_edge(value: Any) -> Any:
         If a list of parts is not accepted by :func:`_as_part`.
     """
     if isinstance(value, Mapping):
-        return {loop: as_edge(entry) for loop, entry in value.items()}
+        return {loop: as_edge(value[loop]) for loop in sorted(value, key=str)}
     if is_by_position(value):
         return ByPosition(tuple(_as_part(entry, k, k == len(value) - 1) for k, entry in enumerate(value)))
     return value if isinstance(value, ByPosition) else as_condition(value)
@@ -166,14 +164,7 @@ def has_parts(edge: EdgeConditions) -> bool:
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
     """Return each condition of an edge that holds at any of ``points``, with the rows (m,) of these.
 
-    Parameters
-    ----------
-    edge : EdgeConditions
-        Conditions of the edge.
-    loops : (n,) int64
-        Number of the edge loop of each point.
-    points : (n, d) float64
-        Points of the edge, in the scene's coordinates.
+    ``points`` (n, d) lie on the edge, in the scene's coordinates; ``loops`` (n,) are the numbers of their edge loops.
 
     Raises
     ------
@@ -181,7 +172,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
         If a loop has no condition, or a point is in no part.
     """
     pairs: list[tuple[Condition, Ints]] = []
-    for loop in np.unique(loops).tolist() if isinstance(edge, Mapping) else [None]:
+    for loop in [None] if None in loops_of_edge(edge) else np.unique(loops).tolist():
         rows = np.arange(len(points)) if loop is None else np.flatnonzero(loops == loop)
         conditions = _conditions_of_loop(edge, loop)
         number = conditions.number_at(points[rows])

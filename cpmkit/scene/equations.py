@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.runtime.arrays import number, positive
+from cpmkit.runtime.arrays import not_negative, number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, ScalarData, TensorData, not_negative, read_formulas
+from cpmkit.scene.data import Data, ScalarData, TensorData, read_formulas
 from cpmkit.scene.diffusivities import as_diffusivity
 
 

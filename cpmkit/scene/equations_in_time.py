@@ -16,9 +16,8 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, positive, whole
-from cpmkit.scene.data import Data, ScalarData, TensorData, takes_time
+from cpmkit.scene.data import AfterStep, Data, ScalarData, TensorData, takes_time
 from cpmkit.scene.equations import Equation, Positive, Terms, TimeFamily, VectorField
-from cpmkit.scene.pointwise import AfterStep
 
 #: Time stepping schemes of first order.
 FIRST_ORDER_SCHEMES = ("backward-euler", "euler")

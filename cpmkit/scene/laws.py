@@ -10,8 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cpmkit.scene.data import Data, evaluate_data, is_zero
-from cpmkit.scene.pointwise import call_pointwise, central_difference, difference_step
+from cpmkit.scene.data import Data, call_pointwise, central_difference, difference_step, evaluate_data, is_zero
 from cpmkit.types import Floats
 
 

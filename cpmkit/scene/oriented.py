@@ -18,7 +18,7 @@ from cpmkit.manifold.tangent_space import (
     unit_tangents,
 )
 from cpmkit.manifold.vector_algebra import dots, unit
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition, sides_differ
 from cpmkit.scene.left import MIN_CHORD_COSINE, Left, SampledBoundary, samplings
 from cpmkit.types import Bools, Floats, Ints
@@ -34,7 +34,7 @@ class OrientedBoundary:
 
     Attributes
     ----------
-    boundary : BoundarySet
+    boundary : Boundary
         The boundary of the scene.
     source, surface : LocalSource
         The closest-point sources of the boundary and of the manifold.
@@ -44,7 +44,7 @@ class OrientedBoundary:
         Orientation of the boundary.
     """
 
-    boundary: BoundarySet
+    boundary: Boundary
     source: LocalSource
     surface: LocalSource
     dimension: int
@@ -141,7 +141,7 @@ class OrientedBoundary:
         return f"{self.missing_directions}: taken by differences, {reason}"
 
 
-def orient(boundary: BoundarySet, surface: ClosestPointSource) -> OrientedBoundary:
+def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its bounds.
 
     Raises

@@ -13,7 +13,7 @@ from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
-from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet
+from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, takes_time
 from cpmkit.scene.diffusivities import is_tensor
@@ -48,7 +48,7 @@ class Scene(Generic[Family]):
         vertices and faces.
     problem : Equation
         The equation, such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
-    boundaries : sequence of BoundarySet
+    boundaries : sequence of Boundary
         Points and curves inside the manifold, with conditions.
     edge : Condition, list or table, or number, text, sequence or function
         The condition on the rim of an open surface or at the ends of an open curve; or a list of pairs (condition,
@@ -74,7 +74,7 @@ class Scene(Generic[Family]):
 
     surface: ClosestPointSource
     problem: Equation[Family]
-    boundaries: Sequence[BoundarySet] = ()
+    boundaries: Sequence[Boundary] = ()
     edge: EdgeConditions = field(default_factory=Neumann)
 
     if TYPE_CHECKING:  # the constructor accepts more types than the fields have
@@ -83,7 +83,7 @@ class Scene(Generic[Family]):
             self,
             surface: Surface,
             problem: Equation[Family],
-            boundaries: Sequence[BoundarySet] = (),
+            boundaries: Sequence[Boundary] = (),
             edge: EdgeInput | Mapping[int, EdgeInput] = ...,
         ) -> None: ...
 
@@ -106,11 +106,11 @@ class Scene(Generic[Family]):
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.in_fields(one, "the edge")))
-        boundaries = (
-            arrays.in_boundary(each.on(self.surface)) if isinstance(each, Boundary) else each
-            for each in self.boundaries
-        )
-        object.__setattr__(self, "boundaries", tuple(boundaries))
+        for each in self.boundaries:
+            if not isinstance(each, Boundary):
+                raise SceneError(f"boundaries must be a list of cpmkit.Boundary, got {shown(each)}.")
+        boundaries = tuple(arrays.in_boundary(each.on(self.surface)) for each in self.boundaries)
+        object.__setattr__(self, "boundaries", boundaries)
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -172,7 +172,7 @@ class Scene(Generic[Family]):
         rows.append(("edge", ", ".join(condition.kind for condition in self.edge_conditions)))
         return html_table("Scene", rows)
 
-    def oriented(self, boundary: BoundarySet) -> OrientedBoundary:
+    def oriented(self, boundary: Boundary) -> OrientedBoundary:
         """Return a boundary of the scene with its orientation, which is computed once for all spacings and lattices.
 
         Raises
@@ -256,7 +256,7 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     return new_scene
 
 
-def _with_data(boundary: Any, data: Any) -> Boundary:
+def _with_data(boundary: Boundary, data: Any) -> Boundary:
     """Return the boundary with its conditions replaced by ``data``: a single value, or a mapping by side.
 
     Raises
@@ -264,10 +264,6 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
     SceneError
         If the new conditions differ from the old ones in more than their data.
     """
-    if not isinstance(boundary, Boundary):
-        raise SceneError(
-            f"boundary {boundary.name!r} is no cpmkit.Boundary, and takes no other data; use cpmkit.solve."
-        )
     old = boundary.given_conditions
     values = data if isinstance(data, Mapping) else dict.fromkeys([*old][:1], data)
     new = {side: as_condition(value) for side, value in values.items()}
@@ -283,7 +279,7 @@ def _with_data(boundary: Any, data: Any) -> Boundary:
 
 
 def _edge_with_data(edge: Any, data: Any) -> Any:
-    """Return the new conditions of an ``edge`` given as ``data``, in the order of the old ones.
+    """Return the new conditions of an ``edge`` given as ``data``.
 
     Raises
     ------
@@ -296,7 +292,7 @@ def _edge_with_data(edge: Any, data: Any) -> Any:
             "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
             "and each part where it is."
         )
-    return {loop: new_edge[loop] for loop in edge} if isinstance(edge, Mapping) else new_edge
+    return new_edge
 
 
 def conditions_depend_on_time(scene: Scene) -> bool:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from cpmkit.errors import InputError, shown
-from cpmkit.runtime.arrays import number, positive
+from cpmkit.runtime.arrays import not_negative, number, positive
 from cpmkit.scene.conditions import Condition
-from cpmkit.scene.data import Data, not_negative, takes_time
+from cpmkit.scene.data import Data, takes_time
 from cpmkit.scene.laws import Interface, Nonlinear, Spectral, Support
 
 

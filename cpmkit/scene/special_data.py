@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -113,7 +113,7 @@ class VertexArrays:
             If an array has neither one row per vertex nor few channels, or may be both; ``label`` is the name of the
             equation or condition.
         """
-        if not is_dataclass(instance) or isinstance(instance, type):
+        if not hasattr(instance, "__dataclass_fields__"):
             return instance
         if id(instance) not in self._replaced:  # the argument is stored too, so that its id stays unique
             names = [member.name for member in fields(instance) if member.init and DATA_TYPE in str(member.type)]

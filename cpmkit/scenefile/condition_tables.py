@@ -96,7 +96,7 @@ def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[An
         return []
     if len(parameters) == 1:
         return [read_data(value, dim, where)]
-    if not isinstance(value, list) or len(value) != len(parameters):
+    if not is_sequence(value) or len(value) != len(parameters):
         names = ", ".join(member.name for member in parameters)
         raise SceneError(f"{kind} of {where} must be [{names}], got {shown(value)}.")
     return [
@@ -122,7 +122,7 @@ def read_edge(table: Any, dim: int, where: str) -> Any:
 
 def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
     """Return the condition of an edge loop, or the list of its conditions by position."""
-    if isinstance(table, list) and any(isinstance(entry, Mapping) for entry in table):  # not data of several channels
+    if is_sequence(table) and any(isinstance(entry, Mapping) for entry in table):  # not data of several channels
         return [_condition_of_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
     return read_condition(table, dim, where)
 
@@ -242,17 +242,9 @@ def as_table(value: Any, where: str) -> dict[str, Any]:
 def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], where: str) -> Any:
     """Return a value of a scene file with each table ``{ values = "FILE.npy" }`` replaced by :class:`VertexData`.
 
-    Parameters
-    ----------
-    value : any
-        A value of TOML; tables and lists are searched.
-    folder : Path
-        Folder in which files are searched first.
-    carriers : sequence of (name, source)
-        Sources to whose vertices the rows may belong. A table may name one of them with ``of = NAME``; otherwise
-        exactly one must have as many vertices as the array has rows.
-    where : str
-        Name of the value in errors.
+    The tables and lists of the value are searched, and files first in the ``folder``. The rows belong to the vertices
+    of one of ``carriers``, sources after their names: of the one that a table names with ``of = NAME``, or of the only
+    one that has as many vertices as the array has rows. ``where`` is the name of the value in errors.
 
     Raises
     ------
@@ -312,6 +304,6 @@ def list_of_tables(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict
         If ``name`` is not a list of tables.
     """
     entries = tables.get(name, [])
-    if not isinstance(entries, list):
+    if not is_sequence(entries):
         raise SceneError(f"{name} must be a list of tables, written [[{name}]].")
     return [(number, as_table(table, f"[[{name}]] {number}")) for number, table in enumerate(entries, 1)]

@@ -21,6 +21,7 @@ from cpmkit.runtime.messages import did_you_mean
 from cpmkit.runtime.options import check_key_types, declared_options, split_options
 from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.compound_equations import Biharmonic, Eigen, ReactionDiffusion
+from cpmkit.scene.data import is_sequence
 from cpmkit.scene.equations import Elliptic, Equation, Helmholtz, Laplace, Poisson, ScreenedPoisson
 from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
 from cpmkit.scene.nonlinear_equations import NonlinearDiffusion, PLaplacian, TotalVariation
@@ -117,12 +118,7 @@ def _check_is_no_application(tables: Mapping[str, Any]) -> None:
 def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     """Return the scene of the tables [surface], [[boundary]] and [problem]; other tables are ignored.
 
-    Parameters
-    ----------
-    tables : mapping
-        Tables of TOML, which are not changed.
-    folder : Path
-        Folder in which files are searched first.
+    The tables are not changed. Files are searched first in the ``folder``.
 
     Raises
     ------
@@ -300,7 +296,7 @@ def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
         picture = as_table({"file": picture} if isinstance(picture, str) else picture, "picture of [output]")
         with naming_table("[output]"):
             picture = call(PictureRequest, "picture of [output]", picture)
-    if not isinstance(files, list):
+    if not is_sequence(files):
         raise SceneError(f"files of [output] must be a list of names, such as ['summary.json'], got {shown(files)}.")
     folder = table.get("folder", path.stem)
     folder = Path(relative_name(folder, "folder of [output]") if "folder" in table and folder != "." else folder)

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.contract import Discretized
+from cpmkit.scene.data import apply_after_step
 from cpmkit.scene.equations_in_time import Evolution
-from cpmkit.scene.pointwise import apply_after_step
 from cpmkit.types import Floats
 
 if TYPE_CHECKING:

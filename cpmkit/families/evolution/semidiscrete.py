@@ -18,9 +18,8 @@ from cpmkit.families.evolution.run_state import Moment
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.protocols import Stiffness
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.scene.data import Data, takes_time
+from cpmkit.scene.data import Data, Reaction, reaction_rates, takes_time
 from cpmkit.scene.equations import Terms
-from cpmkit.scene.pointwise import Reaction, reaction_rates
 from cpmkit.scene.scene import conditions_depend_on_time
 from cpmkit.types import Floats
 

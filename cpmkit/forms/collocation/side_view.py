@@ -24,7 +24,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.source import ClosestPoints, Rows
 from cpmkit.manifold.tangent_space import project_tangent
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import Data
 from cpmkit.scene.oriented import OrientedBoundary, dimension_along
 from cpmkit.types import Bools, Floats, Ints
@@ -197,7 +197,7 @@ class BoundariesOnBand:
 
     Attributes
     ----------
-    definitions : sequence of BoundarySet
+    definitions : sequence of Boundary
         Their names and conditions, as the scene gives them.
     on_lattice : sequence of BoundaryOnLattice
         The boundaries on the lattice.
@@ -210,7 +210,7 @@ class BoundariesOnBand:
         The diffusivity of the problem.
     """
 
-    definitions: Sequence[BoundarySet]
+    definitions: Sequence[Boundary]
     on_lattice: Sequence[BoundaryOnLattice]
     side_views: Sequence[SideView]
     behind: Ints
@@ -218,18 +218,18 @@ class BoundariesOnBand:
 
 
 def put_on_lattice(
-    boundary: BoundarySet,
+    boundary: Boundary,
     surface: LocalSource,
     lattice: Lattice,
     radius: float,
-    oriented: Callable[[BoundarySet], OrientedBoundary],
+    oriented: Callable[[Boundary], OrientedBoundary],
     sheets: Sheets | None = None,
 ) -> BoundaryOnLattice:
     """Return ``boundary`` on the lattice, snapped to the surface and oriented.
 
     Parameters
     ----------
-    boundary : BoundarySet
+    boundary : Boundary
         A point or curve of lower dimension than the surface.
     surface : LocalSource
         The manifold.

@@ -15,7 +15,7 @@ from cpmkit.errors import place
 from cpmkit.forms.collocation.ghosts.ghost_geometry import ALONGSIDE_COSINE, INSIDE_SIDE_SPACINGS
 from cpmkit.forms.collocation.side_view import BoundariesOnBand
 from cpmkit.grid.lattice import Lattice
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.laws import Value
@@ -187,7 +187,7 @@ def _crossing_point(feet: Floats, signed: Floats, aligned: Bools, spacing: float
     return np.asarray(0.5 * (right[nearest] + left[partner[nearest]]))
 
 
-def _largest_jump(first: BoundarySet, second: BoundarySet, point: Floats, channels: int, time: float | None) -> float:
+def _largest_jump(first: Boundary, second: Boundary, point: Floats, channels: int, time: float | None) -> float:
     """Return the largest difference of two boundaries' prescribed values at ``point`` (1, d), over the four sectors.
 
     Zero if they do not differ beyond rounding, or if either prescribes none.

@@ -19,7 +19,7 @@ from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
 from cpmkit.runtime.memory import WeakCache, state_without_cached
-from cpmkit.scene.boundary import BoundarySet, boundary_number, named_sides
+from cpmkit.scene.boundary import Boundary, boundary_number, named_sides
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints, Side, Sides
@@ -49,7 +49,7 @@ class PointReader:
     __getstate__ = state_without_cached
 
     @property
-    def boundaries(self) -> list[BoundarySet]:
+    def boundaries(self) -> list[Boundary]:
         """The boundaries of the scene, by their numbers."""
         return [oriented.boundary for oriented in self.sampled.oriented]
 

@@ -50,7 +50,7 @@ from cpmkit.meshing.mesh_warnings import (
     with_noise_advice,
 )
 from cpmkit.meshing.source_cells import source_cells
-from cpmkit.scene.boundary import BoundarySet
+from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
@@ -261,7 +261,7 @@ def _repaired_cells(
     return surface, mesh, "closest_point", warnings + with_noise_advice(contouring, surface, spacing)
 
 
-def check_insertion(insertion: Insertion, boundaries: Sequence[BoundarySet], spacing: float) -> None:
+def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
     """Raise if a boundary is not in the mesh, is far away, or coincides with a boundary of different conditions.
 
     Raises
