@@ -18,10 +18,6 @@ from cpmkit.errors import InputError, shown
 from cpmkit.files.whole_files import explain_system_error
 from cpmkit.runtime.memory import available_bytes
 
-#: Kinds of NumPy types that are read: truth values, whole numbers, floating point numbers, text.
-READ_KINDS = "biufUS"
-#: Kinds that are numbers.
-NUMBER_KINDS = "iuf"
 #: Exceptions that NumPy, zipfile and Python's tokenizer raise on damaged files.
 DAMAGE_ERRORS = (ValueError, TypeError, KeyError, EOFError, SyntaxError, OverflowError, RecursionError, MemoryError,
            NotImplementedError, RuntimeError, tokenize.TokenError, zipfile.BadZipFile, zlib.error)  # fmt: skip
@@ -44,7 +40,7 @@ def read_array(path: Path, label: str = "an array of numbers") -> np.ndarray:
         shorter than its header says.
     """
     with explain_system_error(f"{shown(path.name)} cannot be read"), path.open("rb") as opened:
-        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {label}", NUMBER_KINDS)
+        return _member(opened, path.stat().st_size, path.name, f"a .npy file with {label}", "iuf")
 
 
 def read_bytes(path: Path) -> bytes:
@@ -87,7 +83,7 @@ def read_arrays(
             read = {}
             for name, entry in members.items():
                 with archive.open(entry) as opened:
-                    read[name] = _member(opened, entry.file_size, path.name, label, READ_KINDS)
+                    read[name] = _member(opened, entry.file_size, path.name, label, "biufUS")
             return read
     except InputError:
         raise
@@ -135,13 +131,6 @@ def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], in
     return shape, fortran, dtype, opened.tell()
 
 
-#: Type to which arrays of each kind of NumPy type are converted.
-DTYPE_OF_KIND = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
-#: Most bytes of an array of text.
-MOST_TEXT_BYTES = 1 << 26
-KIND_WORDS = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
-
-
 @dataclass(frozen=True)
 class SavedArray:
     """The name, types and shape that an array of a file must have.
@@ -185,10 +174,11 @@ def read_saved(
         fits = len(shape) == len(expected) and all(
             isinstance(size, str) or size == actual for size, actual in zip(expected, shape, strict=True)
         )
-        if dtype.kind == "U" and dtype.itemsize > MOST_TEXT_BYTES:
+        if dtype.kind == "U" and dtype.itemsize > 1 << 26:
             raise InputError(f"{shown(path.name)} holds {dtype.itemsize} bytes of text as {name}; it is damaged.")
         if not fits or dtype.kind not in row.kinds:
-            kinds = " or ".join(KIND_WORDS[kind] for kind in row.kinds)
+            words = {"b": "truth values", "i": "whole numbers", "f": "numbers", "U": "text"}
+            kinds = " or ".join(words[kind] for kind in row.kinds)
             raise InputError(
                 f"{shown(path.name)} holds {name} as {dtype.name} of shape {shape}, where {kinds} of shape "
                 f"({', '.join(map(str, expected))}) belong in {label}; it is damaged, or not one."
@@ -202,7 +192,8 @@ def read_saved(
     for name, array in arrays.items():
         if array.dtype.kind == "f" and not np.isfinite(array).all():
             raise InputError(f"{shown(path.name)} is not {label} as it was written: {name} holds NaN or infinity.")
-    return {name: array.astype(DTYPE_OF_KIND[array.dtype.kind], copy=False) for name, array in arrays.items()}
+    dtypes = {"b": np.bool_, "i": np.int64, "f": np.float64, "U": np.str_}
+    return {name: array.astype(dtypes[array.dtype.kind], copy=False) for name, array in arrays.items()}
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:

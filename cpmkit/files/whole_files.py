@@ -18,8 +18,8 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 
-#: Most bytes in the name of a folder and of a file; names of unfinished files and frames of a series are longer.
-MOST_FOLDER_BYTES, MOST_FILE_NAME_BYTES = 255, 200
+#: Most bytes in the name of a file; names of folders, unfinished files and frames of a series may have 255.
+MOST_FILE_NAME_BYTES = 200
 #: Most bytes of a path.
 MOST_PATH_BYTES = 4000
 
@@ -121,7 +121,7 @@ def check_name(path: Path) -> None:
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
     check_encoding(path)
     lengths = [len(os.fsencode(part)) for part in path.parts]
-    limits = [*(MOST_FOLDER_BYTES for _ in lengths[1:]), MOST_FILE_NAME_BYTES]
+    limits = [*(255 for _ in lengths[1:]), MOST_FILE_NAME_BYTES]
     for part, length, limit in zip(path.parts, lengths, limits, strict=False):
         if length > limit:
             raise InputError(f"The name {shown(part)} has {length} bytes; accepted are {limit} at most.")
@@ -146,12 +146,6 @@ def check_encoding(path: Path) -> None:
         ) from error
 
 
-#: First bytes of a PNG file.
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-#: Header of a PNG file: eight bits per channel, red, green and blue, default compression, no interlacing.
-FORMAT = bytes([8, 2, 0, 0, 0])
-
-
 def write_png(path: str | Path, colours: Any) -> Path:
     """Write an image (height, width, 3) of colours from 0 to 1, clipped there, the top row first; return its path.
 
@@ -169,9 +163,10 @@ def write_png(path: str | Path, colours: Any) -> Path:
     height, width = pixels.shape[:2]
     rows = np.concatenate([np.zeros((height, 1), dtype=np.uint8), pixels.reshape(height, -1)], axis=1)  # 0: no filter
     size = struct.pack(">II", width, height)
-    chunks = [(b"IHDR", size + FORMAT), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b"")]
+    # eight bits per channel, red, green and blue, default compression, no interlacing
+    chunks = [(b"IHDR", size + bytes([8, 2, 0, 0, 0])), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b"")]
     with written_whole(path) as unfinished:
-        unfinished.write_bytes(SIGNATURE + b"".join(_chunk(name, data) for name, data in chunks))
+        unfinished.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(name, data) for name, data in chunks))
     return path
 
 

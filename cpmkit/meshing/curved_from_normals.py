@@ -35,11 +35,6 @@ from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cach
 from cpmkit.meshing.untangling import untangle_midpoints
 from cpmkit.types import Bools, Floats, Ints
 
-#: Iterations that move vertices from the flat triangles to the smooth surface.
-FITTING_ROUNDS = 3
-#: Two vertices are the same if they differ by less than so many roundings of the largest coordinate.
-SAME_PLACE_ROUNDINGS = 8
-
 
 def curve_cells(
     mesh: Mesh, geometry: CellGeometry, source: LocalSource, boundaries: Sequence[LocalSource | None], spacing: float
@@ -222,7 +217,7 @@ def fit_vertices_to_normals(mesh: Mesh, rows: Ints, normals: Floats) -> Mesh:
     ends = np.concatenate([mesh.edges.ends, mesh.edges.ends[:, ::-1]])
     ends = ends[chosen[ends[:, 0]]]
     vertices = mesh.vertices.copy()
-    for _ in range(FITTING_ROUNDS):
+    for _ in range(3):
         chord = vertices[ends[:, 1]] - vertices[ends[:, 0]]
         mean = normals[ends].sum(axis=1)
         weight = 1.0 / np.maximum(dots(chord, chord), np.finfo(float).tiny)
@@ -242,7 +237,7 @@ def _extend_normals(source: LocalSource, mesh: Mesh, cache: MeshCache, normals: 
     in_scene, count = mesh.vertices + source.scene_origin, len(normals.flat)
     is_new = np.ones(len(in_scene), dtype=bool)
     if len(in_scene) >= count:
-        rounding = SAME_PLACE_ROUNDINGS * np.finfo(float).eps * np.abs(in_scene).max()
+        rounding = 8 * np.finfo(float).eps * np.abs(in_scene).max()
         is_new[:count] = np.abs(in_scene[:count] - cache.mesh.vertices).max(axis=1) > rounding
     across, flat = np.empty_like(in_scene), np.zeros(len(in_scene), dtype=bool)
     across[:count], flat[:count] = normals.across[: len(across)], normals.flat[: len(flat)]

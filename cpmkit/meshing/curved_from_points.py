@@ -15,22 +15,13 @@ from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.adjacency import Rim, rim_of_edges, rim_of_vertices
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.subdivision import split_at_knot_planes
-from cpmkit.meshing.boundary_edges import flip_chords, remove_double_boundary_edges
-from cpmkit.meshing.untangling import untangle_midpoints, untangle_vertices
+from cpmkit.meshing.untangling import flip_chords, remove_double_boundary_edges, untangle_midpoints, untangle_vertices
 from cpmkit.types import Bools, Floats, Ints
 
 #: A midpoint whose closest point is farther away than this share of its edge stays on the chord: there is a crease.
 CREASED_EDGE_SHARE = 0.15
-#: The rim is searched for beyond the rim of the mesh: by a rounding, then by these shares of the edge length.
-ON_RIM_EDGE_SHARE, RIM_EDGE_SHARES = 1e-6, (0.5, 1.0, 2.0, 4.0)
 #: A vertex moves onto its boundary if that is nearer than this share of the longest edge there.
 ONTO_BOUNDARY_EDGE_SHARE = 0.3
-#: Alternating projections of a vertex that lies on several boundaries or on a boundary and the rim.
-PROJECTION_ROUNDS = 4
-#: Vertices move along with a boundary up to a distance of this share of its longest edge, linearly less with distance.
-REACH_EDGE_SHARE = 0.5
-#: Points of an edge on a boundary at which the displacement of its ends is interpolated.
-DISPLACEMENT_SHARES = np.array([0.0, 0.25, 0.5, 0.75])
 
 
 def curve_from_points(
@@ -70,7 +61,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
         return mesh.with_same_cells(vertices=points)
     reach = ONTO_BOUNDARY_EDGE_SHARE * longest_edges(mesh, np.flatnonzero(times))
     before = points.copy()
-    for turn in range(PROJECTION_ROUNDS):
+    for turn in range(4):  # alternating projections of vertices on several boundaries, or on one and the rim
         for vertices, boundary in zip(on_boundaries, boundaries, strict=True):
             rows = vertices if turn == 0 else vertices[times[vertices] > 1]
             if boundary is None or not len(rows):
@@ -98,18 +89,19 @@ def add_midpoints(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSou
             rows = np.unique(on_cut[(mesh.owner == owner) & ~mesh.beyond_tip])
             if boundary is not None and len(rows):
                 positions[rows] = boundary.closest_point(straight[rows]).points
-    midpoints = _limit_height(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
+    midpoints = limit_height(_to_manifold(source, positions, rim_of_edges(mesh)), straight, length)
     if mesh.manifold_dim == 2 and len(mesh.cut):
         on_boundary = on_cut[~mesh.beyond_tip]
         arguments = midpoints, straight, source, lambda x: source.closest_point(x).points
-        midpoints = _limit_height(untangle_midpoints(mesh, on_boundary, *arguments), straight, length)
+        midpoints = limit_height(untangle_midpoints(mesh, on_boundary, *arguments), straight, length)
     return mesh.with_same_cells(midpoints=midpoints[edges.of_cells])
 
 
 def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> tuple[Ints, Floats]:
     """Return the vertices (k,) near boundaries that are displaced like the boundary, and their new positions (k, d).
 
-    Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly with distance.
+    Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly to zero at a distance of
+    half the longest edge on a boundary.
 
     Parameters
     ----------
@@ -126,12 +118,12 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> t
     edges = mesh.cut[~mesh.beyond_tip]
     if mesh.manifold_dim == 1 or not len(edges) or np.array_equal(before, moved):
         return none, before[none]
-    shares = DISPLACEMENT_SHARES[:, None, None]
+    shares = np.array([0.0, 0.25, 0.5, 0.75])[:, None, None]  # of an edge
     positions, displacements = (
         ((1 - shares) * values[edges[:, 0]] + shares * values[edges[:, 1]]).reshape(-1, mesh.dim)
         for values in (before, moved - before)
     )
-    reach = REACH_EDGE_SHARE * float(norms(before[edges[:, 1]] - before[edges[:, 0]]).max())
+    reach = 0.5 * float(norms(before[edges[:, 1]] - before[edges[:, 0]]).max())
     used = np.zeros(len(before), dtype=bool)
     used[mesh.cells] = True
     rows = np.flatnonzero(free & used)
@@ -170,7 +162,7 @@ def _extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Fl
     return lengths
 
 
-def _limit_height(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
+def limit_height(midpoints: Floats, straight: Floats, length: Floats) -> Floats:
     """Return ``midpoints`` (e, d), with ``straight`` (e, d) in place of those too far from the chord.
 
     Too far is more than a share of the edge's ``length`` (e,): there is a crease.
@@ -184,11 +176,11 @@ def _to_manifold(source: LocalSource, points: Floats, rim: Rim) -> Floats:
     Points at the rim are moved outwards, farther and farther, until their closest point lies on a rim.
     """
     positions = np.array(points)
-    positions[rim.rows] += ON_RIM_EDGE_SHARE * rim.outward
+    positions[rim.rows] += 1e-6 * rim.outward  # beyond rounding
     closest = source.closest_point(positions)
     moved = np.array(closest.points)
     remaining = np.flatnonzero(closest.edge[rim.rows] < 0)
-    for share in RIM_EDGE_SHARES:
+    for share in (0.5, 1.0, 2.0, 4.0):  # of the edge length
         if not len(remaining):
             break
         rows = rim.rows[remaining]

@@ -17,15 +17,13 @@ from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, 
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
 from cpmkit.types import Floats
 
-#: A boundary farther from the manifold than this, in spacings, causes a warning.
-OFF_SPACINGS = 0.5
 #: Noise of closest points that is a larger share of the spacing than this causes a warning,
 NOISE_SHARE = 1e-3
 #: with this advice.
 EXACTER = "compute closest points more exactly"
 #: The error of noise is this factor times the noise over the spacing, as a share of the range of u (measured on spheres
-#: and curves: .15 to .4). Spacings below so many times the noise are pointless.
-NOISE_FACTOR, COARSEST_NOISES = 0.4, 200.0
+#: and curves: .15 to .4).
+NOISE_FACTOR = 0.4
 
 
 def _cells_and_cure(geometry: CellGeometry, cure: str) -> tuple[str, str]:
@@ -82,7 +80,7 @@ def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
         yield (
             f"Closest points of this source are uncertain by about {source.noise:.2g}: points of one normal have other "
             f"feet. That leaves an error of about {NOISE_FACTOR * source.noise / spacing:.1g} of the range of u, and "
-            f"more at smaller spacings; take none below {rounded_up(COARSEST_NOISES * source.noise):g}, or {EXACTER}."
+            f"more at smaller spacings; take none below {rounded_up(200.0 * source.noise):g}, or {EXACTER}."
         )
 
 
@@ -176,7 +174,7 @@ def insertion_warnings(insertion: Insertion, names: Sequence[str], spacing: floa
                 "the same; one of them is enough."
             )
     for number, gap in insertion.max_distances.items():
-        if gap > OFF_SPACINGS * spacing:
+        if gap > 0.5 * spacing:
             yield (
                 f"Boundary {names[number]!r} lies up to {gap:.3g} off the surface, {gap / spacing:.2g} "
                 "spacings; it was snapped to the closest points."

@@ -15,19 +15,9 @@ from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.meshing.curved_from_normals import refine_smooth
 from cpmkit.meshing.mesh_cache import in_scene_coordinates, mesh_cache_of, repair_source_mesh
 
-#: Cells are flat if so many of their centres lie on the manifold up to this share of the size of the mesh.
-FLAT_PROBES, FLAT_SIZE_SHARE = 1024, 1e-9
-#: A source whose distance from its mesh is larger than this, in edge lengths, is meshed again with shorter edges.
-CURVED_EDGE_SHARE = 0.06
-#: Members of a union meet if their distance is below this share of their size; number of places and of projections.
-MEETING_SIZE_SHARE, MEETING_PLACES, MEETING_STEPS = 1e-6, 256, 50
-#: Triangles with an angle whose cosine is below this are blunt; a suitable mesh has a smaller share of them.
-BLUNT_COSINE, MOST_BLUNT_SHARE = -0.9, 0.01
 #: A mesh with more triangles than this on a square of its edge length costs more samples than it is worth: equal
 #: sides make 2.3, parameters of a sphere 3, of a figure eight bent to a Klein bottle 5, marching tetrahedra 8 and more.
 MOST_TRIANGLES_PER_SQUARE = 7.0
-#: The rim of the manifold is expected beyond the middle of an edge of one triangle, by this share of its length.
-BEYOND_RIM_EDGE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,13 +65,13 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     if mesh is None:
         return None
     height = _cached_height(source, mesh)
-    if height <= FLAT_SIZE_SHARE * box_size(mesh.vertices):
+    if height <= 1e-9 * box_size(mesh.vertices):
         if source.source.exact or m == 1 or not source.has_normals:
             return SourceCells(mesh, "flat")
         smooth = refine_smooth(repair_source_mesh(source, mesh)[0], source, length)
         return SourceCells(smooth, "normals", split=True)
     shortest = length if shortest is None else shortest
-    if height <= CURVED_EDGE_SHARE * length or length == shortest:
+    if height <= 0.06 * length or length == shortest:
         mesh = repair(mesh)[0]
         if is_suitable(source, mesh, length):
             return SourceCells(mesh, "closest_point")
@@ -103,7 +93,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
     corners = mesh.vertices[mesh.cells]
     after, before = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     cosine = dots(after, before) / (norms(after) * norms(before))
-    if (cosine.min(axis=1) < BLUNT_COSINE).mean() > MOST_BLUNT_SHARE:
+    if (cosine.min(axis=1) < -0.9).mean() > 0.01:
         return False
     area = 0.5 * float(norms(np.cross(after[:, 0], before[:, 0])).sum())
     if len(mesh.cells) * length**2 > MOST_TRIANGLES_PER_SQUARE * area:
@@ -112,7 +102,7 @@ def is_suitable(source: LocalSource, mesh: Mesh, length: float) -> bool:
     if not len(rim.rows):
         return True
     middle = mesh.vertices[mesh.edges.ends[rim.rows]].mean(axis=1)
-    beyond = source.closest_point(np.ascontiguousarray(middle + BEYOND_RIM_EDGE_SHARE * rim.outward))
+    beyond = source.closest_point(np.ascontiguousarray(middle + 0.5 * rim.outward))
     return bool((beyond.edge >= 0).all())
 
 
@@ -144,7 +134,7 @@ def _height(source: LocalSource, mesh: Mesh) -> float:
     has_own_cells = drawing.exact and isinstance(drawing, HasValues)
     if has_own_cells and np.array_equal(drawing.mesh(box_size(mesh.vertices))[1], mesh.cells):
         return 0.0
-    step = max(len(mesh.cells) // FLAT_PROBES, 1)
+    step = max(len(mesh.cells) // 1024, 1)
     centres = mesh.vertices[mesh.cells[::step]].mean(axis=1)
     return float(norms(source.closest_point(centres).points - centres).max())
 
@@ -173,10 +163,10 @@ def _meet(first: LocalSource, first_mesh: Mesh, second: LocalSource, second_mesh
     """Return whether two members of a union have points in common, by alternating projections from vertices."""
     size = max(box_size(first_mesh.vertices), box_size(second_mesh.vertices))
     x = first_mesh.vertices
-    x = x[np.argsort(norms(second.closest_point(x).points - x))[:MEETING_PLACES]]
-    for _ in range(MEETING_STEPS):
+    x = x[np.argsort(norms(second.closest_point(x).points - x))[:256]]
+    for _ in range(50):
         y = second.closest_point(x).points
-        if norms(y - x).min() <= MEETING_SIZE_SHARE * size:
+        if norms(y - x).min() <= 1e-6 * size:
             return True
         x = first.closest_point(y).points
     return False

@@ -9,8 +9,8 @@ import numpy as np
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.meshing.contouring.contour_edges import component_areas, edge_table, halve_edges, open_edges
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes
+from cpmkit.meshing.contouring.contour_repair import crowded_edges
 from cpmkit.meshing.contouring.contour_rims import RimTest, edges_on_rim
-from cpmkit.meshing.contouring.nonmanifold_edges import crowded_edges
 from cpmkit.types import Bools, Floats, Ints
 
 #: The weight in ``severity`` of a component gained or lost, of a wrong area and of a missed part of the surface; that

@@ -1,25 +1,27 @@
-"""Repair of a dual triangulation away from rims: short edges, flaps and holes."""
+"""Repair of a dual triangulation away from rims: short edges, flaps, holes, and sheets that share edges.
+
+Edges of four triangles at which two sheets cross stay; at all others the sheets are separated.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
-from cpmkit.manifold.vector_algebra import norms
+from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_edges import (
     EdgeTable,
     collapse_edges,
     connected_groups,
     double_areas,
+    edge_ends,
     edge_table,
+    halve_edges,
     open_edges,
     shortest_at_both_ends,
 )
 from cpmkit.meshing.contouring.contour_rims import RimTest
 from cpmkit.types import Bools, Floats, Ints
-
-#: A limit on rounds of collapsing edges and of removing flaps; each round treats the result of the round before.
-MAX_ROUNDS = 20
 
 
 def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spacing: float) -> tuple[Floats, Ints]:
@@ -28,7 +30,7 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
     These are edges of three triangles or more that are shorter than .35 spacings, and the shortest edges of triangles
     without area beside edges of three or more. The remaining vertex is the closest point of the edge's middle.
     """
-    for _ in range(MAX_ROUNDS):
+    for _ in range(20):  # a limit; each round treats the result of the round before
         edges = edge_table(cells)
         length = norms(vertices[edges.ends[:, 1]] - vertices[edges.ends[:, 0]])
         is_short = (edges.count > 2) & (length < 0.35 * spacing)
@@ -63,7 +65,7 @@ def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     on_rim = np.zeros(len(edges.count), dtype=bool)
     known = np.zeros(len(edges.count), dtype=bool)
     alive = np.ones(len(cells), dtype=bool)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(20):  # a limit; each round treats the result of the round before
         border = open_edges(vertices, cells[alive], EdgeTable(edges.ends, edges.of_cells[alive], edges.count))
         border = border.take(~known[border.edge])
         on_rim[border.edge] = rims.of_edges(vertices, border)
@@ -128,3 +130,150 @@ def _order_loop(ends: Ints) -> Ints:
         first, second = neighbours[loop[-1]]
         loop.append(second if first == loop[-2] else first)
     return np.array(loop, dtype=np.int64)
+
+
+#: Sheets that cross at an edge make angles above this with each other, in degrees.
+CROSSING_ANGLE = 35.0
+
+
+def separate_sheets(source: LocalSource, vertices: Floats, cells: Ints) -> tuple[Floats, Ints]:
+    """Return vertices (v, 3) and triangles (m, 3), with sheets separated at edges of four triangles off crossings.
+
+    The four triangles are paired by the smaller angles between them; only the two of a pair keep common vertices.
+    Where both pairs stay connected another way around, the edge of one pair is halved.
+    """
+    for _ in range(6):  # each round treats the edges that the round before left or made
+        edges = edge_table(cells)
+        edge, order, gaps, crossing = _edges_of_four(source, vertices, cells, edges)
+        shifted = gaps[:, 0] + gaps[:, 2] > gaps[:, 1] + gaps[:, 3]
+        order = np.where(shifted[:, None], np.roll(order, -1, axis=1), order)
+        edge, pairs = edge[~crossing], order[~crossing].reshape(-1, 2, 2)
+        cells, copied = _split_vertices(cells, edges, edge, pairs)
+        vertices, cells = _halve_common_edges(source, vertices[copied], cells, pairs)
+        if not len(edge):
+            break
+    return vertices, cells
+
+
+def crowded_edges(source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable) -> Ints:
+    """Return the numbers (k,) of the edges of four triangles or more at which no two sheets cross."""
+    edge, _, _, crossing = _edges_of_four(source, vertices, cells, edges)
+    return np.setdiff1d(np.flatnonzero(edges.count > 3), edge[crossing])
+
+
+def _edges_of_four(
+    source: LocalSource, vertices: Floats, cells: Ints, edges: EdgeTable
+) -> tuple[Ints, Ints, Floats, Bools]:
+    """Return the edges of four triangles, the order of these, the angles between them, and whether sheets cross there.
+
+    Returns
+    -------
+    edge : (k,) int64
+    slots : (k, 4) int64
+        The slots, see :meth:`EdgeTable.slots_of`, of the triangles in their order around the edge.
+    gaps : (k, 4) float64
+        The angles between neighbouring triangles.
+    crossing : (k,) bool
+        Whether two sheets cross there.
+    """
+    edge = np.flatnonzero(edges.count == 4)
+    slots = edges.slots_of(edge, 4)
+    if not len(edge):
+        return edge, slots, np.zeros((0, 4)), np.zeros(0, dtype=bool)
+    angle, slots = _angles_around(vertices, cells, edges, edge, slots)
+    gaps = np.diff(angle, axis=1, append=angle[:, :1] + 2 * np.pi)
+    crossing = (gaps > np.radians(CROSSING_ANGLE)).all(axis=1)
+    crossing[crossing] = _reaches_apexes(source, vertices, cells, edges.ends[edge[crossing]], slots[crossing])
+    rest = np.flatnonzero(~crossing)
+    crossing[rest] = _continues_across(source, vertices, cells, edges.ends[edge[rest]], slots[rest])
+    return edge, slots, gaps, crossing
+
+
+def _angles_around(vertices: Floats, cells: Ints, edges: EdgeTable, edge: Ints, slots: Ints) -> tuple[Floats, Ints]:
+    """Return the ascending angles (k, 4) of the triangles around their edges, and the slots (k, 4) in that order."""
+    tail, head = vertices[edges.ends[edge]].transpose(1, 0, 2)
+    along = unit(head - tail)
+    outward = vertices[cells.ravel()[slots]] - tail[:, None]
+    outward = outward - dots(outward, along[:, None])[..., None] * along[:, None]
+    first = unit(outward[:, 0])[:, None]
+    angle = np.arctan2(dots(outward, np.cross(along, first[:, 0])[:, None]), dots(outward, first)) % (2 * np.pi)
+    order = np.argsort(angle, axis=1)
+    return np.take_along_axis(angle, order, axis=1), np.take_along_axis(slots, order, axis=1)
+
+
+def _reaches_apexes(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
+    """Return for each edge (k,) whether the surface continues from it towards the apexes of all four triangles.
+
+    ``ends`` (k, 2) are the vertices of the edges, ``slots`` (k, 4) their triangles.
+    """
+    middle = vertices[ends].mean(axis=1)[:, None]
+    towards = vertices[cells.ravel()[slots]] - middle
+    points = (middle + 0.3 * towards).reshape(-1, 3)
+    off = norms(source.closest_point(points).points - points).reshape(-1, 4)
+    return np.asarray((off <= 0.04 * norms(towards)).all(axis=1))
+
+
+def _continues_across(source: LocalSource, vertices: Floats, cells: Ints, ends: Ints, slots: Ints) -> Bools:
+    """Return for each edge (k,) whether the surface continues all four triangles straight across it, in two sheets.
+
+    ``ends`` (k, 2) are the vertices of the edges, ``slots`` (k, 4) their triangles.
+    """
+    if not len(ends):
+        return np.zeros(0, dtype=bool)
+    middle = vertices[ends].mean(axis=1)[:, None]
+    along = unit(np.diff(vertices[ends], axis=1)[:, 0])[:, None]
+    outward = vertices[cells.ravel()[slots]] - middle
+    outward = outward - dots(outward, along)[..., None] * along
+    length = norms(outward).max(axis=1)[:, None]
+    outward = unit(outward.reshape(-1, 3)).reshape(-1, 4, 3)
+    both_ways = np.stack([outward, -outward], axis=2)
+    points = (middle[:, :, None] + length[..., None, None] * both_ways).reshape(-1, 3)
+    off = norms(source.closest_point(points).points - points).reshape(-1, 8)
+    two_sheets = norms(np.cross(outward, outward[:, :1])).max(axis=1) > np.sin(np.radians(CROSSING_ANGLE))
+    return np.asarray(two_sheets & (off <= 0.2 * length).all(axis=1))
+
+
+def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints) -> tuple[Ints, Ints]:
+    """Return the triangles (m, 3) with a separate vertex for each fan, and the old vertex (v,) of each new vertex.
+
+    A fan is a set of triangles at a vertex that are connected across edges.
+
+    Parameters
+    ----------
+    cells : (m, 3) int64
+    edges : EdgeTable
+    separated : (k,) int64
+        Edges across which only the triangles of a pair are in one fan; across other edges all triangles are.
+    pairs : (k, 2, 2) int64
+        The slots of the two pairs of each of these edges.
+    """
+    slots = np.argsort(edges.of_cells.ravel(), kind="stable")
+    same = np.flatnonzero(np.diff(edges.of_cells.ravel()[slots]) == 0)
+    same = same[~np.isin(edges.of_cells.ravel()[slots[same]], separated)]
+    first, second = (np.concatenate([slots[same + k], pairs[:, :, k].ravel()]) for k in range(2))
+    links = []
+    for step in (1, 2):  # the corners at either end of a shared edge
+        corner = first // 3 * 3 + (first + step) % 3
+        matches = [second // 3 * 3 + (second + k) % 3 for k in (1, 2)]
+        is_same = cells.ravel()[corner] == cells.ravel()[matches[0]]
+        links.append((corner, np.where(is_same, matches[0], matches[1])))
+    rows, columns = (np.concatenate(ends) for ends in zip(*links, strict=True))
+    count, fan = connected_groups(rows, columns, cells.size)
+    copied = np.empty(count, dtype=np.int64)
+    copied[fan] = cells.ravel()
+    return fan.reshape(-1, 3), copied
+
+
+def _halve_common_edges(source: LocalSource, vertices: Floats, cells: Ints, pairs: Ints) -> tuple[Floats, Ints]:
+    """Return vertices and triangles, with the edge of the second of each two ``pairs`` halved if both still share it.
+
+    ``pairs`` (k, 2, 2) are the slots of the triangles of both pairs.
+    """
+    ends = [np.sort(edge_ends(cells, pairs[:, k, 0]), axis=1) for k in range(2)]
+    split = pairs[np.flatnonzero((ends[0] == ends[1]).all(axis=1)), 1]
+    touched, times = np.unique(split.ravel() // 3, return_counts=True)
+    split = split[np.isin(split // 3, touched[times == 1]).all(axis=1)]
+    middle = vertices[edge_ends(cells, split[:, 0])].mean(axis=1)
+    new = len(vertices) + np.arange(len(split))
+    vertices = np.concatenate([vertices, source.closest_point(middle).points])
+    return vertices, halve_edges(cells, split.ravel(), np.repeat(new, 2))

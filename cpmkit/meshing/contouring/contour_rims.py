@@ -8,7 +8,6 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.connectedness import CREASE_SHARE
 from cpmkit.meshing.contouring.contour_edges import (
     OpenEdges,
     collapse_edges,
@@ -17,12 +16,11 @@ from cpmkit.meshing.contouring.contour_edges import (
     open_edges,
     shortest_at_both_ends,
 )
+from cpmkit.meshing.curved_from_points import limit_height
 from cpmkit.types import Bools, Floats, Ints
 
 #: Beyond a rim the closest point stays the same, up to this share of the distance by which the query is moved.
 RIM_STAYS = 0.2
-#: Triangles of two neighbours beside a rim fold over if their directions from the common edge have a larger cosine.
-FOLD_COSINE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,7 +163,7 @@ def _folded_pairs(vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Ints, I
     along = unit(head - tail)
     sides = [vertices[cells.ravel()[pair[:, k]]] - tail for k in range(2)]
     sides = [unit(side - dots(side, along)[:, None] * along) for side in sides]
-    folded = np.flatnonzero(dots(sides[0], sides[1]) > FOLD_COSINE)
+    folded = np.flatnonzero(dots(sides[0], sides[1]) > 0.8)
     return pair[folded, 0] // 3, pair[folded, 1] // 3
 
 
@@ -221,6 +219,4 @@ def edge_midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) 
     normals = border.normals(vertices)[rows]
     projected, hits = rims.project(middles[rim], border.conormals[rows], normals, 0.25 * length[rim])
     midpoints[rim[hits]] = projected[hits]
-    creased = norms(midpoints - middles) > CREASE_SHARE * length
-    midpoints[creased] = middles[creased]
-    return np.asarray(midpoints[edges.of_cells])
+    return np.asarray(limit_height(midpoints, middles, length)[edges.of_cells])

@@ -18,10 +18,6 @@ from cpmkit.types import Floats, Ints
 #: Steps of a trace in spacings of the form's, and the shift of the cells whose closest points it starts from, in
 #: spacings. They are tried in turn until no defect is left.
 LATTICES = ((0.5, 0.1723), (0.3, 0.1723), (0.2, 0.4142), (0.12, 0.3371), (0.05, 0.0911))
-#: Points of the curve farther than this, in spacings, from all segments are missed by the graph.
-MISSED_DISTANCE = 0.002
-#: A segment is covered twice if its middle is nearer to another segment's inside than this, in spacings.
-DOUBLE_DISTANCE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,10 +131,10 @@ def trace_defects(graph: CurveGraph, points: Floats, spacing: float, noise: floa
     on_curve = graph.midpoints_on_curve
     starts, stops = np.concatenate([a, on_curve]), np.concatenate([on_curve, b])
     length, height = norms(b - a), np.tile(norms(on_curve - 0.5 * (a + b)), 2)
-    reach = max(MISSED_DISTANCE * spacing, 6.0 * noise)
+    reach = max(0.002 * spacing, 6.0 * noise)
     missed = points[_distances_from_chords(points, starts, stops, 20 * reach, height=0.5 * height) > reach]
     long = np.flatnonzero(length > 0.08 * spacing)  # shorter segments are nearer to others than they are long
-    reach = DOUBLE_DISTANCE * spacing
+    reach = 0.02 * spacing
     owners = long, np.tile(np.arange(len(a)), 2)
     is_double = _distances_from_chords(on_curve[long], starts, stops, reach, owners) < np.minimum(
         reach, 0.1 * length[long]

@@ -24,7 +24,7 @@ from cpmkit.meshing.contouring.contour_edges import (
     remove_isolated_components,
 )
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
-from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps
+from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps, separate_sheets
 from cpmkit.meshing.contouring.contour_rims import (
     RimTest,
     edge_midpoints,
@@ -35,7 +35,6 @@ from cpmkit.meshing.contouring.contour_rims import (
 )
 from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
-from cpmkit.meshing.contouring.nonmanifold_edges import separate_sheets
 from cpmkit.types import Bools, Floats, Ints
 
 #: Contouring's lattices: spacing in spacings of the form's, and shift in spacings of their own. They are tried in turn

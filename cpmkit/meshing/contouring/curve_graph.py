@@ -8,9 +8,9 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
-from cpmkit.meshing.contouring.connectedness import CREASE_SHARE
 from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.meshing.contouring.curve_tracing import CurveTracer
+from cpmkit.meshing.curved_from_points import limit_height
 from cpmkit.types import Bools, Floats, Ints
 
 #: Segments whose chords come nearer than this, in steps, may cross.
@@ -42,9 +42,7 @@ class CurveGraph:
     def midpoints(self) -> Floats:
         """(s, d) midpoints of the segments on the curve, or on the chord for a segment across a corner."""
         a, b = self.vertices[self.segments].transpose(1, 0, 2)
-        middle = 0.5 * (a + b)
-        has_corner = norms(self.midpoints_on_curve - middle) > CREASE_SHARE * norms(b - a)
-        return np.asarray(np.where(has_corner[:, None], middle, self.midpoints_on_curve))
+        return limit_height(self.midpoints_on_curve, 0.5 * (a + b), norms(b - a))
 
 
 def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:

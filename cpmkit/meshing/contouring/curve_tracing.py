@@ -15,12 +15,8 @@ from cpmkit.types import Bools, Floats, Ints
 LEAST_STEP = 0.5
 #: After a corner a curve continues where it is farther than this share of a step from its part before the corner.
 LEAST_TURN = 0.2
-#: Number of neighbours along a trace that do not count as met again: the trace turned there.
-RECENT_POINTS = 6
 #: Points of a trace nearer to a step's end than this share of a step are met by it.
 MET_SHARE = 0.7
-#: Points farther from the line of a step than this share of it lie on another strand.
-MET_OFFSET = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,13 +176,13 @@ class CurveTracer:
         """
         off = others - points
         off = off - dots(off, directions)[:, None] * directions
-        is_close = norms(off) < (MET_OFFSET + 0.5 * bend) * self.step + 6.0 * self.source.noise
+        is_close = norms(off) < (0.03 + 0.5 * bend) * self.step + 6.0 * self.source.noise
         return np.asarray(is_close & (np.abs(dots(directions, their_directions)) > 0.8))
 
     def _are_recent(self, first: Ints, second: Ints) -> Bools:
         """Return which pairs of points (k,), (k,) are neighbours along one trace."""
         same = self.piece[first] == self.piece[second]
-        return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < RECENT_POINTS))
+        return np.asarray(same & (np.abs(self.place[first] - self.place[second]) < 6))
 
     def _partners(self, last: Ints, target: Floats, direction: Floats, bend: Floats, turned: Bools) -> Ints:
         """Return for each end the number (f,) of an earlier end that steps to the same place, -1 if there is none."""

@@ -32,9 +32,6 @@ from cpmkit.meshing.insertion.surface_matching import TriangleSearch
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 from cpmkit.types import Floats, Ints
 
-#: Length, in spacings, by which curves are extended past their tips.
-EXTENSION_SPACINGS = 3.0
-
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
@@ -103,7 +100,7 @@ def insert_boundaries(
         for line in polylines[number]:
             farthest[number] = max(farthest[number], insert_curve(finder, line, counts))
     join_stray_tips(finder, counts)
-    extend_tips(finder, EXTENSION_SPACINGS * spacing, counts)
+    extend_tips(finder, 3.0 * spacing, counts)
     edges = list(constrained.edges.values())
     cut = replace(
         net.mesh(mesh.dim),

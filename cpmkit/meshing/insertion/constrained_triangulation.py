@@ -28,8 +28,6 @@ MOVABLE_SNAP_SHARE = 0.02
 OTHER_SNAP_SHARE = 1e-7
 #: The same for edges on a rim.
 RIM_SNAP_SHARE = 0.02
-#: A boundary that coincides with an earlier boundary is put on that boundary's edges within this share of L.
-COINCIDENT_SHARE = 0.1
 
 
 class BoundaryEdge(NamedTuple):
@@ -104,7 +102,7 @@ class ConstrainedTriangulation:
         """
         net, size = self.triangulation, self.triangulation.sizes[root]
         gaps = {}
-        for a, b in self.edges_within([self._part_with(root, place)], place, COINCIDENT_SHARE * size):
+        for a, b in self.edges_within([self._part_with(root, place)], place, 0.1 * size):
             edge = self.edges.get(edge_key(a, b))
             if edge is not None and edge.owner == owner:
                 share = nearest_share(place, net.at(a), net.at(b))

@@ -20,20 +20,14 @@ from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearc
 from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
 from cpmkit.types import Bools, Floats, Ints
 
-#: A curve is simplified as far as it stays within this share of the local edge length L.
-SIMPLIFY_SHARE = 0.01
-#: Its pieces are at most this long, in L.
-LONGEST_PIECE = 2.0
 #: A point is past a rim if its offset from the rim along the surface is above this share of L.
 PAST_RIM_SHARE = 0.02
-#: A curve between two points on the rim runs along the rim if it stays within this share of L of the rim.
-ALONG_RIM_SHARE = 0.15
 
 
 def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, owner: int) -> SimplifiedCurve:
     """Return ``line``, on the curve ``source`` of the boundary ``owner``, with as few points as its shape allows."""
     points = np.concatenate([line.points, line.points[:1]]) if line.closed else line.points
-    rows = simplify_polyline(points, SIMPLIFY_SHARE * search.local_size(points))
+    rows = simplify_polyline(points, 0.01 * search.local_size(points))
     return SimplifiedCurve.of(points[rows[:-1] if line.closed else rows], line.closed, source, owner)
 
 
@@ -91,7 +85,7 @@ def refine_curve(
     size = search.local_size(points)
     while True:
         chord = np.linalg.norm(np.diff(points, axis=0), axis=1)
-        long = np.flatnonzero(chord > LONGEST_PIECE * np.minimum(size[:-1], size[1:]))
+        long = np.flatnonzero(chord > 2.0 * np.minimum(size[:-1], size[1:]))
         if not len(long):
             whole = slice(len(points) - curve.closed)
             rows = np.flatnonzero(original_rows[whole] >= 0)
@@ -216,15 +210,15 @@ def _rim_offsets(triangulation: SplitTriangulation, points: Floats, projections:
 def _past_rim(offsets: Floats, closed: bool) -> Bools:
     """Return which points (n,) lie past a rim, given their ``offsets`` (n,) from :func:`_rim_offsets`.
 
-    A stretch that stays close to the rim between two points on it, or a whole curve close to a rim, counts as on the
-    surface.
+    A stretch within .15 local edge lengths of the rim between two points on it, or a whole curve that close to a rim,
+    counts as on the surface.
     """
     off = offsets > PAST_RIM_SHARE
     start = int((~off).argmax()) if closed else 0
     off, offsets = np.roll(off, -start), np.roll(offsets, -start)
     for first, last in _stretches(off):
         ends = (first == 0) + (last == len(off))
-        if offsets[first:last].max() < ALONG_RIM_SHARE and (closed or ends != 1):
+        if offsets[first:last].max() < 0.15 and (closed or ends != 1):
             off[first:last] = False
     return np.roll(off, start)
 

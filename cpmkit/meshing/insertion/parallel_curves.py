@@ -19,8 +19,6 @@ from cpmkit.types import Bools, Floats, Ints
 
 #: A boundary lies on an earlier boundary where their distance is below this share of the spacing.
 SAME_SHARE = 1e-8
-#: Boundaries nearer to each other than this share of the spacing, but not on each other, get points beside each other.
-CLOSE_SHARE = 0.05
 #: Points on each segment of a polyline at which its distance from other boundaries is measured.
 SEGMENT_POINTS = 4
 #: A new point nearer than this share of the spacing to a point of the curve is replaced by that point.
@@ -96,7 +94,7 @@ def is_close_to_others(points: Floats, others: Sequence[LocalSource], spacing: f
 def _are_close(off: Floats, spacing: float) -> Bools:
     """Return which offsets (n, d) from another curve are short but not zero: the curves nearly coincide there."""
     distance = norms(off)
-    return np.asarray((distance > SAME_SHARE * spacing) & (distance < CLOSE_SHARE * spacing))
+    return np.asarray((distance > SAME_SHARE * spacing) & (distance < 0.05 * spacing))
 
 
 def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: float) -> Iterable[int]:

@@ -14,9 +14,6 @@ from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, distance
 from cpmkit.types import Bools, Floats, Ints
 
-#: Number of points projected at a time; it bounds temporary memory.
-BLOCK_SIZE = 20_000
-
 
 @dataclass(frozen=True, eq=False)
 class Projections:
@@ -105,28 +102,21 @@ class TriangleSearch:
 
         L is the local edge length, see ``sizes``.
         """
-        blocks = range(0, len(points), BLOCK_SIZE)
-        return Projections.concatenate([self._candidates_of_block(points, start) for start in blocks])
-
-    def nearest(self, points: Floats) -> Projections:
-        """Return the nearest projection of each of ``points`` (n, 3)."""
-        projections = self.candidates(points)
-        return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
-
-    def _candidates_of_block(self, points: Floats, start: int) -> Projections:
-        """Return the candidates, see :meth:`candidates`, of the ``BLOCK_SIZE`` points from row ``start`` on."""
-        block = points[start : start + BLOCK_SIZE]
-        size, reach = self._nearest_centroid(block)
-        point, cell = self._pairs_within(block, size + reach)
-        shares = nearest_barycentric(block[point], self.mesh.vertices[self.mesh.cells[cell]])
-        away = norms(block[point] - np.einsum("nk,nkd->nd", shares, self.mesh.vertices[self.mesh.cells[cell]]))
+        size, reach = self._nearest_centroid(points)
+        point, cell = self._pairs_within(points, size + reach)
+        shares = nearest_barycentric(points[point], self.mesh.vertices[self.mesh.cells[cell]])
+        away = norms(points[point] - np.einsum("nk,nkd->nd", shares, self.mesh.vertices[self.mesh.cells[cell]]))
         order = np.lexsort((cell, away, point))
         projections = Projections(point, cell, shares, away).take(order)
         first = np.flatnonzero(np.diff(projections.point, prepend=-1))
         least = np.repeat(projections.distance[first], np.diff(np.append(first, len(order))))
         projections = projections.take(projections.distance <= least + size[projections.point])
-        projections = projections.take(self._are_local_minima(projections))
-        return Projections(projections.point + start, projections.cell, projections.shares, projections.distance)
+        return projections.take(self._are_local_minima(projections))
+
+    def nearest(self, points: Floats) -> Projections:
+        """Return the nearest projection of each of ``points`` (n, 3)."""
+        projections = self.candidates(points)
+        return projections.take(np.flatnonzero(np.diff(projections.point, prepend=-1)))
 
     def _pairs_within(self, points: Floats, reach: Floats) -> tuple[Ints, Ints]:
         """Return the points (p,) and the triangles (p,) of all pairs that may be within the point's ``reach`` (n,)."""
