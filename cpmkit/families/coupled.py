@@ -15,7 +15,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from cpmkit.forms.contract import Discretized, require
 from cpmkit.forms.free_constants import Imbalance, balanced_solution
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator
+from cpmkit.linear.operators import Bordered, ComplexShift, CsrOperator, as_bordered
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
 from cpmkit.scene.compound_equations import Biharmonic, Coupled
@@ -35,12 +35,6 @@ from cpmkit.types import Floats, Sides
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
-
-
-#: Largest asymmetry of a symmetric C, as a share of its largest entry: rounding.
-SYMMETRIC_SHARE = 1e-12
-#: Largest |C v| for a constant v to be free, as a share of the largest |C v| of any v: rounding of squares.
-FREE_SHARE = 1e-7
 
 
 def solve_coupled(context: SolveContext) -> SolutionRecord:
@@ -53,8 +47,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
     ConvergenceError
         If the solver does not reach the tolerance.
     """
-    form, problem = context.discretized, context.scene.problem
-    assert isinstance(problem, Coupled)
+    form, problem = context.discretized, cast("Coupled", context.scene.problem)
     require(form, "coupled channels")
     form.check(context.solver_name)
     coupling, channels = _coupling_at_points(problem, form), form.scene.channels
@@ -107,7 +100,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
         C = coupling[on_piece]
         squares = np.einsum("pij,pik->jk", C, C)  # v' (sum of C'C) v is the sum of |C v|^2
         sizes, combinations = np.linalg.eigh(squares)
-        if sizes[0] <= FREE_SHARE**2 * sizes[-1]:
+        if sizes[0] <= 1e-14 * sizes[-1]:  # rounding
             near = ", ".join(f"{coordinate:.4g}" for coordinate in form.points[on_piece].mean(axis=0))
             constant = ", ".join(f"{entry:.3g}" for entry in combinations[:, 0])
             raise SceneError(
@@ -125,7 +118,7 @@ def coupled_operator(stiffness: Stiffness, form: Discretized, coupling: Floats) 
     blocks = np.multiply.outer(single.data, np.eye(channels))
     matrix = bsr_array((blocks, single.indices, single.indptr)).tocsr()
     asymmetry = np.abs(coupling - coupling.transpose(0, 2, 1)).max(initial=0.0)
-    symmetric = asymmetry <= SYMMETRIC_SHARE * np.abs(coupling).max(initial=0.0)
+    symmetric = asymmetry <= 1e-12 * np.abs(coupling).max(initial=0.0)
     masses: dict[tuple[int, int], csr_array] = {}
     for i in range(channels):
         for j in range(channels):
@@ -191,8 +184,7 @@ def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     ConvergenceError
         If the solver does not reach the tolerance.
     """
-    problem, form = context.scene.problem, context.discretized
-    assert isinstance(problem, Biharmonic)
+    problem, form = cast("Biharmonic", context.scene.problem), context.discretized
     require(form, "second Laplacian")
     form.check(context.solver_name)
     if problem.c and context.solver_name not in ("direct", "multigrid", "reference"):
@@ -236,13 +228,13 @@ def _solve_in_turn(context: SolveContext, stiffness: Stiffness, c: float, r: Flo
     del c  # is zero
     form = context.discretized
     system = context.cache.get(("pair", 0.0), _prepare_laplacian, context, stiffness)
-    operator, imbalances = system.operator, tuple[Imbalance, ...]()
+    bordered, imbalances = as_bordered(system.operator), tuple[Imbalance, ...]()
     v, first = system.solve(q, context.tolerance, progress=context.progress)
-    if isinstance(operator, Bordered):
-        v, imbalances = balanced_solution(operator, q, v, form)
+    if bordered is not None:
+        v, imbalances = balanced_solution(bordered, q, v, form)
     u, second = system.solve(r + _times_mass(form, v), context.tolerance, progress=context.progress)
-    if isinstance(operator, Bordered):
-        u, v = _with_mean_of_laplacian(operator, form, u, v)
+    if bordered is not None:
+        u, v = _with_mean_of_laplacian(bordered, form, u, v)
     return u, v, _combined_report(first, second), imbalances
 
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass, fields, replace
+from typing import Any, ClassVar, cast
 
 import numpy as np
 
@@ -86,14 +86,17 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     ConvergenceError
         If the steps do not converge.
     """
-    form, problem = context.discretized, context.scene.problem
-    assert isinstance(problem, QuasilinearEquation)
+    form, problem = context.discretized, cast("QuasilinearEquation", context.scene.problem)
     require(form, "diffusivity that depends on u")
     if context.scene.channels > 1:
         raise SceneError(f"a diffusivity that depends on u takes one channel, the scene has {context.scene.channels}.")
     form.check(context.solver_name)
     terms = problem.terms()
-    u = _first_iterate(context, problem, terms)
+    u = context.guess
+    if u is None and problem.initial_guess is not None:
+        u = form.interpolate(problem.initial_guess, "the data")
+    if u is None:
+        u = _solve_linear(context, replace(terms, diffusivity=1.0)).values
     penalty_scale = None
     if problem.uniform_penalty:  # the geometric mean of the diffusivity
         a = problem.diffusivity_of_u.at(form.at_points(u)[:, 0], form.gradient(u)[:, 0], form.points.copy())
@@ -108,16 +111,8 @@ def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     last = _solve_linear(context, steps.frozen_terms(u), u)
     name = "Newton's method" if problem.method == "newton" else "The lagged diffusivity"
     total = _in_total(context, last, [*(report for _, report in taken), last.report], name, len(taken))
-    return QuasilinearRecord(
-        form,
-        total.values,
-        total.report,
-        total.work,
-        total.seconds,
-        warnings=total.warnings,
-        imbalances=total.imbalances,
-        history=tuple(record for record, _ in taken),
-    )
+    values = {member.name: getattr(total, member.name) for member in fields(total)}
+    return QuasilinearRecord(**values, history=tuple(record for record, _ in taken))
 
 
 def _in_total(
@@ -139,16 +134,6 @@ def _in_total(
     return replace(last, discretized=context.discretized, report=report, work=work, seconds=seconds)
 
 
-def _first_iterate(context: SolveContext, problem: QuasilinearEquation, terms: Terms) -> Floats:
-    """Return the first iterate (n, 1): the guess, the equation's initial guess, or the solution with diffusivity 1."""
-    form, data = context.discretized, problem.initial_guess
-    if context.guess is not None:
-        return context.guess
-    if data is not None:
-        return form.interpolate(data, "the data")
-    return _solve_linear(context, replace(terms, diffusivity=1.0)).values
-
-
 def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = None) -> SolutionRecord:
     """Return the solution of the linear steady problem with ``terms``, from the initial guess ``guess`` (n, 1)."""
     scene = replace(context.scene, problem=_FrozenEquation(terms))
@@ -166,12 +151,14 @@ def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Ste
     ConvergenceError
         If no step up to the largest number of steps changes u so little.
     """
-    method, state = problem.method, steps.state(u)
+    method, state, form = problem.method, steps.state(u), steps.context.discretized
     step = steps.newton_step if method == "newton" else steps.lagged_step
     for _ in range(MOST_STEPS[method]):
-        before = state.u
+        old = form.at_points(state.u)
         state, report = step(state)
-        record = _step_record(steps, problem, before, state)
+        new = form.at_points(state.u)
+        size = float(np.ptp(new) + 1e-5 * np.abs(new).max(initial=0.0)) or 1.0
+        record = StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
         taken.append((record, report))
         if record.change <= share:
             return state.u
@@ -182,14 +169,6 @@ def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Ste
         "of a problem that is nearer to a linear one (guess of Prepared.solve).",
         report,
     )
-
-
-def _step_record(steps: Steps, problem: QuasilinearEquation, before: Floats, state: State) -> StepRecord:
-    """Return the record of the step from the iterate ``before`` (n, 1) to ``state``."""
-    form = steps.context.discretized
-    old, new = form.at_points(before), form.at_points(state.u)
-    size = float(np.ptp(new) + 1e-5 * np.abs(new).max(initial=0.0)) or 1.0
-    return StepRecord(float(np.abs(new - old).max(initial=0.0)) / size, _energy(steps, problem, state))
 
 
 def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float | None:

@@ -21,15 +21,6 @@ from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Floats
 
-#: Relative residual to which the linear system of a step is solved; the next step corrects the error.
-STEP_TOLERANCE = 1e-6
-#: A step is halved until it reduces the residual by at least this share times its length; the shortest length.
-LEAST_FALL, SHORTEST_STEP = 0.1, 2.0**-12
-#: Largest change of u that is regarded as rounding, as a share of u.
-ROUNDING_CHANGE = 1e-11
-#: Number of products after which GMRES restarts.
-RESTART = 40
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -126,14 +117,14 @@ class Steps:
         weights = 1 / np.abs(tangent.diagonal)
         before, length = _size(state.residual, weights), 1.0
         refusal: InputError | None = None
-        while length >= SHORTEST_STEP:
+        while length >= 2.0**-12:  # it is halved until the residual falls by at least a tenth of that share
             try:
                 trial = self.state(state.u + length * change)
             except InputError as error:  # the diffusivity is not positive there
                 refusal, length = error, length / 2
                 continue
-            falls = _size(trial.residual, weights) <= (1 - LEAST_FALL * length) * before
-            if falls or float(np.abs(change).max()) <= ROUNDING_CHANGE * float(np.abs(state.u).max()):
+            falls = _size(trial.residual, weights) <= (1 - 0.1 * length) * before
+            if falls or float(np.abs(change).max()) <= 1e-11 * float(np.abs(state.u).max()):  # rounding
                 return trial, report
             length /= 2
         raise ConvergenceError(
@@ -152,7 +143,7 @@ class Steps:
         context, border = self.context, state.border
         operator: Operator = tangent if border is None else Bordered(tangent, border)
         prepared = context.prepare(operator)
-        tolerance = max(context.tolerance, STEP_TOLERANCE)
+        tolerance = max(context.tolerance, 1e-6)  # the next step corrects the error
 
         def without_means(u: Floats) -> Floats:
             return u if border is None else border.remove_means(u)[0]
@@ -171,7 +162,7 @@ class Steps:
 
         n = len(start)
         solution, failed = gmres(
-            LinearOperator((n, n), matvec=product), start.ravel(), rtol=100 * tolerance, restart=RESTART, maxiter=2
+            LinearOperator((n, n), matvec=product), start.ravel(), rtol=100 * tolerance, restart=40, maxiter=2
         )
         return (start if failed else solution.reshape(-1, 1)), report
 

@@ -11,7 +11,7 @@ import numpy as np
 from cpmkit.errors import ConvergenceError, ResolutionError
 from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, with_border
 from cpmkit.forms.contract import Discretized
-from cpmkit.linear.operators import Bordered, LinearSystem
+from cpmkit.linear.operators import LinearSystem
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
 from cpmkit.linear.protocols import PreparedSolver, Stiffness
 from cpmkit.linear.residuals import SolveReport
@@ -24,11 +24,6 @@ from cpmkit.types import Floats
 
 #: Relative residual of the solves that find the distance to an eigenvalue.
 ROUGH_RESIDUAL = 1e-3
-#: Steps of inverse iteration for the eigenvalue nearest to zero, and number of plane waves from which it starts: they
-#: contain each mode of about their wavelength; after three steps the nearest mode is the largest part where it matters.
-INVERSE_STEPS, PLANE_WAVES = 3, 6
-#: Number of points at which the wavenumber of a mode and the diffusivity are computed.
-MODE_POINTS = 500
 
 
 def assemble(form: Discretized) -> LinearSystem:
@@ -71,7 +66,7 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
     values, report = _solve_system(context, system, b)
     u, imbalances = form.remove_constants(system.operator, b, values)
     resonant, resonance = nearest_resonance(context, system.solver, u)
-    small_c = () if isinstance(system.operator, Bordered) else system.constants.cancellation_warnings(b, values)
+    small_c = system.constants.cancellation_warnings(b, values) if system.operator is stiffness else ()
     unbalanced = [text for defect in imbalances for text in (*defect.warnings, *defect.nothing_given)]
     return SolutionRecord(
         values=u,
@@ -174,7 +169,7 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
 
     try:
         b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
-        for _ in range(INVERSE_STEPS):
+        for _ in range(3):  # then the nearest mode is the largest part where it matters
             mode, _ = solver.solve(b, tolerance)
             size = float(np.sum(mode * times_mass(mode)))
             gap = float(np.sum(mode * b)) / size
@@ -185,7 +180,7 @@ def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) 
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be determined: the "
             "solver did not converge on it."
         ], None
-    a = mean_diffusivity(terms.diffusivity, form.some_points(MODE_POINTS)[1])
+    a = mean_diffusivity(terms.diffusivity, form.some_points(500)[1])
     resonance = _resonance(form, gap / a, square or _squared_wavenumber_of(form, mode), gap * step, u)
     if not resonance.is_undetermined:
         return [], resonance
@@ -213,7 +208,7 @@ def _resonance(form: Discretized, gap: float, square: float, part: Floats, u: Fl
 
 
 def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
-    """Return a sum of plane waves in random directions, as a function of points (n, d) with equal channels.
+    """Return a sum of six plane waves in random directions, as a function of points (n, d) with equal channels.
 
     Their wavelength is that of the equation, but at most twice the size of the manifold.
     """
@@ -221,7 +216,7 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
     own = float(np.sqrt(squared_wavenumber(form.scene.problem.terms())))
     k = max(own, np.pi / float(np.ptp(bounds, axis=0).max()))
     rng = np.random.default_rng(0)
-    directions, phases = rng.normal(size=(PLANE_WAVES, bounds.shape[1])), rng.uniform(0, 2 * np.pi, PLANE_WAVES)
+    directions, phases = rng.normal(size=(6, bounds.shape[1])), rng.uniform(0, 2 * np.pi, 6)
     directions *= k / np.linalg.norm(directions, axis=1)[:, None]
 
     def waves(points: Floats) -> Floats:
@@ -233,6 +228,6 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
 
 def _squared_wavenumber_of(form: Discretized, mode: Floats) -> float:
     """Return the squared wavenumber of a ``mode`` (n, 1): the mean of |grad u|^2 over the mean of u^2."""
-    rows, points = form.some_points(MODE_POINTS)
+    rows, points = form.some_points(500)
     values, slopes = form.at_points(mode, rows), form.gradient(mode, points)
     return float(np.sum(slopes**2) / np.sum(values**2))

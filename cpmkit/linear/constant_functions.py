@@ -79,12 +79,6 @@ class RowGroups:
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
 
-#: Constants are separated where at most this share of b remains; otherwise the residual relative to b differs little.
-MAX_REMAINING_SHARE = 0.5
-#: A sum of b below this share of the sum of its absolute values may consist of quadrature error only.
-CANCELLING_SHARE = 1e-6
-#: ``K' A K`` below this share of ``K' |diag A| K`` has lost most of its digits by cancellation.
-CANCELLED_SHARE = 1e-12
 #: A remainder below this share of b is rounding, and is not solved for.
 ROUNDING_SHARE = 4 * np.finfo(float).eps
 
@@ -143,12 +137,13 @@ class ConstantFunctions:
             As ``prepared.solve`` does.
         """
         each, at = self.pieces, self.pieces.at
-        exponent = _exponent(each.largest(b))  # by powers of two, so that squares of b neither overflow nor vanish
+        # By powers of two, so that squares of b neither overflow nor vanish.
+        exponent = np.clip(np.frexp(each.largest(b))[1], -1000, 1000)
         b = b * at(_powers(-exponent))
         size = each.norms(b)
         shares, rest = self._separate(b)
         remaining = each.norms(rest)
-        whole = remaining > MAX_REMAINING_SHARE * size
+        whole = remaining > 0.5 * size  # then the residual relative to b differs little
         shares = np.where(whole[:, None], 0.0, shares)
         rest = np.where(at(whole), b, rest)
         remaining = np.where(whole, size, remaining)
@@ -160,7 +155,8 @@ class ConstantFunctions:
         unit = _powers(-level)  # residuals have about the same weight in each component
         rest = np.where(at(unsolved), rest * at(unit), 0.0)
         some = unsolved.any(axis=0)
-        reached = (_norms(allowed * unit)[some] / _norms(remaining * unit * unsolved)[some]).min(initial=1.0)
+        sizes = (np.linalg.norm(part * unit, axis=0)[some] for part in (allowed, remaining * unsolved))
+        reached = np.divide(*sizes).min(initial=1.0)
         reached = max(tolerance, float(reached)) if some.any() else tolerance
         start = None
         if guess is not None:
@@ -196,8 +192,8 @@ class ConstantFunctions:
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
         denominators = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(denominators), out=np.zeros_like(sums), where=denominators != 0)
-        unknown = (np.abs(denominators) <= CANCELLED_SHARE * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
-        affected = unknown & (sums <= CANCELLING_SHARE * sizes) & (sizes > 0)
+        unknown = (np.abs(denominators) <= 1e-12 * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
+        affected = unknown & (sums <= 1e-6 * sizes) & (sizes > 0)  # it may consist of quadrature error only
         if not affected.any():
             return ()
         share = float((sums[affected] / sizes[affected]).max())
@@ -208,16 +204,6 @@ class ConstantFunctions:
         )
 
 
-def _exponent(size: Any) -> Any:
-    """Return the exponent of a power of two near ``size``, from -1000 to 1000, 0 where the size is zero."""
-    return np.clip(np.frexp(size)[1], -1000, 1000)
-
-
 def _powers(exponent: Any) -> Floats:
     """Return 2 to the power ``exponent``, entry by entry."""
     return np.asarray(np.ldexp(1.0, exponent))
-
-
-def _norms(columns: Any) -> Floats:
-    """Return the Euclidean norm of each of the ``columns``."""
-    return np.asarray(np.linalg.norm(columns, axis=0))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.linear.operators import Border, Bordered, has_symmetric_pattern, scatter_matrix
+from cpmkit.linear.operators import Border, Bordered, as_bordered, has_symmetric_pattern, scatter_matrix
 from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, no_progress
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 #: Up to this many unknowns a dense matrix is factorised: for surfaces in 0.8 ms where SuperLU takes 3.7 with 342
 #: unknowns, 4 and 17 with 630, 11 and 19 with 990. A larger factor would not fit the cache in each solve.
 DENSE_UNKNOWNS = 640
-#: Least share of entries that are not zero for a dense factor; sparser matrices, as of curves, have sparse factors.
-DENSE_SHARE = 0.08
 #: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
 #: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
 PIVOT_SHARE = 1e-3
@@ -51,7 +49,8 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
     positive definite.
     """
     n = matrix.shape[0]
-    if n > DENSE_UNKNOWNS or matrix.nnz < DENSE_SHARE * n * n or np.iscomplexobj(matrix.data):
+    sparse = matrix.nnz < 0.08 * n * n  # as of curves
+    if n > DENSE_UNKNOWNS or sparse or np.iscomplexobj(matrix.data):
         return None
     from cpmkit.linear.csr_kernels import factorize_cholesky
 
@@ -141,13 +140,14 @@ def factorize_operator(operator: Operator) -> Any:
     RuntimeError
         If the matrix is singular.
     """
-    if not isinstance(operator, Bordered):
+    bordered = as_bordered(operator)
+    if bordered is None:
         return _dense_or_sparse_factors(operator.to_csr(), operator)
     from scipy.sparse import hstack, vstack
 
-    lu = _dense_or_sparse_factors(pinned_matrix(operator), operator.operator)
-    border, pinned = operator.border, _pinned_unknowns(operator.border)
-    columns = operator.shift * hstack([border.constant_load, -pinned]).toarray()
+    lu = _dense_or_sparse_factors(pinned_matrix(bordered), bordered.operator)
+    border, pinned = bordered.border, _pinned_unknowns(bordered.border)
+    columns = bordered.shift * hstack([border.constant_load, -pinned]).toarray()
     rows = vstack([border.mean, pinned.T]).tocsr()
     solved = lu.solve(columns)
     return BorderedFactors(lu, solved, rows, np.linalg.inv(np.eye(len(columns[0])) + rows @ solved))

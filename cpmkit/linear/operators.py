@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.linear.protocols import Operator
-from cpmkit.runtime.threads import run_parcels
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -107,9 +106,15 @@ def _matrix_sum(factor: Any, operator: Operator, weight: Any, mass: Operator | N
     return (weight * matrix + factor * operator.to_csr()).tocsr()
 
 
+def as_bordered(operator: Operator) -> Bordered | None:
+    """Return an operator if it has a border, else None."""
+    return operator if isinstance(operator, Bordered) else None
+
+
 def without_border(operator: Operator) -> Operator:
     """Return an operator without its border, itself if it has none."""
-    return operator.operator if isinstance(operator, Bordered) else operator
+    bordered = as_bordered(operator)
+    return operator if bordered is None else bordered.operator
 
 
 def with_diagonal(matrix: csr_array, added: Floats) -> csr_array:
@@ -301,10 +306,6 @@ class LinearSystem:
         return len(self.right_side)
 
 
-#: Number of entries of a matrix in a parcel of rows: a few milliseconds of work for a thread.
-PARCEL_ENTRIES = 1 << 19
-
-
 def matrix_of_rows(weights: Floats, columns: Ints, count: int) -> csr_array:
     """Return the matrix (n, count) whose row k has the entries ``weights[k]`` (w,) in the columns ``columns[k]``."""
     from scipy.sparse import csr_array
@@ -319,52 +320,3 @@ def scatter_matrix(rows: Ints, count: int) -> csr_array:
     from scipy.sparse import csr_array
 
     return csr_array((np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(count, len(rows)))
-
-
-@dataclass(frozen=True, eq=False)
-class ThreadedProduct:
-    """A ``matrix`` (n, m) whose products with vectors run on all threads, with exactly the results of SciPy.
-
-    Its rows should have about the same number of entries each.
-    """
-
-    matrix: csr_array
-
-    @cached_property
-    def rows(self) -> int:
-        """The number of rows of a parcel."""
-        per_row = max(self.matrix.nnz // max(self.matrix.shape[0], 1), 1)
-        return int(max(PARCEL_ENTRIES // per_row, 1))
-
-    @cached_property
-    def blocks(self) -> list[csr_array]:
-        """The blocks of rows of the matrix, one for each parcel, which share its memory."""
-        from scipy.sparse import csr_array
-
-        matrix, blocks = self.matrix, []
-        for start in range(0, matrix.shape[0], self.rows):
-            pointers = matrix.indptr[start : start + self.rows + 1]
-            entries = slice(pointers[0], pointers[-1])
-            block = csr_array((len(pointers) - 1, matrix.shape[1]), dtype=matrix.dtype)
-            # The constructor would copy the arrays, and there would be two matrices in memory.
-            block.data, block.indices = matrix.data[entries], matrix.indices[entries]
-            block.indptr = pointers - pointers[0]
-            blocks.append(block)
-        return blocks
-
-    def __matmul__(self, x: Floats) -> Floats:
-        """Return the product with ``x`` (m,) or (m, k)."""
-        return self.product(x, lambda *block: block[-1])
-
-    def product(self, x: Floats, finish: Callable[[int, int, Floats], Floats]) -> Floats:
-        """Return the product with ``x`` (m,) or (m, k), each block of rows replaced by ``finish(start, stop, rows)``.
-
-        ``finish`` is called while the block is still in the cache.
-        """
-        result = np.empty((self.matrix.shape[0], *x.shape[1:]))
-
-        def multiply(start: int, stop: int) -> None:
-            result[start:stop] = finish(start, stop, self.blocks[start // self.rows] @ x)
-
-        run_parcels(multiply, len(result), self.rows)
-        return result

@@ -22,7 +22,7 @@ from cpmkit.errors import SceneError
 from cpmkit.linear.csr_matrices import SymmetricCsr, UnsignedCsr, uses_threads
 from cpmkit.linear.direct import factorize_symmetric
 from cpmkit.linear.krylov import KrylovSolver, conjugate_gradients, gmres, indefinite_error
-from cpmkit.linear.operators import Bordered, without_border
+from cpmkit.linear.operators import as_bordered, without_border
 from cpmkit.linear.protocols import LinearSolver, Operator, PreparedSolver
 from cpmkit.linear.residuals import IndefiniteError
 from cpmkit.types import Floats, Progress
@@ -50,14 +50,14 @@ class PreconditionedCG(KrylovSolver):
 
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
         """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`."""
-        operator, compatible, excess = self.operator, residual, np.zeros(0)
-        if isinstance(operator, Bordered):
-            compatible, excess = operator.border.balance(residual)
+        bordered, compatible, excess = as_bordered(self.operator), residual, np.zeros(0)
+        if bordered is not None:
+            compatible, excess = bordered.border.balance(residual)
         step, taken = conjugate_gradients(
             self._matrix.apply, self.precondition, compatible, target, most, progress, self.slack
         )
-        if isinstance(operator, Bordered):
-            step += operator.border.indicator @ (excess / operator.shift - operator.border.mean @ step)
+        if bordered is not None:
+            step += bordered.border.indicator @ (excess / bordered.shift - bordered.border.mean @ step)
         return step, taken, (taken + (taken + 1) * self.preconditioner.products) * residual.shape[1]
 
     def precondition(self, residual: Floats) -> Floats:
@@ -66,9 +66,10 @@ class PreconditionedCG(KrylovSolver):
 
     def _without_constants(self, vector: Floats) -> Floats:
         """Return the part of ``vector`` (n, channels) that is orthogonal to the indicators of the free pieces."""
-        if not isinstance(self.operator, Bordered):
+        bordered = as_bordered(self.operator)
+        if bordered is None:
             return vector
-        indicator = self.operator.border.indicator
+        indicator = bordered.border.indicator
         sums, members = indicator.T @ vector, indicator.sum(axis=0)
         return np.asarray(vector - indicator @ (sums / members[:, None]))
 

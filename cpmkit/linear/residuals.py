@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError
-from cpmkit.linear.operators import Bordered
+from cpmkit.linear.operators import as_bordered
 from cpmkit.linear.protocols import Operator
 from cpmkit.types import Floats
 
@@ -63,9 +63,10 @@ MAX_ROUNDING_SHARE = 1e-6
 def rounding_of(operator: Operator, u: Floats) -> Floats:
     """Return ``|A| |u|`` (n, channels), which times the machine epsilon bounds the rounding error of ``A u``."""
     rounding = abs(operator.to_csr()) @ np.abs(u)
-    if isinstance(operator, Bordered):
-        border = operator.border
-        rounding = rounding + operator.shift * (abs(border.constant_load) @ (abs(border.mean) @ np.abs(u)))
+    bordered = as_bordered(operator)
+    if bordered is not None:
+        border = bordered.border
+        rounding = rounding + bordered.shift * (abs(border.constant_load) @ (abs(border.mean) @ np.abs(u)))
     return np.asarray(rounding)
 
 

@@ -103,19 +103,10 @@ def as_vector(x: Any, dim: int, label: str) -> Floats:
 def _as_floats(x: Any, accepted: str) -> Floats:
     """Return ``x`` as float64; raise an InputError that begins with ``accepted`` if an entry is not a number."""
     with suppress(TypeError, ValueError, OverflowError):
-        array = np.asarray(x, dtype=np.float64)
-        if not _contains_text_or_flags(x):
-            return array
+        # NumPy would convert texts, dates and truth values to numbers.
+        if np.asarray(x).dtype.kind not in "bUSmM":
+            return np.asarray(x, dtype=np.float64)
     raise InputError(f"{accepted}, got {shown(x)}.")
-
-
-def _contains_text_or_flags(x: Any) -> bool:
-    """Return whether an entry is text, a date or a truth value, which NumPy would convert to numbers."""
-    if isinstance(x, np.ndarray):
-        return x.dtype.kind in "bUSmM"
-    rows = x if isinstance(x, (list, tuple)) else ()
-    entries = [entry for row in rows for entry in (row if isinstance(row, (list, tuple)) else [row])]
-    return any(isinstance(entry, (bool, np.bool_, str, bytes)) for entry in entries)
 
 
 def number(x: Any, label: str) -> float:

@@ -41,7 +41,7 @@ def lazy_names(
     return get, lambda: sorted({*namespace, *modules})
 
 
-Target = TypeVar("Target", bound=Callable[..., Any])
+Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 class RenamedWarning(CpmkitWarning, DeprecationWarning):
@@ -118,20 +118,16 @@ def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str]) 
     return current
 
 
-def deprecated_keywords(**new_names: str) -> Callable[[Target], Target]:
-    """Return a decorator with which a function or a class's constructor also accepts old keywords: ``old="new"``."""
+def deprecated_keywords(**new_names: str) -> Callable[[Function], Function]:
+    """Return a decorator with which a function also accepts old keywords: ``old="new"``."""
 
-    def decorate(target: Target) -> Target:
-        """Return the function or class, called with old keywords replaced by new ones."""
-        function: Callable[..., Any] = vars(target)["__init__"] if isinstance(target, type) else target
+    def decorate(function: Function) -> Function:
+        """Return the function, called with old keywords replaced by new ones."""
 
         @functools.wraps(function)
         def call(*args: Any, **keywords: Any) -> Any:
             return function(*args, **current_keywords(keywords, new_names))
 
-        if not isinstance(target, type):
-            return call  # type: ignore[return-value]
-        target.__init__ = call  # type: ignore[misc]
-        return target
+        return call  # type: ignore[return-value]
 
     return decorate

@@ -1,6 +1,7 @@
-"""Compiled: disjoint sets of the numbers 0 to n - 1 (union-find), stored as the parent (n,) of each number.
+"""Compiled: disjoint sets of the numbers 0 to n - 1 (union-find), and the positions of each number in a list.
 
-The root of a set is its smallest member, so that labels of sets do not depend on the order of unions.
+Sets are stored as the parent (n,) of each number. The root of a set is its smallest member, so that labels of sets do
+not depend on the order of unions.
 """
 
 from __future__ import annotations

@@ -9,6 +9,7 @@ import os
 import sys
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from inspect import getattr_static
@@ -18,13 +19,6 @@ from weakref import ReferenceType, ref
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
 ENTRY_BYTES = 12
-#: Parts of the messages of errors other than MemoryError that are raised when memory runs out.
-OUT_OF_MEMORY_PHRASES: dict[type[BaseException], tuple[str, ...]] = {
-    ImportError: ("failed to map segment", "Cannot allocate memory"),
-    RuntimeError: ("can't start new thread",),
-}
-#: Processes with less memory keep freed memory: released pages would have to be allocated and cleared again.
-MIN_RELEASING_BYTES = 2**29
 
 
 @dataclass(frozen=True)
@@ -62,7 +56,9 @@ def is_out_of_memory(error: BaseException) -> bool:
     """Return whether an error means that memory ran out: for an array, a thread, or a library to load."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
-    return any(phrase in str(error) for phrase in OUT_OF_MEMORY_PHRASES.get(type(error), ()))
+    if isinstance(error, ImportError):
+        return any(phrase in str(error) for phrase in ("failed to map segment", "Cannot allocate memory"))
+    return isinstance(error, RuntimeError) and "can't start new thread" in str(error)
 
 
 def _process_limits() -> Iterator[MemoryLimit]:
@@ -128,31 +124,16 @@ def release_memory() -> None:
     The C library keeps freed memory for later allocations, in gaps between used memory that are too small for larger
     arrays: after tables of many sizes these gaps are a tenth of the used memory.
     """
-    try:
-        resident = int(_text_of(Path("/proc/self/statm")).split()[1]) * os.sysconf("SC_PAGE_SIZE")
-    except (ValueError, IndexError):  # not on Linux
-        return
-    if resident >= MIN_RELEASING_BYTES:
+    # Smaller processes keep freed memory: released pages would have to be allocated and cleared again.
+    if (_status_bytes("VmRSS") or 0) >= 2**29:
         trim_heap()
 
 
 def trim_heap() -> None:
     """Return all freed memory to the system, if the C library supports it."""
-    malloc_trim = _malloc_trim()
-    if malloc_trim is not None:
-        malloc_trim(0)
-
-
-@cache
-def _malloc_trim() -> Callable[[int], int] | None:
-    """Return the C library's function ``malloc_trim``, None if it has none."""
-    if not sys.platform.startswith("linux"):
-        return None
-    try:
-        function: Callable[[int], int] | None = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    except OSError:  # a program that was linked without shared libraries
-        return None
-    return function
+    if sys.platform.startswith("linux"):
+        with suppress(OSError, AttributeError):  # a program without shared libraries, or another C library
+            ctypes.CDLL(None).malloc_trim(0)
 
 
 def reset_peak_memory() -> int | None:

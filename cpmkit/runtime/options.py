@@ -139,21 +139,16 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
     SceneError
         For the first such key of the ``table``; the message states the key and the accepted types.
     """
-    hints = _hints(make)
+    try:
+        hints = get_type_hints(make)
+    except (NameError, TypeError):  # a name that is imported for type checkers alone, or no function at all
+        hints = {}
     for key, value in table.items():
         accepted = _plain_types(hints.get(key))
         if accepted and not any(_has_type(value, kind) for kind in accepted):
             names = " or ".join(TYPE_WORDS[kind] for kind in accepted if TYPE_WORDS[kind])
             place = label[:1].lower() + label[1:]
             raise SceneError(f"{key} of {place} must be {names}, got {shown(value)}.")
-
-
-def _hints(make: Callable[..., Any]) -> dict[str, Any]:
-    """Return the type hints of a factory, empty if they cannot be evaluated."""
-    try:
-        return get_type_hints(make)
-    except (NameError, TypeError):  # a name that is imported for type checkers alone, or no function at all
-        return {}
 
 
 def _plain_types(hint: Any) -> tuple[type, ...]:
@@ -166,11 +161,8 @@ def _has_type(value: Any, kind: type) -> bool:
     """Return whether a value is of a type; whole numbers also count as float, truth values as bool alone."""
     import numpy as np  # the list of commands starts without numpy
 
-    if isinstance(value, (bool, np.bool_)):
-        return kind is bool
-    if kind is float:
-        return isinstance(value, (int, float, np.integer, np.floating))
-    return isinstance(value, (int, np.integer) if kind is int else kind)
+    accepted = {int: (int, np.integer), float: (int, float, np.integer, np.floating)}.get(kind, kind)
+    return kind is bool if isinstance(value, (bool, np.bool_)) else isinstance(value, accepted)
 
 
 def one_of(*names: str) -> Callable[[Any, str], str]:

@@ -13,9 +13,6 @@ from functools import cache
 
 from cpmkit.errors import InputError
 
-#: Number of closest point queries in a parcel: so few that a busy core does not delay the others.
-THREAD_PARCEL_QUERIES = 4096
-
 
 def processors() -> int:
     """Return the number of cores that this process may use."""
@@ -48,8 +45,10 @@ if hasattr(os, "register_at_fork"):  # a forked child inherits the pool but none
     os.register_at_fork(after_in_child=_pool.cache_clear)
 
 
-def run_parcels(work: Callable[[int, int], object], count: int, size: int = THREAD_PARCEL_QUERIES) -> None:
+def run_parcels(work: Callable[[int, int], object], count: int, size: int = 4096) -> None:
     """Call ``work(start, stop)`` on all threads for consecutive parts of ``range(count)``, each of at most ``size``.
+
+    The default is for closest point queries: so few that a busy core does not delay the others.
 
     An exception in a parcel is raised to the caller.
     """

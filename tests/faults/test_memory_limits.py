@@ -148,7 +148,7 @@ def test_an_allocation_that_fails_lets_go_of_the_tables(monkeypatch, form):
         references.append(weakref.ref(tables))
         np.empty(10**17)
 
-    monkeypatch.setattr("cpmkit.families.steady._operators", allocate)
+    monkeypatch.setattr("cpmkit.families.steady.with_border", allocate)
     with pytest.raises(ck.ResolutionError, match="Memory ran out") as error:
         ck.solve(scene(), 0.3, form=form)
     assert error.value.__cause__ is not None
@@ -176,7 +176,7 @@ def test_other_errors_are_left_alone(monkeypatch):
     def fail(*arguments):
         raise RuntimeError("a defect")
 
-    monkeypatch.setattr("cpmkit.families.steady._operators", fail)
+    monkeypatch.setattr("cpmkit.families.steady.with_border", fail)
     with pytest.raises(RuntimeError, match="a defect"):
         ck.solve(scene(), 0.3)
     assert memory.is_out_of_memory(RuntimeError("can't start new thread"))

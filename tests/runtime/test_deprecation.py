@@ -17,7 +17,6 @@ def solve(*, stabilisation=0.0, **options):
     return stabilisation, options
 
 
-@deprecated_keywords(was="size")
 @dataclass(frozen=True)
 class Part:
     size: int
@@ -28,12 +27,10 @@ class Part:
         return 2 * self.size
 
 
-def test_keywords_of_functions_and_constructors():
+def test_keywords_of_functions():
     with pytest.warns(DeprecationWarning, match="strength= is now called stabilisation=") as caught:
         assert solve(strength=2.0, degree=1) == (2.0, {"degree": 1})
     assert caught[0].filename == __file__
-    with pytest.warns(DeprecationWarning, match="was= is now called size="):
-        assert Part(was=3) == Part(3)
     with pytest.warns(DeprecationWarning, match="strength"), pytest.raises(InputError, match="given twice"):
         solve(strength=2.0, stabilisation=1.0)
 

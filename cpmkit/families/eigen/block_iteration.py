@@ -13,19 +13,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.errors import ResolutionError
 from cpmkit.families.eigen.inverse_iteration import EigenPairs, InverseIteration
 from cpmkit.runtime import memory
 from cpmkit.types import Floats, Ints
 
 #: The largest number of rounds; 15 to 25 are usual.
 MOST_ROUNDS = 100
-#: The block is iterated until residuals are below this share of the tolerance, as they are recomputed at the end.
-ROUNDS_SHARE = 0.5
 #: Largest energy of a linearly dependent direction, as a share of the energy of its block: rounding.
 DEPENDENT_SHARE = 1e-12
-#: Largest width of a block for which the iteration is used, as a share of the number of unknowns.
-MOST_BLOCK_SHARE = 0.1
 #: Number of blocks of functions in memory at the peak: three with their products, copies of two of them, and
 #: the corrections.
 PEAK_BLOCKS = 17
@@ -52,7 +48,7 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
         positive definite.
     """
     _check_fits(iteration, count, width)
-    target = ROUNDS_SHARE * iteration.context.tolerance
+    target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end
     start = np.random.default_rng(0).normal(size=(iteration.operator.size, width))
     first = iteration.apply_preconditioner(iteration.image(start))
     block = _block_of(iteration, _orthonormal(iteration, first))
@@ -67,7 +63,9 @@ def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPai
             return EigenPairs(iteration.shift + 1 / theta, block.functions)
         further = _block_of(iteration, _orthonormal(iteration, correction, [block, past]))
         theta, block, past = _best([block, past, further], len(theta), active)
-    raise _not_converged(iteration, float(changes[unconverged].max()))
+    change, tolerance = float(changes[unconverged].max()), iteration.context.tolerance
+    reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
+    raise iteration.failure(reason, "ask for a larger solver_tolerance, or use solver='direct'", change)
 
 
 def _check_fits(iteration: InverseIteration, count: int, width: int) -> None:
@@ -136,7 +134,8 @@ def _energies(iteration: InverseIteration, functions: Floats) -> Floats:
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
     if not np.all(energies > 0):
-        raise _indefinite(iteration)
+        reason = f"there are eigenvalues below {iteration.shift:.6g}, above which the solver 'multigrid' seeks them"
+        raise iteration.failure(reason, "use solver='direct'")
     return np.asarray(energies)
 
 
@@ -175,19 +174,3 @@ def _combine(blocks: Sequence[FunctionBlock], weights: Floats) -> FunctionBlock:
     pairs = list(zip(blocks, parts, strict=True))
     sums = {name: sum(getattr(block, name) @ part for block, part in pairs) for name in vars(blocks[0])}
     return FunctionBlock(**sums)
-
-
-def _indefinite(iteration: InverseIteration) -> ConvergenceError:
-    """Return the error of an operator A - sigma B that is not positive definite."""
-    reason = f"there are eigenvalues below {iteration.shift:.6g}, above which the solver 'multigrid' seeks them"
-    report = iteration.context.report(False, iteration.solves, iteration.products, np.inf, reason)
-    return ConvergenceError(f"The eigenvalues did not converge: {reason}; use solver='direct'.", report)
-
-
-def _not_converged(iteration: InverseIteration, change: float) -> ConvergenceError:
-    """Return the error of functions that still change by ``change`` of their size after all rounds."""
-    tolerance = iteration.context.tolerance
-    reason = f"functions still change by {change:.2e} of their size after {MOST_ROUNDS} rounds, {tolerance:.2e} asked"
-    report = iteration.context.report(False, iteration.solves, iteration.products, change, reason)
-    remedy = "ask for a larger solver_tolerance, or use solver='direct'"
-    return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)

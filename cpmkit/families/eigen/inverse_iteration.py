@@ -7,6 +7,7 @@ eigenvalues, due to ghost nodes, stabilisation or functions in the kernel of B, 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +23,6 @@ from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.diffusivities import mean_diffusivity
 from cpmkit.types import Floats, Ints
 
-#: Distance of the shift from the number that is sought, in units of a typical eigenvalue of a manifold of this size:
-#: below the spectrum, and next to a number inside it.
-SHIFT_BELOW_EIGENVALUES, SHIFT_BESIDE_EIGENVALUES = 1.0, 0.05
-#: How often the shift is lowered if there are eigenvalues below it, each time by four times as much.
-LOWERED_SHIFTS = 12
 #: Eigenvalues that differ by less than this share of the tolerance count as equal.
 SAME_EIGENVALUE_TOLERANCES = 0.1
 
@@ -106,6 +102,11 @@ class InverseIteration:
         self._report_progress()
         return self.preconditioner.precondition(np.ascontiguousarray(residual))
 
+    def failure(self, reason: str, remedy: str, residual: float = np.inf) -> ConvergenceError:
+        """Return the error, with a report, of eigenvalues that did not converge."""
+        report = self.context.report(False, self.solves, self.products, residual, reason)
+        return ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report)
+
     def _report_progress(self) -> None:
         """Report progress; the share done is only a guess, as the number of solves is not known in advance."""
         self.context.progress("solve", 1.0 - 1.0 / (1.0 + 0.05 * self.solves))
@@ -124,7 +125,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
     length = float((bounds[1] - bounds[0]).max())
-    distance = SHIFT_BELOW_EIGENVALUES if problem.near is None else SHIFT_BESIDE_EIGENVALUES
+    distance = 1.0 if problem.near is None else 0.05  # in units of a typical eigenvalue of a manifold of this size
     mass = form.boundary_mass(stiffness)
     if mass is not None:
         _check_steklov(context, stiffness, mass)
@@ -153,7 +154,7 @@ def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) 
     SceneError
         If no such number is found.
     """
-    for _ in range(LOWERED_SHIFTS):
+    for _ in range(12):
         try:
             factorize_symmetric(stiffness.minus_shifted_mass(shift, mass).to_csr(), "at the shift")
         except IndefiniteError:
@@ -198,51 +199,35 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     ConvergenceError
         If a linear solve or the iteration does not reach the tolerance.
     """
-    from scipy.sparse.linalg import ArpackNoConvergence
+    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
-    context = iteration.context
-    tolerance = SAME_EIGENVALUE_TOLERANCES * context.tolerance
+    shape = iteration.operator.size, iteration.operator.size
+    tolerance = SAME_EIGENVALUE_TOLERANCES * iteration.context.tolerance
     start = np.random.default_rng(0).normal(size=iteration.operator.size)
-    find, name = (_lanczos, "Lanczos") if iteration.symmetric else (_arnoldi, "Arnoldi")
+
+    def matrix(product: Callable[[Floats], Floats]) -> Any:
+        """Return a function that returns products as a matrix of SciPy."""
+        return LinearOperator(shape, matvec=product, dtype=np.float64)
+
     try:
-        return find(iteration, count, start, tolerance)
+        if not iteration.symmetric:
+            theta, vectors = eigs(matrix(iteration.step), count, which="LM", v0=start, tol=tolerance)
+            return EigenPairs(iteration.shift + 1 / theta, vectors)
+        # In B's inner product. B may be singular, as all steps lie in the range of (A - sigma B)^-1 B.
+        values, vectors = eigsh(
+            matrix(iteration.operator.apply),  # unused in this mode
+            count,
+            None if iteration.mass is None else matrix(iteration.mass.apply),
+            sigma=iteration.shift,
+            OPinv=matrix(iteration.apply_inverse),
+            v0=iteration.step(start),
+            tol=tolerance,
+        )
     except ArpackNoConvergence as error:
+        name = "Lanczos" if iteration.symmetric else "Arnoldi"
         reason = f"{name}'s iteration found {len(error.eigenvalues)} of {count} eigenvalues"
-        report = context.report(False, iteration.solves, iteration.products, np.inf, reason)
-        remedy = "ask for fewer, or for a larger solver_tolerance"
-        raise ConvergenceError(f"The eigenvalues did not converge: {reason}; {remedy}.", report) from error
-
-
-def _arnoldi(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
-    """Return the ``count`` eigenpairs nearest to the shift by Arnoldi's iteration, from the vector ``start`` (n,)."""
-    from scipy.sparse.linalg import LinearOperator, eigs
-
-    matrix = LinearOperator((len(start), len(start)), matvec=iteration.step, dtype=np.float64)
-    theta, vectors = eigs(matrix, count, which="LM", v0=start, tol=tolerance)
-    return EigenPairs(iteration.shift + 1 / theta, vectors)
-
-
-def _lanczos(iteration: InverseIteration, count: int, start: Floats, tolerance: float) -> EigenPairs:
-    """Return the ``count`` eigenpairs nearest to the shift by Lanczos' iteration in B's inner product.
-
-    B may be singular, as all steps lie in the range of ``(A - sigma B)^-1 B``.
-    """
-    from scipy.sparse.linalg import LinearOperator, eigsh
-
-    shape = (len(start), len(start))
-    inverse = LinearOperator(shape, matvec=iteration.apply_inverse, dtype=np.float64)
-    matrix = LinearOperator(shape, matvec=iteration.operator.apply, dtype=np.float64)  # unused in this mode
-    mass = None if iteration.mass is None else LinearOperator(shape, matvec=iteration.mass.apply, dtype=np.float64)
-    values, vectors = eigsh(
-        matrix, count, mass, sigma=iteration.shift, OPinv=inverse, v0=iteration.step(start), tol=tolerance
-    )
+        raise iteration.failure(reason, "ask for fewer, or for a larger solver_tolerance") from error
     return EigenPairs(values, vectors)
-
-
-#: Largest number of unknowns in the range of a small B.
-MOST_MASS_UNKNOWNS = 64
-#: Largest eigenvalue that counts as zero, as a share of the largest of all: rounding.
-ROUNDING_SHARE = 1e-9
 
 
 def mass_unknowns(iteration: InverseIteration) -> Ints | None:
@@ -250,10 +235,8 @@ def mass_unknowns(iteration: InverseIteration) -> Ints | None:
     if not iteration.symmetric or iteration.mass is None or not hasattr(iteration.mass, "to_csr"):
         return None
     matrix = iteration.mass.to_csr()
-    if np.count_nonzero(matrix.data) > MOST_MASS_UNKNOWNS**2:  # avoids a pass over a large matrix
-        return None
-    unknowns = np.unique(matrix.indices[matrix.data != 0])
-    return unknowns if len(unknowns) <= min(MOST_MASS_UNKNOWNS, matrix.shape[0] // 2) else None
+    unknowns = np.flatnonzero(abs(matrix) @ np.ones(matrix.shape[1]))
+    return unknowns if len(unknowns) <= min(64, matrix.shape[0] // 2) else None
 
 
 def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
@@ -266,14 +249,14 @@ def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int)
     """
     mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
     sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
-    positive = sizes > ROUNDING_SHARE * sizes.max(initial=0.0)
+    positive = sizes > 1e-9 * sizes.max(initial=0.0)
     root = directions[:, positive] * np.sqrt(sizes[positive])
     images = np.zeros((n, root.shape[1]))
     images[unknowns] = root
     inverted = iteration.apply_inverse(images)
     small = root.T @ inverted[unknowns]
     theta, vectors = np.linalg.eigh(0.5 * (small + small.T))
-    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    finite = np.abs(theta) > 1e-9 * np.abs(theta).max()
     if finite.sum() < count:
         raise InputError(
             f"count={count} is more than the {int(finite.sum())} eigenvalues that there are: lambda stands in the "
@@ -292,7 +275,7 @@ def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     """
     n = iteration.operator.size
     theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))
-    finite = np.abs(theta) > ROUNDING_SHARE * np.abs(theta).max()
+    finite = np.abs(theta) > 1e-9 * np.abs(theta).max()
     if finite.sum() < count:
         raise InputError(
             f"count={count} is more than the {int(finite.sum())} eigenvalues of a mesh or lattice with {n} unknowns; "

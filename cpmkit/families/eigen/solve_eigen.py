@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
-from cpmkit.errors import ConvergenceError, ResolutionError
+from cpmkit.errors import ResolutionError
 from cpmkit.families.context import SolveContext, surely_positive
-from cpmkit.families.eigen.block_iteration import MOST_BLOCK_SHARE, block_changes, block_pairs
+from cpmkit.families.eigen.block_iteration import block_changes, block_pairs
 from cpmkit.families.eigen.inverse_iteration import (
     SAME_EIGENVALUE_TOLERANCES,
     EigenPairs,
@@ -28,18 +28,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.modes import EigenRecord
 from cpmkit.types import Floats
 
-#: Number of further pairs computed so that no pair of a multiple eigenvalue is missed; and the same as a share of those
-#: requested where a block is iterated, as the last ones of a block converge slowly.
-SPARE_PAIRS, SPARE_SHARE = 6, 0.1
-#: Largest imaginary part of a real eigenvalue, as a share of its distance from the shift: rounding.
-COMPLEX_SHARE = 1e-8
-#: An eigenvalue has the wrong sign if it is below zero by more than this multiple of a typical eigenvalue.
-WRONG_SIGN_UNITS = 0.2
-#: Values count as the largest if their size is at least this share of the largest size.
-NEARLY_GREATEST_SHARE = 1 - 1e-3
-#: Number of modes evaluated at the points at a time: all together would need more memory than their matrix.
-READ_TOGETHER = 4
-
 
 def solve_eigen(context: SolveContext) -> EigenRecord:
     """Return the eigenvalues and eigenfunctions that a problem requests, as its solution.
@@ -55,15 +43,14 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
     ConvergenceError
         If a linear solve, the iteration, or the residual of a pair does not reach the tolerance.
     """
-    problem, form = context.scene.problem, context.discretized
-    assert isinstance(problem, Eigen)
+    problem, form = cast("Eigen", context.scene.problem), context.discretized
     form.check(context.solver_name)
     stiffness = form.stiffness(problem.terms())
     iteration = inverse_iteration(context, problem, stiffness)
     built = time.perf_counter()
     pairs = _compute_pairs(problem, iteration)
     if iteration.mass is form.mass:  # Steklov eigenvalues may be of either sign
-        _check_signs(form, float(np.min(pairs.values.real)), WRONG_SIGN_UNITS * abs(iteration.unit))
+        _check_signs(form, float(np.min(pairs.values.real)), 0.2 * abs(iteration.unit))
     modes = _select_modes(problem, iteration, pairs)
     report = _checked_report(iteration, modes)
     warnings = (
@@ -108,11 +95,13 @@ def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
     unknowns = mass_unknowns(iteration)
     if unknowns is not None:
         return pairs_of_small_mass(iteration, unknowns, problem.count)
-    n, count = iteration.operator.size, problem.count + SPARE_PAIRS
+    # Further pairs are computed so that no pair of a multiple eigenvalue is missed, and as the last ones of a block
+    # converge slowly.
+    n, count = iteration.operator.size, problem.count + 6
     if count > n - 2:  # too many for an iteration
         return dense_pairs(iteration, problem.count)
-    width = problem.count + max(SPARE_PAIRS, int(SPARE_SHARE * problem.count))
-    if iteration.preconditioner is not None and width <= MOST_BLOCK_SHARE * n:
+    width = problem.count + max(6, problem.count // 10)
+    if iteration.preconditioner is not None and width <= 0.1 * n:
         return block_pairs(iteration, problem.count, width)
     return arpack_pairs(iteration, count)
 
@@ -143,7 +132,7 @@ def _select_modes(problem: Eigen, iteration: InverseIteration, pairs: EigenPairs
     order = np.argsort(np.abs(both - about), kind="stable")[: problem.count]
     order = order[np.argsort(both[order].real, kind="stable")]
     both, residuals = both[order], np.concatenate([residuals, residuals[paired]])[order]
-    both.imag[np.abs(both.imag) <= COMPLEX_SHARE * np.abs(both - iteration.shift)] = 0.0
+    both.imag[np.abs(both.imag) <= 1e-8 * np.abs(both - iteration.shift)] = 0.0  # rounding
     equal = SAME_EIGENVALUE_TOLERANCES * iteration.context.tolerance * np.abs(both - iteration.shift)
     return Modes(both, _normalise(iteration.context.discretized, both.real, functions[:, order], equal), residuals)
 
@@ -159,15 +148,10 @@ def _normalise(form: Discretized, values: Floats, functions: Floats, equal: Floa
         root = np.linalg.cholesky(form.inner(group, group))
         groups.append(group @ np.linalg.inv(root).T)
     result = np.concatenate(groups, axis=1)
-    parts = np.array_split(result, -(-result.shape[1] // READ_TOGETHER), axis=1)
-    return np.ascontiguousarray(result * np.concatenate([_signs(form.at_points(part)) for part in parts]))
-
-
-def _signs(at_points: Floats) -> Floats:
-    """Return the sign (k,) of each column of values (p, k) at the first point where its size is nearly the largest."""
+    at_points = form.at_points(result)
     size = np.abs(at_points)
-    first = np.argmax(size >= NEARLY_GREATEST_SHARE * size.max(axis=0), axis=0)
-    return np.asarray(np.sign(at_points[first, np.arange(at_points.shape[1])]))
+    first = np.argmax(size >= (1 - 1e-3) * size.max(axis=0), axis=0)  # the first point with nearly the largest size
+    return np.ascontiguousarray(result * np.sign(at_points[first, np.arange(len(first))]))
 
 
 def _residuals(iteration: InverseIteration, values: Any, vectors: Any) -> Floats:
@@ -208,12 +192,9 @@ def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
     if not converged and residual <= MAX_ROUNDING_SHARE and iteration.preconditioner is None:
         rounding = _rounding_change(iteration, modes)
         converged, reason = residual <= rounding, f"{reason}, {rounding:.2e} left by rounding"
-    report = context.report(converged, iteration.solves, iteration.products, residual, reason)
-    if not report.converged:
-        raise ConvergenceError(
-            f"The eigenvalues did not converge: {reason}; ask for a larger solver_tolerance.", report
-        )
-    return report
+    if not converged:
+        raise iteration.failure(reason, "ask for a larger solver_tolerance", residual)
+    return context.report(True, iteration.solves, iteration.products, residual, reason)
 
 
 def _rounding_change(iteration: InverseIteration, modes: Modes) -> float:
@@ -241,8 +222,6 @@ def _complex_pair_warnings(modes: Modes, shift: float) -> list[str]:
     ]
 
 
-#: Eigenvalues that differ by at most this share of their distance from the shift may be one multiple eigenvalue.
-ONE_EIGENVALUE_SHARE = 1e-3
 #: The words by which a warning of :func:`split_multiplet_warning` is recognised.
 SPLIT_MULTIPLET = "ends inside a multiplet"
 
@@ -263,7 +242,7 @@ def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> lis
     ordered = values[np.argsort(np.abs(values - about), kind="stable")]
     returned, others = ordered[: problem.count], ordered[problem.count :]
     gaps = np.abs(others[:, None] - returned).min(axis=1, initial=np.inf)
-    equal = others[gaps <= ONE_EIGENVALUE_SHARE * np.abs(others - shift)]
+    equal = others[gaps <= 1e-3 * np.abs(others - shift)]  # they may be one multiple eigenvalue
     if not len(equal):
         return []
     complete, many = len(equal) < len(others), len(equal) > 1
@@ -276,8 +255,7 @@ def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> lis
 
 def fewer_modes(solution: EigenRecord, scene: Scene) -> EigenRecord:
     """Return the solution with only the modes that ``scene`` requests, as if that scene had been solved."""
-    problem, values = scene.problem, solution.eigenvalues
-    assert isinstance(problem, Eigen)
+    problem, values = cast("Eigen", scene.problem), solution.eigenvalues
     if problem.count >= len(values):
         return solution
     # without a number they were sought from below the spectrum: from about zero, if no eigenvalue is negative

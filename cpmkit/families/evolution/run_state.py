@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 #: Shares of a step up to this are rounding, and no step of their own.
 ROUNDED_STEP_SHARE = 1e-9
-#: Digits to which the ratio of a shortened step to the others is rounded, so that equal steps share a system.
-STEP_RATIO_DIGITS = 9
 #: Number of moments that schemes read.
 REMEMBERED_MOMENTS = 3
 
@@ -98,7 +96,7 @@ def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator
     """
     ratio = (stop - start) / step
     whole = int(ratio + ROUNDED_STEP_SHARE)
-    rest = round(ratio - whole, STEP_RATIO_DIGITS)
+    rest = round(ratio - whole, 9)  # equal steps share a system
     lengths = [step] * whole + ([rest * step] if rest > ROUNDED_STEP_SHARE else []) or [stop - start]
     times = [start, *(start + number * step for number in range(1, len(lengths))), stop]
     for number, length in enumerate(lengths):

@@ -8,50 +8,28 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.families.context import surely_positive
-from cpmkit.families.evolution.run_state import History, Moment, rate_of_change
+from cpmkit.families.evolution.run_state import History, Moment, RunPlan, rate_of_change
 from cpmkit.families.evolution.semidiscrete import SemiDiscrete, largest_eigenvalue
 from cpmkit.forms.contract import Discretized
 from cpmkit.scene.compound_equations import ReactionDiffusion
 from cpmkit.scene.data import evaluate_data, takes_time
 from cpmkit.scene.diffusivities import mean_diffusivity
-from cpmkit.scene.equations_in_time import Evolution, Heat, Wave
-from cpmkit.scene.scene import Scene
+from cpmkit.scene.equations_in_time import Heat, Wave
 from cpmkit.types import Floats
 
-#: Least drift of the mean that is reported, as a share of the heat and as a share of the range of u.
-DRIFT_SHARE_OF_HEAT, DRIFT_SHARE_OF_RANGE = 2e-2, 2e-3
-#: Factor by which a solution may exceed its growth bound; beyond it discretisation errors grow. The norm is over the
-#: band, whose nodes are not equally dense everywhere.
-UNSTABLE_GROWTH = 4.0
-#: Crank-Nicolson oscillates if its last step reverses more than the first share of the step before, and is more than
-#: the second share of the solution.
-RINGING_SHARE_OF_STEP, RINGING_SHARE_OF_SOLUTION = 0.5, 1e-4
-#: Waves are unresolved if |A u| is more than this share of |u| times the largest eigenvalue. For waves that grow it is
-#: 0.49, for a jump 0.3.
-SHORTEST_WAVE_SHARE = 0.4
-#: With a mass matrix waves are unresolved if their phase changes by more than this in a spacing: a quarter of a wave.
-SHORTEST_WAVE_PHASE = 0.5 * np.pi
-#: Error of a wave for each radian of advection, at r radians a step: ``factor r^order``, of its phase by BDF2 and
-#: Crank-Nicolson, of its size by backward Euler (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to
-#: .3). It is reported above the first share, and the step that is advised has the second.
-ADVECTION_ERRORS = {"bdf2": (1 / 3, 2), "crank-nicolson": (1 / 12, 2), "backward-euler": (1 / 2, 1)}
-REPORTED_ADVECTION_ERROR, ADVISED_ADVECTION_ERROR = 0.1, 0.02
-#: A run is at rest if its last step changed u by at most the first share of its variation, and that is the second share
-#: of the variation at the start.
-AT_REST_SHARE, STILL_VARIES_SHARE = 1e-3, 0.1
-#: Number of points at which the length of a pattern is computed, and least variation of a pattern as a share of u.
-PATTERN_POINTS, PATTERN_SHARE = 2000, 1e-3
-#: The advised spacing, as a share of the largest spacing that resolves the pattern.
-WELL_BELOW = 0.9
+
+def run_warnings(plan: RunPlan, history: History) -> tuple[str, ...]:
+    """Return the warnings at the end of a run; ``history`` has its last moments."""
+    checks = (_oscillation, _unresolved_wave, _short_pattern, _long_step, _heat_drift, _missed_rest)
+    return tuple(text for check in checks for text in check(plan, history))
 
 
-def heat_drift_warning(problem: SemiDiscrete, scene: Scene, start: Floats, u: Floats, time: float) -> list[str]:
-    """Return a warning if heat was lost or gained in ``time`` on pieces without outflow; only for c = 0.
+def _heat_drift(plan: RunPlan, history: History) -> list[str]:
+    """Return a warning if heat was lost or gained on pieces without outflow; only for c = 0.
 
-    On such pieces the mean of u should grow by the mean of f times the time, in every scheme. ``start`` and ``u``
-    (n, channels) are the unknowns at the beginning and the end.
+    On such pieces the mean of u should grow by the mean of f times the time, in every scheme.
     """
-    heat = scene.problem
+    problem, heat, start, u = plan.problem, plan.evolution, plan.start.u, history[-1].u
     if not isinstance(heat, Heat) or callable(heat.c) or heat.c or heat.velocity is not None or takes_time(heat.f):
         return []
     if heat.after_step is not None:
@@ -59,13 +37,13 @@ def heat_drift_warning(problem: SemiDiscrete, scene: Scene, start: Floats, u: Fl
     mean = problem.form.means_without_flux()
     if mean is None:
         return []
-    supplied = time * (mean @ problem.steady_forcing)
+    supplied = (history[-1].time - plan.start.time) * (mean @ problem.steady_forcing)
     drift = mean @ u - mean @ start - supplied
     size = mean @ np.abs(start) + np.abs(supplied)
     span = np.maximum(np.ptp(start, axis=0), np.ptp(u, axis=0))
     share = np.divide(np.abs(drift), size, out=np.zeros_like(drift), where=size > 0)
-    share[np.abs(drift) <= DRIFT_SHARE_OF_RANGE * span] = 0.0
-    if share.max(initial=0.0) <= DRIFT_SHARE_OF_HEAT:
+    share[np.abs(drift) <= 2e-3 * span] = 0.0
+    if share.max(initial=0.0) <= 2e-2:
         return []
     worst = np.unravel_index(int(share.argmax()), share.shape)
     verb = "gained" if drift[worst] > 0 else "lost"
@@ -76,7 +54,7 @@ def heat_drift_warning(problem: SemiDiscrete, scene: Scene, start: Floats, u: Fl
     ]
 
 
-def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | None:
+def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
     """Return the energy (channels,) of a wave, ``v'Mv/2 + u'Au/2 - u'b``, with the forcing as a potential.
 
     It is conserved if b does not depend on the time. None for equations other than waves, and if A is not symmetric.
@@ -84,7 +62,7 @@ def wave_energy(problem: SemiDiscrete, moment: Moment, time: float) -> Floats | 
     if moment.rate is None or not problem.stiffness.symmetric:
         return None
     kinetic = 0.5 * np.sum(moment.rate * problem.times_mass(moment.rate), axis=0)
-    force = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(time)
+    force = 0.5 * problem.stiffness.apply(moment.u) - problem.forcing(moment.time)
     return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
 
 
@@ -111,7 +89,7 @@ class GrowthBound:
         elapsed = time - self.begin
         bound = self.start + self.rate * elapsed + 0.5 * self.push * elapsed**2
         size = float(np.linalg.norm(u))
-        if size > UNSTABLE_GROWTH * bound > 0:
+        if size > 4 * bound > 0:  # the norm is over the band, whose nodes are not equally dense everywhere
             raise ResolutionError(
                 f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
                 "the data allow; it grows from what the spacing does not resolve, such as limbs that are two spacings "
@@ -119,13 +97,13 @@ class GrowthBound:
             )
 
 
-def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBound | None:
+def growth_bound(plan: RunPlan) -> GrowthBound | None:
     """Return the growth bound of a run; None if there is none.
 
     There is none for data that depend on time, for an operator that may have negative eigenvalues, and with a mass
     matrix, since the norm of b then does not bound that of ``M^-1 b``.
     """
-    evolution, form = scene.problem, problem.form
+    problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
     if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
         return None
     if problem.depends_on_time or form.mass is not None or not surely_positive(form):
@@ -137,44 +115,34 @@ def growth_bound(problem: SemiDiscrete, scene: Scene, start: Moment) -> GrowthBo
     return GrowthBound(size, forcing, 0.0, start.time)
 
 
-def run_warnings(problem: SemiDiscrete, evolution: Evolution, start: Moment, history: History) -> tuple[str, ...]:
-    """Return the warnings at the end of a run that began at ``start``."""
-    warnings = _oscillation_warning(evolution, history)
-    if isinstance(evolution, Wave):
-        warnings += _unresolved_wave_warning(problem, evolution, history)
-    if isinstance(evolution, ReactionDiffusion):
-        warnings += _short_pattern_warning(problem, history)
-    if isinstance(evolution, Heat):
-        warnings += _long_step_warning(problem, evolution, start, history)
-    return tuple(warnings)
-
-
-def _long_step_warning(problem: SemiDiscrete, evolution: Heat, start: Moment, history: History) -> list[str]:
+def _long_step(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the error of advection in the scheme is large; else [].
 
     It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
     """
-    if evolution.velocity is None or len(history) < 2:
+    problem, evolution, form = plan.problem, plan.evolution, plan.problem.form
+    if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
         return []
-    form = problem.form
     points, share = _pattern_points(form)
     v = evaluate_data(evolution.velocity, points, None, "the velocity")
-    values, slopes = form.evaluate(start.u, points), form.gradient(start.u, points)
+    values, slopes = form.evaluate(plan.start.u, points), form.gradient(plan.start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
-    varies = size > PATTERN_SHARE * np.sqrt(share @ values**2)
+    varies = size > 1e-3 * np.sqrt(share @ values**2)
     if not varies.any() or _is_driven_steady(problem, history, size, points, share):
         return []
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
     lasts = 1 / np.maximum(mean_diffusivity(evolution.kappa, points) * steep, 1 / evolution.duration)
-    factor, order = ADVECTION_ERRORS[evolution.scheme]
+    # Of the phase by BDF2 and Crank-Nicolson, of the size by backward Euler, for each radian of advection at r radians
+    # a step: ``factor r^order`` (cos 3t round the circle in 12 to 400 steps: .6 to 1.1 of that up to .3).
+    factor, order = {"bdf2": (1 / 3, 2), "crank-nicolson": (1 / 12, 2), "backward-euler": (1 / 2, 1)}[evolution.scheme]
     errors = factor * (along * evolution.step) ** order * along * lasts
     worst = int(errors.argmax())
     error, radians = float(errors[worst]), float(along[worst] * evolution.step)
-    if error <= REPORTED_ADVECTION_ERROR:
+    if error <= 0.1:
         return []
     spacings = float(np.linalg.norm(v, axis=1).max()) * evolution.step / form.spacing
-    advised = evolution.step * (ADVISED_ADVECTION_ERROR / error) ** (1 / order)
+    advised = evolution.step * (0.02 / error) ** (1 / order)
     return [
         f"step={evolution.step:g} is long for the velocity, which moves u by up to {spacings:.2g} spacings in it, "
         f"{radians:.2g} radians of its waves: scheme {evolution.scheme!r} then leaves "
@@ -191,54 +159,52 @@ def _is_driven_steady(problem: SemiDiscrete, history: History, size: Floats, poi
     now, before = (problem.form.evaluate(moment.u, points) for moment in (history[-1], history[-2]))
     variation = np.sqrt(share @ (now - share @ now) ** 2)
     change = np.sqrt(share @ (now - before) ** 2)
-    return bool((change <= AT_REST_SHARE * variation).all() and (variation >= STILL_VARIES_SHARE * size).all())
+    return bool((change <= 1e-3 * variation).all() and (variation >= 0.1 * size).all())
 
 
-def _short_pattern_warning(problem: SemiDiscrete, history: History) -> list[str]:
+def _short_pattern(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if a reaction's pattern is so short that the lattice determines it; else []."""
-    form = problem.form
-    longest = float(_wavenumbers(problem, history[-1].u).max(initial=0.0)) * form.spacing
+    if not isinstance(plan.evolution, ReactionDiffusion):
+        return []
+    form, u = plan.problem.form, history[-1].u
+    points, share = _pattern_points(form)
+    values, slopes = form.evaluate(u, points), form.gradient(u, points)
+    spread = share @ (values - share @ values) ** 2
+    steep = np.einsum("p,pcd->c", share, slopes**2)
+    varies = spread > 1e-6 * (share @ values**2)
+    wavenumbers = np.sqrt(np.divide(steep, spread, out=np.zeros_like(steep), where=varies))
+    longest = float(wavenumbers.max(initial=0.0)) * form.spacing
     coarsest = form.traits.dispersion.coarsest
     if longest <= coarsest:
         return []
-    advised = WELL_BELOW * form.spacing * coarsest / longest
+    advised = 0.9 * form.spacing * coarsest / longest
     return [
         f"The pattern is {2 * np.pi / longest:.2g} spacings long, too few for the lattice not to be felt: its length "
         f"and the directions of its stripes are not those of the equation; use a spacing of {advised:.2g} or less."
     ]
 
 
-def _wavenumbers(problem: SemiDiscrete, u: Floats) -> Floats:
-    """Return the rms of grad u over the rms of u - mean(u), (channels,): the wavenumber of a wave, 0 of constants."""
-    form = problem.form
-    points, share = _pattern_points(form)
-    values, slopes = form.evaluate(u, points), form.gradient(u, points)
-    spread = share @ (values - share @ values) ** 2
-    steep = np.einsum("p,pcd->c", share, slopes**2)
-    varies = spread > PATTERN_SHARE**2 * (share @ values**2)
-    return np.asarray(np.sqrt(np.divide(steep, spread, out=np.zeros_like(steep), where=varies)))
-
-
 def _pattern_points(form: Discretized) -> tuple[Floats, Floats]:
     """Return points (k, d) spread over the manifold, and the share of the manifold (k,) that each represents."""
-    every = slice(None, None, max(1, len(form.points) // PATTERN_POINTS))
+    every = slice(None, None, max(1, len(form.points) // 2000))
     points, weights = form.points[every], form.point_weights
     share = np.full(len(points), 1.0) if weights is None else weights[every]
     return points, share / share.sum()
 
 
-def _oscillation_warning(evolution: Evolution, history: History) -> list[str]:
+def _oscillation(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the last steps oscillate; else [].
 
     Only schemes without damping, or with an explicit reaction, are checked.
     """
+    evolution = plan.evolution
     if evolution.scheme not in ("crank-nicolson", "sbdf2", "euler") or len(history) < 3:
         return []
     before, after = history[-2].u - history[-3].u, history[-1].u - history[-2].u
     size = float(np.abs(history[-1].u).max(initial=0.0))
     swing = float(np.abs(after).max(initial=0.0))
-    reversed_ = -float(np.sum(before * after)) > RINGING_SHARE_OF_STEP * float(np.sum(before * before))
-    if swing <= RINGING_SHARE_OF_SOLUTION * size or not reversed_:
+    reversed_ = -float(np.sum(before * after)) > 0.5 * float(np.sum(before * before))
+    if swing <= 1e-4 * size or not reversed_:
         return []
     if evolution.scheme != "crank-nicolson":
         return [
@@ -251,19 +217,22 @@ def _oscillation_warning(evolution: Evolution, history: History) -> list[str]:
     ]
 
 
-def _unresolved_wave_warning(problem: SemiDiscrete, evolution: Wave, history: History) -> list[str]:
+def _unresolved_wave(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if the lattice does not resolve a wave; else []."""
+    problem, evolution = plan.problem, plan.evolution
+    if not isinstance(evolution, Wave):
+        return []
     if problem.form.mass_in_time is None:
         u = history[-1].u
         largest = largest_eigenvalue(problem, evolution.speed)
         sharpness = float(np.linalg.norm(problem.rate(u, evolution.until))) / largest
-        if sharpness <= SHORTEST_WAVE_SHARE * float(np.linalg.norm(u)):
+        if sharpness <= 0.4 * float(np.linalg.norm(u)):  # for waves that grow it is 0.49, for a jump 0.3
             return []
         return [
             "The solution consists of waves of two spacings, which do not solve the equation: they grew from what the "
             "spacing does not resolve; use a smaller spacing, smoother data, or scheme 'implicit' with a longer step."
         ]
-    if _mean_frequency(problem, history) * problem.form.spacing <= SHORTEST_WAVE_PHASE * evolution.speed:
+    if _mean_frequency(problem, history) * problem.form.spacing <= 0.5 * np.pi * evolution.speed:  # a quarter of a wave
         return []
     return [
         "The solution consists of waves of four spacings or less, which the spacing does not resolve; use a smaller "
@@ -281,12 +250,11 @@ def _mean_frequency(problem: SemiDiscrete, history: History) -> float:
     return float((acceleration / size) ** 0.25) if size > 0 else 0.0
 
 
-def rest_warning(form: Discretized, evolution: Evolution, start: Moment, history: History) -> list[str]:
+def _missed_rest(plan: RunPlan, history: History) -> list[str]:
     """Return a warning in a list if a run that should have come to rest did not; else []."""
-    if evolution.rest is None:
-        return []
-    rate = rate_of_change(form, start, history)
-    if rate < evolution.rest:
+    evolution = plan.evolution
+    rate = rate_of_change(plan.problem.form, plan.start, history)
+    if evolution.rest is None or rate < evolution.rest:
         return []
     return [
         f"The run did not come to rest until {evolution.until:g}: u still changes by {rate:.2g} of its size per unit "

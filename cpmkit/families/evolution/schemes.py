@@ -24,6 +24,7 @@ The implicit scheme is BDF2 for u' = v, M v' = -A u + b: ``(M + (g h)^2 A) u1 = 
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
@@ -150,8 +151,7 @@ def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
 
     ``jerk`` (n, channels) is the rate of change of -A u0 + b0, from which -A v0 is obtained including boundary data.
     """
-    wave = problem.form.scene.problem
-    assert isinstance(wave, Wave)
+    wave = cast("Wave", problem.form.scene.problem)
     largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
     strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
     return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -21,14 +21,7 @@ from cpmkit.families.evolution.run_state import (
     rate_of_change,
     schedule,
 )
-from cpmkit.families.evolution.run_warnings import (
-    GrowthBound,
-    growth_bound,
-    heat_drift_warning,
-    rest_warning,
-    run_warnings,
-    wave_energy,
-)
+from cpmkit.families.evolution.run_warnings import GrowthBound, growth_bound, run_warnings, wave_energy
 from cpmkit.families.evolution.schemes import (
     Scheme,
     backward_euler,
@@ -69,9 +62,8 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     InputError
         If a checkpoint is of another run.
     """
-    form, target = context.discretized, context.scene.problem
-    assert isinstance(target, Evolution)
-    evolution = target.with_scheme("explicit steps" not in form.cannot)
+    form = context.discretized
+    evolution = cast("Evolution", context.scene.problem).with_scheme("explicit steps" not in form.cannot)
     form.check(context.solver_name)
     if evolution.scheme in ("leapfrog", "newmark"):
         require(form, "explicit steps" if evolution.scheme == "leapfrog" else "undamped steps")
@@ -97,11 +89,10 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
 
 def _start_moment(form: Discretized, evolution: Evolution, first: Step) -> Moment:
     """Return the moment at the start, from the initial data; ``first`` is the first step."""
-    assert isinstance(evolution, (Heat, ReactionDiffusion, Wave))
-    t0, rate = evolution.t0, None
+    t0, rate, initial = evolution.t0, None, cast("Heat | ReactionDiffusion | Wave", evolution).initial
     if isinstance(evolution, Wave):
         rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=first.length)
-    u = form.interpolate(evolution.initial, "the initial data", t0, in_range=rate is None)
+    u = form.interpolate(initial, "the initial data", t0, in_range=rate is None)
     return Moment(u, rate, 0.0, time=t0)
 
 
@@ -111,10 +102,10 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
     scheme = SCHEMES[evolution.scheme]
     if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
         scheme = crank_nicolson
-    growth = growth_bound(plan.problem, context.scene, plan.start)
+    growth = growth_bound(plan)
     state = RunState(0, (plan.start,))
     if plan.start.time in evolution.frame_times:
-        state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start, plan.start.time))
+        state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start))
     if target.resume is not None:
         state, tally = read_checkpoint(target.resume, plan)
         solver.tally.add(tally)
@@ -163,7 +154,7 @@ def _take_step(
     moment = after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     later = replace(state, done=state.done + 1, history=history)
-    return later.with_frame(moment.u, wave_energy(plan.problem, moment, step.end)) if step.is_frame else later
+    return later.with_frame(moment.u, wave_energy(plan.problem, moment)) if step.is_frame else later
 
 
 def _solution_at_end(
@@ -179,13 +170,8 @@ def _solution_at_end(
     report = replace(report, solver=tally.solver or report.solver)  # the solver of the last step
     form = context.discretized
     common = context.common_fields(plan.problem.stiffness, report, built)
-    warnings = (
-        *form.warnings(),
-        *run_warnings(plan.problem, plan.evolution, plan.start, state.history),
-        *heat_drift_warning(plan.problem, context.scene, plan.start.u, u, end - plan.start.time),
-        *rest_warning(form, plan.evolution, plan.start, state.history),
-    )
-    energy = wave_energy(plan.problem, state.history[-1], end)
+    warnings = (*form.warnings(), *run_warnings(plan, state.history))
+    energy = wave_energy(plan.problem, state.history[-1])
     last = EvolvedRecord(values=u, warnings=warnings, time=end, steps=total, energy=energy, **common)
     # A run that came to rest has fewer frames than requested.
     step_number = {plan.start.time: 0, **{step.end: number for number, step in enumerate(plan.steps, 1)}}

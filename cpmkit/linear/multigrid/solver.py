@@ -17,7 +17,7 @@ from cpmkit.errors import SceneError
 from cpmkit.linear.direct import pinned_matrix
 from cpmkit.linear.krylov import KrylovSolver, indefinite_error
 from cpmkit.linear.multigrid.cycle import Level, build_cycle, build_schwarz_cycle
-from cpmkit.linear.operators import Bordered, ComplexShift, has_symmetric_pattern, without_border
+from cpmkit.linear.operators import ComplexShift, as_bordered, has_symmetric_pattern, without_border
 from cpmkit.linear.preconditioned import PreconditionedCG, PreconditionedGMRES
 from cpmkit.linear.protocols import Operator
 from cpmkit.linear.residuals import IndefiniteError
@@ -79,16 +79,18 @@ class MultigridSolver:
         RuntimeError
             If a block of unknowns is singular.
         """
+        bordered = as_bordered(operator)
         if not inner.symmetric:
-            matrix = pinned_matrix(operator) if isinstance(operator, Bordered) else operator.to_csr()
+            matrix = operator.to_csr() if bordered is None else pinned_matrix(bordered)
             return PreconditionedGMRES(operator, build_schwarz_cycle(matrix, levels), self.max_iterations, "multigrid")
         piece = np.full(inner.size, -1)
-        if waves or isinstance(inner, ComplexShift):
-            matrix = inner.positive_matrix() if isinstance(inner, ComplexShift) else inner.to_csr()
+        shift = inner if isinstance(inner, ComplexShift) else None
+        if waves or shift is not None:
+            matrix = inner.to_csr() if shift is None else shift.positive_matrix()
             cycle = build_cycle(matrix, levels, piece, waves=waves)
             return PreconditionedGMRES(operator, cycle, self.max_iterations, "multigrid")
-        if isinstance(operator, Bordered):
-            members = operator.border.indicator.tocoo()
+        if bordered is not None:
+            members = bordered.border.indicator.tocoo()
             piece[members.row] = members.col
         cycle = build_cycle(inner.to_csr(), levels, piece)
         prepared = PreconditionedCG(operator, cycle, self.max_iterations, "multigrid")
