@@ -15,7 +15,7 @@ import tokenize
 from collections import Counter
 from collections.abc import Iterable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 ROOT = Path(__file__).resolve().parents[2]
 #: File names that several folders may have.
@@ -197,13 +197,9 @@ def files_of_condition(form: str) -> set[str]:
     that see it only inside a scene or a boundary, and pass that on, do not count.
     """
     import cpmkit as ck
-    from cpmkit.plugin import Condition
-    from cpmkit.scene import laws
+    from cpmkit.plugin import Condition, Law, Support
 
-    kinds = (
-        Condition,
-        *(kind for kind in vars(laws).values() if isinstance(kind, type) and kind.__module__ == laws.__name__),
-    )
+    kinds = (Condition, *get_args(Law), Support)
     files: set[str] = set()
     core = str(ROOT / "cpmkit")
 

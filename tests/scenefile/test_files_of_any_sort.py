@@ -51,12 +51,19 @@ def test_an_array_file_that_is_none_is_refused(tmp_path, kind, keys, name):
 
 @pytest.mark.parametrize("name", DAMAGED)
 def test_a_file_of_vertex_data_that_is_none_is_refused(tmp_path, name):
-    from cpmkit.scenefile.condition_tables import with_vertex_data
-
     (tmp_path / name).write_bytes(DAMAGED[name])
-    pins = ck.source("points", at=[[0, 0, 0.0], [1, 0, 0]])
+    (tmp_path / "scene.toml").write_text(f"""
+[surface]
+kind = "analytic.sphere"
+[[boundary]]
+kind = "points"
+at = [[0, 0, 1.0], [1, 0, 0]]
+both = {{ dirichlet = {{ values = "{name}" }} }}
+[problem]
+kind = "laplace"
+""")
     with pytest.raises(ck.InputError, match=name):
-        with_vertex_data({"values": name}, tmp_path, [("surface", pins)], "dirichlet")
+        ck.load_scene(tmp_path / "scene.toml")
 
 
 @pytest.mark.parametrize("suffix", ["xyz", "csv", "txt", "ply"])
