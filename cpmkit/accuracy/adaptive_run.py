@@ -13,7 +13,6 @@ import numpy as np
 
 from cpmkit.accuracy.error_estimate import ErrorEstimate, error_unit, estimate_alone, estimate_from
 from cpmkit.accuracy.estimate import (
-    coarser_scene,
     error_in_time,
     measured_source_error,
     order_in_time,
@@ -23,7 +22,7 @@ from cpmkit.errors import ResolutionError, SceneError
 from cpmkit.families.eigen.solve_eigen import fewer_modes
 from cpmkit.forms.options import AccuracyTarget, lattice_options
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenRecord
+from cpmkit.solution.modes import EigenRecord, with_further_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress, no_progress
 
@@ -151,8 +150,9 @@ class AdaptiveRun:
 
         Coarse solutions of eigenvalue problems have further modes.
         """
-        modes = isinstance(solution, EigenRecord) and not self.is_recipe
-        return fewer_modes(cast("EigenRecord", solution), self.scene) if modes else solution
+        if not solution.has_modes or self.is_recipe:
+            return solution
+        return fewer_modes(cast("EigenRecord", solution), self.scene)
 
     @property
     def elapsed(self) -> float:
@@ -164,7 +164,7 @@ class AdaptiveRun:
 
         ``expected_seconds`` is reported to the progress callback.
         """
-        scene = self.scene if purpose in ("answer", "correction") else coarser_scene(self.scene)
+        scene = self.scene if purpose in ("answer", "correction") else with_further_modes(self.scene)
         about = "" if expected_seconds is None else f", about {expected_seconds:.2g} s"
         label = f"{purpose} at spacing {spacing:.3g}{about}"
         origin = shifted_origin(self.scene, spacing, len(self.solves) + 1)

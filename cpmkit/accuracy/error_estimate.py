@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -18,20 +18,13 @@ from cpmkit.types import Floats
 
 #: Ratio of the bound of an error to its estimate.
 ERROR_SAFETY_FACTOR = 2.0
-#: Number of points at which solutions are compared: per unknown of the finer solution, at least, and at most.
-COMPARED_PER_UNKNOWN, LEAST_COMPARED, MOST_COMPARED = 0.15, 200, 3_000
 #: Eigenvalues below this share of the largest count as zero: the unit of their errors is the first larger eigenvalue.
 ZERO_SHARE = 1e-6
 #: Largest range of a constant solution, as a share of its size: rounding.
 ROUNDING_SHARE = 1e-12
-#: Weight of the estimate from coarse solutions, in the geometric mean with that from the solution alone, where it is
-#: the larger one (a coarse lattice that does not resolve the solution makes differences large), and where it is not.
-WEIGHT_ABOVE, WEIGHT_BELOW = 0.35, 0.5
 #: The result is at least this share of the estimate from coarse solutions: the solution alone does not show the errors
 #: of quadrature.
 LEAST_OF_APART = 0.45
-#: Factor by which estimates are too small where a solution is hardly resolved (measured).
-UNRESOLVED_FACTOR = 1.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +104,7 @@ class ErrorEstimate:
 
     def _pointwise(self, fine: Floats, coarse: Floats) -> Floats:
         """Return the error (n, channels) from the values (n, channels) of the fine and the coarsest solution."""
-        if isinstance(self.solution, EigenRecord):  # eigenfunctions of a multiplet are an arbitrary basis
+        if self.solution.has_modes:
             coarse = coarse @ np.linalg.lstsq(coarse, fine, rcond=None)[0]
         ratio = self.coarse.spacing / self.solution.spacing
         return np.asarray(self.factor * np.abs(fine - coarse) / (ratio**self.order - 1))
@@ -158,8 +151,7 @@ class Difference:
 def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
     """Return points (k, d) where a solution is compared, weights (k,) of sum 1, and its values (k, channels) there."""
     form = solution.discretized
-    count = min(max(int(COMPARED_PER_UNKNOWN * form.size), LEAST_COMPARED), MOST_COMPARED)
-    rows, points = form.some_points(count)
+    rows, points = form.some_points(min(max(int(0.15 * form.size), 200), 3_000))
     if form.point_weights is None:
         weights, values = np.ones(len(rows)), solution.evaluate(points)
     else:
@@ -171,9 +163,10 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
     """Return the difference of the solution ``fine`` from one at a larger spacing, at points of the finer one."""
     points, weights, values = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
-    if isinstance(fine, EigenRecord) and isinstance(coarse, EigenRecord):
-        differences, pointwise = compare_modes(fine, coarse, points)
-        size = np.abs(fine.eigenvalues)
+    if fine.has_modes:
+        modes = cast("EigenRecord", fine)
+        differences, pointwise = compare_modes(modes, cast("EigenRecord", coarse), points)
+        size = np.abs(modes.eigenvalues)
         unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
         at = points[int(pointwise.max(axis=1).argmax())]
         return Difference(np.stack([differences, differences]) / unit, unit, at, ratio)
@@ -197,7 +190,7 @@ def _ranges(values: Floats) -> Floats:
 
 def estimate_alone(solution: SolutionRecord) -> ExpectedError | None:
     """Return the error of a solution estimated from that solution alone; None if the form has no such estimate."""
-    return None if isinstance(solution, EigenRecord) else solution.discretized.estimate(solution.values)
+    return None if solution.has_modes else solution.discretized.estimate(solution.values)
 
 
 def estimate_from(
@@ -217,7 +210,7 @@ def estimate_from(
     share of the range, is added. The ``order`` is p if it is not that of the form.
     """
     differences = [difference(solution, coarse) for coarse in coarse_solutions]
-    form, modes, tiny = solution.discretized, isinstance(solution, EigenRecord), np.finfo(float).tiny
+    form, modes, tiny = solution.discretized, solution.has_modes, np.finfo(float).tiny
     diagnoses = [
         form.diagnosis(coarse.discretized, apart.ratio, float(apart.sizes[0].max()), modes)
         for coarse, apart in zip(coarse_solutions, differences, strict=True)
@@ -269,6 +262,8 @@ def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
     ``errors`` (2, channels), root mean square and largest, are shares of ``unit``, the others in the solution's unit.
     """
     expected = np.stack([alone.rms, alone.largest]) / unit
-    weight = np.where(errors > expected, WEIGHT_ABOVE, WEIGHT_BELOW)
+    # less where it is the larger one: a coarse lattice that does not resolve the solution makes differences large
+    weight = np.where(errors > expected, 0.35, 0.5)
     mean = errors**weight * np.maximum(expected, np.finfo(float).tiny) ** (1 - weight)
-    return np.asarray(np.maximum(mean, LEAST_OF_APART * errors) * (UNRESOLVED_FACTOR if alone.unresolved else 1.0))
+    # where a solution is hardly resolved, estimates are too small by a factor of 1.7 (measured)
+    return np.asarray(np.maximum(mean, LEAST_OF_APART * errors) * (1.7 if alone.unresolved else 1.0))

@@ -21,10 +21,9 @@ from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.abilities import HasFacets
 from cpmkit.runtime.messages import collected_warnings, warn_each
 from cpmkit.runtime.options import document_options
-from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.equations_in_time import FIRST_ORDER_SCHEMES, Evolution
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenRecord, with_further_modes
+from cpmkit.solution.modes import with_further_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
@@ -51,7 +50,7 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     CpmkitError
         As ``solve`` does at the larger spacings.
     """
-    scene = coarser_scene(solution.scene)
+    scene = with_further_modes(solution.scene)
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
     coarsest = coarse_solutions[-1]
     in_time = error_in_time(coarsest, solve_at)
@@ -99,11 +98,6 @@ def _is_unresolved(solution: SolutionRecord) -> bool:
     return form.diagnosis().unresolved or (problem.family == "steady" and not resolves_waves(form, problem.terms()))
 
 
-def coarser_scene(scene: Scene) -> Scene:
-    """Return the scene for coarser solutions; an eigenvalue problem with further modes, whose order may differ."""
-    return with_further_modes(scene) if isinstance(scene.problem, Eigen) else scene
-
-
 def error_in_time(solution: SolutionRecord, solve_at: SolveAt) -> float:
     """Return the error of the steps in time, as a share of the range, from a further solve with twice the step.
 
@@ -133,7 +127,7 @@ def measured_source_error(
 
     The ``solution`` is a coarse one, as the further solve costs as much; ``solve`` solves a scene on its lattice.
     """
-    if isinstance(solution, EigenRecord):
+    if solution.has_modes:
         return 0.0
     form, surface = solution.discretized, solution.scene.surface
     by_areas = form.source_error()

@@ -22,44 +22,27 @@ from cpmkit.grid.spacings import unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.runtime import memory
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.modes import EigenRecord
 
-#: Share of the tolerance that is aimed at; for the second solve, whose spacing follows from the first solution alone,
-#: the share and the assumed order. With these and the factors below, benchmarks/trade.py had answers nearer to
+#: Share of the tolerance that is aimed at. With this and the factors below, benchmarks/trade.py had answers nearer to
 #: the target, for less time in addition to the last solve, than with other values.
-AIMED_SHARE, FIRST_AIMED_SHARE, FIRST_ORDER = 0.55, 0.45, 2.4
-#: Shares of the tolerance below which an estimate is accepted, later and at the first comparison: largest errors
-#: vary more, and with one coarser solution it is not known whether errors fall at their order already.
-ACCEPTED_SHARE, FIRST_ACCEPTED_SHARE = {"rms": 0.97, "max": 0.87}, {"rms": 0.93, "max": 0.75}
-#: Factor of these where errors may fall slowly: for slits with an exact solution the estimate was down to .49 of it.
+AIMED_SHARE = 0.55
+#: Factor of accepted errors where errors may fall slowly: estimates of slits with exact solutions were down to .49.
 SLOW_SHARE = 0.55
-#: Factors of these without an estimate from the solution alone, at first and later; for eigenvalues the second pair,
-#: whose estimates are rather large.
-UNTOLD_SHARES, EIGENVALUE_SHARES = (0.6, 0.75), (0.8, 0.92)
-#: Least and largest order at which errors are assumed to fall, and the largest where they may fall slowly.
-LEAST_ORDER, MOST_ORDER, MOST_SLOW_ORDER = 0.8, 3.0, 1.3
+#: Largest order at which errors are assumed to fall where they may fall slowly.
+MOST_SLOW_ORDER = 1.3
 #: Ratios of consecutive spacings: the least, as a smaller one shows little and costs nearly as much again; the
 #: largest, so that solutions can be compared, and no integer, since lattices would share nodes; and the ratio up to
 #: which no solve is made in between.
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
-#: The least and largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
-FIRST_LEAST_FACTOR, FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.1, 2.48, 2.2
-#: A time limit counts as kept up to this factor.
-LATE = 1.5
+#: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
+FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
 #: Largest number of finer answers after the first.
 MOST_CORRECTIONS = 2
 #: Ratio of the error of linear solves, as a share of the range, to their relative residual: at most about this
 #: (measured: tests/accuracy/test_tolerance.py).
 RESIDUAL_FACTOR = 50.0
-#: Approximate unknowns of the first solve by the manifold's dimension, and the blocks used to count them: few, as
-#: closest points may be expensive.
-FIRST_UNKNOWNS, COUNTED_BLOCKS = {0: 35, 1: 35, 2: 100, 3: 400}, 100
 #: Factor by which a solve may take longer than expected; share of the memory that is used.
 LONGER, PLANNED_SHARE = 1.25, 0.8
-#: Bytes of holes between arrays and of partly used pages of 2 MiB where one solve follows another: a constant, a share
-#: of the need, and at most (measured on 24 problems of 500 to 58,000 unknowns: .1 of it, 20 MB at most, in processes of
-#: their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
-PAGED_BYTES, PAGED_SHARE, MOST_PAGED_BYTES = 3e6, 0.4, 20e6
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
 #: two finest solves of each degree in docs/tables/knobs.md, between which time is a power of the error.
 CUBIC_ERROR = 5.8e-6
@@ -94,7 +77,7 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
     check_memory(run)
     aim = _reachable_tolerance(run)
     if tolerance is None:
-        late = run.target.seconds is not None and run.elapsed > LATE * run.target.seconds
+        late = run.target.seconds is not None and run.elapsed > 1.5 * run.target.seconds
         return ("not reached" if late else "within"), aim
     if run.failure is not None or not _is_accepted(run, aim):
         return "not reached", aim
@@ -114,8 +97,8 @@ def _first_factor(run: AdaptiveRun) -> float:
         return UNTOLD_FACTOR
     if tolerance is None:
         return FIRST_MOST_FACTOR
-    factor = (expected / (FIRST_AIMED_SHARE * tolerance)) ** (1 / FIRST_ORDER)
-    return float(min(max(factor, FIRST_LEAST_FACTOR), FIRST_MOST_FACTOR))
+    factor = (expected / (0.45 * tolerance)) ** (1 / 2.4)  # less than the aimed share, and a safe order
+    return float(min(max(factor, 2.1), FIRST_MOST_FACTOR))
 
 
 def _refine(run: AdaptiveRun) -> None:
@@ -172,14 +155,15 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     if last.solution.discretized.diagnosis().unresolved_share > aim**2:
         return False
     first = len(_comparable(run)) < 2
-    accepted = (FIRST_ACCEPTED_SHARE if first else ACCEPTED_SHARE)[run.target.norm] * aim
+    # largest errors vary more, and with one coarser solution it is not known whether errors fall at their order already
+    accepted = aim * (0.93 if first else 0.97) if run.target.norm == "rms" else aim * (0.75 if first else 0.87)
     if last.estimate is not None and last.estimate.slow:
         accepted *= SLOW_SHARE
     if not math.isnan(last.expected_error):
         return last.error <= accepted
     prior = _prior_order(run)
     slower = (UNTOLD_FACTOR**prior - 1) / (UNTOLD_FACTOR ** min(observed_order(run), prior) - 1)
-    at_first, later = EIGENVALUE_SHARES if isinstance(last.solution, EigenRecord) else UNTOLD_SHARES
+    at_first, later = (0.8, 0.92) if last.solution.has_modes else (0.6, 0.75)  # estimates are larger
     return bool(last.error * slower <= accepted * (at_first if first else later))
 
 
@@ -228,7 +212,7 @@ def observed_order(run: AdaptiveRun) -> float:
     if len(pair) == 2 and pair[0].spacing > LEAST_RATIO * pair[1].spacing:
         coarse, fine = (max(error, np.finfo(float).tiny) for error in errors)
         observed = math.log(coarse / fine) / math.log(pair[0].spacing / pair[1].spacing)
-    return min(max((observed + prior) / 2, LEAST_ORDER), MOST_SLOW_ORDER if prior < MOST_SLOW_ORDER else MOST_ORDER)
+    return min(max((observed + prior) / 2, 0.8), MOST_SLOW_ORDER if prior < MOST_SLOW_ORDER else 3.0)
 
 
 def _prior_order(run: AdaptiveRun) -> float:
@@ -248,17 +232,20 @@ def first_spacing(scene: Scene) -> float:
     """Return the spacing of the first solve, for a number of unknowns that depends on the manifold's dimension."""
     surface = localize(scene.surface, np.zeros(scene.surface.dim))
     m = surface.largest_dim
-    spacing = (unknowns_at_unit_spacing(surface, 2, COUNTED_BLOCKS) / FIRST_UNKNOWNS[m]) ** (1 / max(m, 1))
+    counted = unknowns_at_unit_spacing(surface, 2, 100)  # in few blocks, as closest points may be expensive
+    spacing = (counted / {0: 35, 1: 35, 2: 100, 3: 400}[m]) ** (1 / max(m, 1))
     return float(min(spacing, COARSEST_SPACING_SHARE * np.ptp(surface.bounds, axis=0).max()))
 
 
 def predicted_bytes(run: AdaptiveRun, unknowns: float) -> float:
     """Return the predicted peak of memory, in bytes, of a solve with this number of unknowns.
 
-    It includes stored coarser solutions, and holes and partly used pages of memory.
+    It includes stored coarser solutions, and holes between arrays and partly used pages of 2 MiB where one solve
+    follows another (measured on 24 problems of 500 to 58,000 unknowns: .1 of the need, 20 MB at most, in processes of
+    their own, and 1 to 2 times as much, 50 MB at most, after many solves; this is the middle).
     """
     used, stored = _needed_bytes(run, unknowns)
-    return stored + used + min(PAGED_BYTES + PAGED_SHARE * used, MOST_PAGED_BYTES)
+    return stored + used + min(3e6 + 0.4 * used, 20e6)
 
 
 def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:

@@ -35,9 +35,6 @@ PLANE_NEIGHBOURS = 9
 #: A vertex of the user's mesh farther from the surface than this, in spacings, has no value; it is in no face.
 FARTHEST_VERTEX_SPACINGS = 0.5
 
-#: Rounds of alternating projections onto curves that converge to their crossing.
-CROSSING_ROUNDS = 20
-
 
 @dataclass(frozen=True, eq=False)
 class DisplayMesh:
@@ -165,7 +162,7 @@ def moved_onto_boundaries(scene: Scene, points: Floats, sides: Ints) -> Floats:
     moved = np.array(points)
     for combination, rows in _by_sides(sides):
         curves = [one.source for one, code in zip(scene.boundaries, combination, strict=False) if code]
-        for _ in range(1 if len(curves) < 2 else CROSSING_ROUNDS):
+        for _ in range(1 if len(curves) < 2 else 20):  # alternating projections converge to a crossing
             for curve in curves:
                 moved[rows] = curve.closest_point(moved[rows]).points
     return moved

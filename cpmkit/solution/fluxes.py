@@ -14,7 +14,7 @@ from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import localize
 from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
-from cpmkit.mesh.adjacency import rim_of_edges
+from cpmkit.mesh.adjacency import rim_of_edges, rim_of_vertices
 from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, edge_midpoints_on, quadratic_rule
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
@@ -123,12 +123,9 @@ def _rim_of_segments(
     surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
 ) -> tuple[ClosestPoints, Floats]:
     """Return the ends of a mesh of segments, as closest points of points slightly beyond, and weights (n,) of 1."""
-    uses = np.bincount(cells.ravel(), minlength=len(points))
-    ends = np.concatenate([cells, cells[:, ::-1]])
-    ends = ends[uses[ends[:, 0]] == 1]
-    outward = points[ends[:, 0]] - points[ends[:, 1]]
-    outward = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-    return surface.closest_point(points[ends[:, 0]] + BEYOND_RIM_SPACINGS * spacing * outward), np.ones(len(ends))
+    rim = rim_of_vertices(Mesh.of(points, cells))
+    beyond = points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)
+    return surface.closest_point(beyond), np.ones(len(beyond))
 
 
 def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:

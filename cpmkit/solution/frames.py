@@ -10,7 +10,6 @@ import numpy as np
 from cpmkit.errors import InputError, ResolutionError
 from cpmkit.forms.contract import integrals
 from cpmkit.runtime.memory import available_bytes
-from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.solution.display_mesh import DisplayMesh
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
@@ -72,9 +71,9 @@ class EvolvedRecord(SolutionRecord):
 
     def summary(self) -> dict[str, Any]:
         """Return the problem, its cost and its result as plain values."""
-        problem = self.scene.problem
+        problem: Any = self.scene.problem
         summary: dict[str, Any] = {"time": self.time, "steps": self.steps}
-        if isinstance(problem, Evolution):
+        if problem.family == "time":
             summary |= {
                 "scheme": problem.with_scheme("explicit steps" not in self.discretized.cannot).scheme,
                 "step": problem.step,

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
@@ -35,6 +34,8 @@ class EigenRecord(SolutionRecord):
         Relative change (root mean square) of each eigenfunction in one more step of inverse iteration; approximate if a
         multigrid cycle replaces the step. :func:`cpmkit.estimate_error` estimates the errors of the eigenvalues.
     """
+
+    has_modes: ClassVar[bool] = True
 
     eigenvalues: Floats
     imaginary: Floats
@@ -70,9 +71,11 @@ RECOVERED_SHARE = 0.5
 
 
 def with_further_modes(scene: Scene) -> Scene:
-    """Return the scene that is solved at twice the spacing, with FURTHER_MODES more modes than requested."""
-    assert isinstance(scene.problem, Eigen)
-    return replace(scene, problem=replace(scene.problem, count=scene.problem.count + FURTHER_MODES))
+    """Return the scene for coarser solutions; an eigenvalue problem with further modes, whose order may differ."""
+    problem: Any = scene.problem
+    if problem.family != "eigen":
+        return scene
+    return replace(scene, problem=replace(problem, count=problem.count + FURTHER_MODES))
 
 
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:

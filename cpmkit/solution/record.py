@@ -6,7 +6,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar, overload
 
 import numpy as np
 
@@ -89,6 +89,9 @@ class SolutionRecord:
     solve_history: Any = field(default=None, kw_only=True)
     resonance: Resonance | None = field(default=None, kw_only=True)
 
+    #: Whether the channels are eigenfunctions, an arbitrary basis where eigenvalues are multiple.
+    has_modes: ClassVar[bool] = False
+
     #: The former name of :attr:`solve_history`.
     trade = DeprecatedMember("solve_history")
 
@@ -168,7 +171,7 @@ class SolutionRecord:
 
     def _values_at(self, points: Any, side: ReadSides) -> Floats:
         """Return the solution (n,) or (n, channels) at points (n, d); with both sides, left first, on a second axis."""
-        if isinstance(side, str) and side == "both":
+        if side == "both":
             return np.stack([self._values_at(points, one) for one in SIDES], axis=1)
         values = self.discretized.evaluate(self.values, points, side)
         return values[:, 0] if self.channels == 1 else values

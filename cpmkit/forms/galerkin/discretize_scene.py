@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -31,7 +31,6 @@ from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
 from cpmkit.linear.solver_options import make_solver
-from cpmkit.mesh.cell_quadrature import Samples
 from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.scene import Scene
@@ -69,8 +68,8 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
         return refine_adaptively(scene, options, progress)
     sampled = sample_scene(scene, options, progress)
     progress("space", 0.0)
-    samples, degree = sampled.samples, options.own.degree
-    assert isinstance(samples, Samples)
+    samples: Any = sampled.samples
+    degree = options.own.degree
     dof_map = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell, degree)
     sampled = replace(sampled, samples=QuantisedSamples.of(samples, dof_map))
     del samples  # quantised: the samples themselves are released
@@ -103,7 +102,7 @@ def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress:
             if gain < LEAST_GAIN:
                 solves = 1
                 break
-        marked, dof_map = mark_patches(squares), _refined_dof_map(form)
+        marked, dof_map = mark_patches(squares), cast("RefinedDofMap", form.space.dof_map)
         open_patches = marked & (dof_map.levels < most)
         spread = marked.sum() > MOST_MARKED_SHARE * len(marked)
         if spread or squares[open_patches].sum() < OPEN_SHARE * squares[marked].sum():
@@ -122,8 +121,7 @@ def discretize_in_regions(
 ) -> Galerkin:
     """Return the discretisation of a scene with inserted boundaries, on splines that are refined in ``regions``."""
     sampled = sample_inserted(scene, options, inserted, regions)
-    samples = sampled.samples
-    assert isinstance(samples, Samples)
+    samples: Any = sampled.samples
     first = build_dof_map(samples.points, sampled.corners, options.spacing, samples.cell)
     levels = level_splines(first, samples.points, sampled.corners, samples.cell, regions)
     stabilisation = STABILISATIONS[2][options.own.stabilisation]
@@ -161,8 +159,11 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
     squares = residual**2
     sums = form.point_weights @ squares
     shares = squares @ (1 / np.where(sums > 0, sums, 1.0)) * form.point_weights
-    dof_map = _refined_dof_map(form)
-    return np.bincount(dof_map.patch[: len(shares)], shares, minlength=len(dof_map.cells)) * 0.5 ** (4 * dof_map.levels)
+    dof_map = form.space.dof_map
+    patches = np.arange(len(dof_map.cells))
+    return (
+        np.bincount(dof_map.patch[: len(shares)], shares, minlength=len(patches)) / dof_map.magnification(patches) ** 4
+    )
 
 
 def _difference_gradient(a: Any, points: Floats, step: float) -> Floats:
@@ -170,12 +171,6 @@ def _difference_gradient(a: Any, points: Floats, step: float) -> Floats:
     shifts = [sign * step * axis for axis in np.eye(points.shape[1]) for sign in (1, -1)]
     values = [evaluate_data(a, points + shift, 1, "the diffusivity")[:, 0] for shift in shifts]
     return np.stack([(values[k] - values[k + 1]) / (2 * step) for k in range(0, len(values), 2)], axis=1)
-
-
-def _refined_dof_map(form: Galerkin) -> RefinedDofMap:
-    """Return the dof map of a form on refined splines."""
-    assert isinstance(form.space.dof_map, RefinedDofMap)
-    return form.space.dof_map
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:

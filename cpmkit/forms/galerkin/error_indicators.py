@@ -17,13 +17,6 @@ from cpmkit.meshing.curved_from_normals import source_support
 from cpmkit.meshing.mesh_cache import mesh_cache_of
 from cpmkit.types import Floats
 
-#: Divisors of the difference from a solution at twice the spacing, and the corresponding divisors at the root of two
-#: times the spacing.
-FROM_TWO, FROM_ROOT = (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)
-#: Divisors by degree where cells follow a smooth source: at orders 3 and 4 differences are 7 and 15 times the error.
-#: For eigenvalues, at order 4, 15 times (measured: 13 to 17).
-ERROR_DIVISORS = {1: 2.4, 2: 6.0, 3: 12.0}
-EIGENVALUE_DIVISORS = {1: 2.4, 2: 12.0, 3: 12.0}
 #: Largest divisors: on meshes, where orders are lower; on smooth sources that are folded on the coarser lattice, or
 #: curved about as sharply as the finer spacing on more than this share of their area, or with a layer narrower than so
 #: many spacings; where boundaries end, a layer is not resolved, or folds of meshes persist.
@@ -34,29 +27,18 @@ BENDING_DIVISOR = 3.0
 #: On meshes that are folded on the coarser lattice, or on the finer one on more than a small share; on smooth sources
 #: whose folds persist on more than this share of the area.
 FOLDED_DIVISOR, THIN_DIVISOR, THIN_SHARE = 1.25, 1.0, 0.1
-#: Factors of divisors by the difference of the solutions as a share of the range: errors with larger differences are
-#: not yet in the asymptotic range (of 370 on smooth surfaces, 5 in 100 had true divisors of degree 2 below 5.8 up to
-#: 3e-4, below 3 up to 3e-3, below 1.6 beyond).
-DIFFERENCES, FACTORS_OF_DIFFERENCE = (3e-4, 3e-3, 2e-2), (7 / 6, 4 / 6, 0.45)
-#: Factors by the coarser spacing as a share of the manifold's largest side (medians of divisors: 8.3 below .13, 7.3 at
-#: .18, 6.4 at .23, 4.5 at .27, 3.4 at .33).
-SPACING_SHARES, FACTORS_OF_SPACING = (0.17, 0.32), (7 / 6, 1 / 2)
 #: Root mean square of third differences over that of errors, and largest over largest, of cells that follow the source
 #: (measured on 22 problems at 250 to 3,000 unknowns: 60 to 240, and 50 to 300), of flat cells (95 to 110, and 80 to
 #: 150), of cells curved from normals or folded sources (3 to 50, and 2 to 200), and where boundaries end (22 to 36, and
 #: 25 to 50).
 SMOOTH, FLAT, ROUGH, ENDING = (145.0, 175.0), (100.0, 125.0), (22.0, 29.0), (30.0, 37.0)
-#: The same of cells curved from normals where less than the first share of the area is folded, as on organic meshes
-#: from some 10,000 unknowns on (25 to 50, and 50 to 320); from the second share on the ratios are ROUGH.
-RESOLVED, FOLDED_AREA = (32.0, 100.0), (0.003, 0.01)
+#: The same of cells curved from normals on organic meshes from some 10,000 unknowns on (25 to 50, and 50 to 320).
+RESOLVED = (32.0, 100.0)
 #: Largest differences of smooth and flat sources are 3 to 8 times their root mean square. Where they are more than the
 #: first factor, and more than the second share of the coefficients' range, there is a peak that the lattice does not
 #: resolve yet, and third differences are too small. They are too small, too, if their root mean square exceeds that
 #: share: a wave has six spacings or fewer. (Below it peaks are jumps beside boundaries, at 6,000 unknowns and more.)
 PEAKED, WAVY = 10.5, 0.1
-#: Sources that are folded, and that are sharply curved, on less than the first share of their area count as smooth, on
-#: more than the second as rough, and are interpolated in between.
-TURNED_AREA, SHARPLY_CURVED_AREA = (0.003, 0.02), (0.04, 0.1)
 #: At least so large a share of the difference between a curved surface and its triangles is in doubt; three times the
 #: share of the area with edges that are not fully supported; and 2.5 times that where more than the last share is not
 #: supported at all. Over true errors of 23 meshes: .8 to 22.
@@ -78,16 +60,18 @@ def difference_order(
     for eigenvalues by 5.4 to 14. At order 3 the difference is 7 times the error; with order 2 the estimate would be
     twice the error. The other parameters are those of :meth:`cpmkit.forms.contract.Discretized.diagnosis`.
     """
-    smooth = (EIGENVALUE_DIVISORS if eigenvalues else ERROR_DIVISORS)[degree]
+    # at orders 3 and 4 differences are 7 and 15 times the error; of eigenvalues, at order 4, 13 to 17 times (measured)
+    smooth = {1: 2.4, 2: 12.0 if eigenvalues else 6.0, 3: 12.0}[degree]
     return order_of_divisor(_divisor(resolution, smooth, coarser, difference), ratio)
 
 
 def order_of_divisor(divisor: float, ratio: float) -> float:
-    """Return the order p with ``r^p - 1`` equal to the ``divisor`` at r = 2, and to `FROM_ROOT` at the root of two.
+    """Return the order p with ``r^p - 1`` equal to the ``divisor`` at r = 2, and to one of its own at the root of two.
 
     The order is interpolated in the logarithm of r = ``ratio`` between these two, and constant beyond.
     """
-    at_root = math.log(1 + float(np.interp(divisor, FROM_TWO, FROM_ROOT))) / math.log(math.sqrt(2))
+    from_root = float(np.interp(divisor, (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)))
+    at_root = math.log(1 + from_root) / math.log(math.sqrt(2))
     at_two = math.log2(1 + divisor)
     share = min(max(2 * math.log2(ratio) - 1, 0.0), 1.0)
     return at_root + share * (at_two - at_root)
@@ -113,11 +97,16 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
         return min(smooth, TURNING_DIVISOR)
     if coarser is not None and coarser.normal_spread.bending_share > CURVED_AREA:
         return min(smooth, BENDING_DIVISOR)
-    factor = float(np.interp(math.log(max(difference, DIFFERENCES[0])), np.log(DIFFERENCES), FACTORS_OF_DIFFERENCE))
+    # Errors with larger differences, as shares of the range, are not yet in the asymptotic range (of 370 on smooth
+    # surfaces, 5 in 100 had true divisors of degree 2 below 5.8 up to 3e-4, below 3 up to 3e-3, below 1.6 beyond).
+    shares = np.array([3e-4, 3e-3, 2e-2])
+    factor = float(np.interp(math.log(max(difference, shares[0])), np.log(shares), (7 / 6, 4 / 6, 0.45)))
     if coarser is None:
         return smooth * min(factor, 1.0)
+    # By the coarser spacing as a share of the manifold's largest side (medians of divisors: 8.3 below .13, 7.3 at .18,
+    # 6.4 at .23, 4.5 at .27, 3.4 at .33).
     side = float(np.ptp(np.asarray(coarser.scene.surface.bounds), axis=0).max())
-    return smooth * min(factor, float(np.interp(coarser.spacing / side, SPACING_SHARES, FACTORS_OF_SPACING)))
+    return smooth * min(factor, float(np.interp(coarser.spacing / side, (0.17, 0.32), (7 / 6, 1 / 2))))
 
 
 def dispersion_of(degree: int, geometry: CellGeometry) -> Dispersion:
@@ -148,15 +137,13 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
         return None
     geometry = resolution.sampled.geometry
     if geometry == "normals":
-        ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, FOLDED_AREA))
+        ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
     elif resolution.sampled.mesh.beyond_tip.any():
         ratios = ENDING
     elif geometry == "flat":
         ratios = FLAT
     else:
-        ratios = _rough_ratios(
-            SMOOTH, (spread.unresolved_share, TURNED_AREA), (spread.bending_share, SHARPLY_CURVED_AREA)
-        )
+        ratios = _rough_ratios(SMOOTH, (spread.unresolved_share, (0.003, 0.02)), (spread.bending_share, (0.04, 0.1)))
     rms, largest = np.sqrt(np.mean(third**2, axis=0)), np.abs(third).max(axis=0)
     even = min(ratios) > max(ROUGH + ENDING)
     peaked = largest > PEAKED * rms
@@ -193,7 +180,7 @@ def highest_differences(dof_map: DofMap, u: Floats) -> Floats:
             np.moveaxis(dof_map.unknowns[np.where(ahead, *ends)].reshape(-1, *[width] * d), 1 + axis, -1)
             for ends in ((first[pairs], second[pairs]), (second[pairs], first[pairs]))
         )
-        joined = (low[..., 1:] == high[..., :-1]).reshape(len(pairs), -1).all(axis=1)
+        joined = (low[..., 1:] == high[..., :-1]).all(axis=tuple(range(1, d + 1)))
         lines = np.concatenate([low[joined], high[joined][..., -1:]], axis=-1).reshape(-1, width + 1)
         found.append(sum(sign * u[lines[:, place]] for place, sign in enumerate(signs)))
     return np.concatenate(found)

@@ -13,7 +13,6 @@ from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.linear.operators import CsrOperator
 from cpmkit.linear.protocols import Operator
-from cpmkit.scene.compound_equations import Eigen
 from cpmkit.scene.laws import Interface, Spectral
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats
@@ -121,8 +120,9 @@ def multigrid_applies(scene: Scene) -> bool:
     which they are sought, or conditions or c may make them negative. Solutions are waves for equations with c below
     zero, and for eigenvalues sought near a number unless a condition contains the eigenvalue.
     """
-    problem, laws = scene.problem, [condition.law for condition in scene.conditions]
-    if not isinstance(problem, Eigen):
+    problem: Any = scene.problem
+    laws = [condition.law for condition in scene.conditions]
+    if problem.family != "eigen":
         return True
     if not all(law.is_dissipative or isinstance(law, (Interface, Spectral)) for law in laws):
         return False

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation, group_touching_patches
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
@@ -32,8 +33,6 @@ HEIGHT_FACTOR = 10.0
 READ_FROM_SIDE_SPACINGS, ON_BOUNDARY_SPACINGS = 1e-3, 1e-9
 #: Largest distance, in spacings, of a point on a boundary to the nearest sample on it.
 ON_BOUNDARIES_SPACINGS = 0.15
-#: Step of differences, in spacings, where the sources of a boundary have no directions of their own.
-DIFFERENCE_SPACINGS = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_coefficients import READ_INSIDE_WIDTHS
-from cpmkit.forms.galerkin.patch_locator import DIFFERENCE_SPACINGS, CellSides, PatchLocator
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.patch_locator import CellSides, PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace

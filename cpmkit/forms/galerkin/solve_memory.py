@@ -16,44 +16,15 @@ from cpmkit.grid.lattice import lattice_of
 from cpmkit.grid.spacings import SPARE_MEMORY_SHARE, check_memory, rounded_up, unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime import memory
-from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.scene.scene import Scene
 
-#: Bytes per unknown at the peak of a solve, by the dimension of the manifold: matrix, coarser matrices and tables
-#: (measured on circles and knots: 1700 to 2900 with all samples; on surfaces as below).
-BYTES_PER_UNKNOWN = {1: 2500.0, 2: 2100.0}
-#: Factor of these bytes by the degree of the splines (measured on spheres of 78 and 156 thousand unknowns: 3230 and
-#: 6600 bytes, 930 and 1200 of them of samples).
-BYTES_FACTOR = {1: 1.1, 2: 1.0, 3: 2.6}
-#: Bytes per sample of a surface: places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7
-#: samples each on Spot as it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown,
-#: 2390 from 490 thousand on, where the finest matrix has no rounded copy). Samples per unknown, by degree, where they
-#: are not counted.
-BYTES_PER_SAMPLE, SAMPLES_PER_UNKNOWN = {1: 0.0, 2: 32.0}, {1: 30.0, 2: 20.0, 3: 40.0}
-#: Freed memory that the C library keeps, as a share of the need of a surface without factors, and at most so many
-#: bytes: it is returned from 512 MiB on (measured with 2 to 140 thousand unknowns: .25 to .5, 180 MB; hardly any with a
-#: million).
-ALLOCATOR_SHARE, MOST_ALLOCATOR_BYTES = 0.35, 180e6
-#: Bytes of any solve.
-LEAST_BYTES = 1e6
-#: Bytes per unknown, without factors, of the terms of boundaries and of the blocks along them that multigrid factorises
-#: (measured with 2 to 56 thousand unknowns and one and two boundaries: 1800 to 4700).
-BYTES_PER_UNKNOWN_WITH_BOUNDARIES = {1: 0.0, 2: 2000.0}
+#: Samples per unknown, by degree, where they are not counted.
+SAMPLES_PER_UNKNOWN = {1: 30.0, 2: 20.0, 3: 40.0}
+#: Bytes of the factors per unknown of a surface, over the cube root of the number of unknowns (measured).
+FACTORS_BYTES = 540.0
 #: Bytes per unknown of steps in time: the mass matrix, and matrices shifted by it (measured: 2500 in the end, and more
 #: on the way).
 BYTES_OF_STEPS = 4000.0
-#: Bytes per sample beyond the usual number: meshes of small triangles are sampled before other arrays are released.
-BYTES_PER_FURTHER_SAMPLE = {1: 0.0, 2: 150.0}
-#: Bytes of the factors per unknown of a surface, over the cube root of the number of unknowns (measured), and the
-#: factor of other degrees.
-FACTORS_BYTES, FILL_OF_DEGREE = 540.0, {1: 0.4, 2: 1.0, 3: 2.1}
-#: Bytes per unknown of the factors of overlapping blocks on all levels (measured at 300 thousand on a sphere).
-BLOCK_BYTES = {1: 2000.0, 2: 12000.0}
-#: The area of a manifold is assumed to be at most so many times that of the faces of its bounding box before it is
-#: measured.
-FOLDED_FACTOR = 10.0
-#: Approximate unknowns per squared spacing of area, by degree; those per spacing of length on a curve are fewer.
-UNKNOWNS_PER_CELL = {1: 3.0, 2: 4.5, 3: 6.1}
 
 
 @dataclass(frozen=True)
@@ -119,20 +90,32 @@ class SolveMemory:
         return self.bytes_with_samples(unknowns, solver, usual if work is None else max(usual, float(work.samples)))
 
     def bytes_with_samples(self, unknowns: float, solver: str, samples: float) -> float:
-        """Return the bytes at the peak of a solve with so many ``samples``."""
-        m, factors, degree = largest_dim(self.scene.surface), self.factorised_part(solver), self.degree
-        # on a curve factors are counted with the other tables
-        of_factors = FACTORS_BYTES * FILL_OF_DEGREE[degree] * unknowns ** (1 / 3) if m > 1 else 0.0
-        per_unknown = BYTES_FACTOR[degree] * BYTES_PER_UNKNOWN[m]
-        per_unknown += {"": 0.0, "blocks": BLOCK_BYTES[m], "all": of_factors}[factors]
-        used = per_unknown * unknowns + BYTES_PER_SAMPLE[m] * samples
-        used += min(ALLOCATOR_SHARE * used, MOST_ALLOCATOR_BYTES) if m > 1 and factors != "all" else 0.0
-        used += BYTES_PER_FURTHER_SAMPLE[m] * max(samples - SAMPLES_PER_UNKNOWN[degree] * unknowns, 0.0)
-        if self.scene.boundaries and factors != "all":
-            used += BYTES_PER_UNKNOWN_WITH_BOUNDARIES[m] * unknowns
-        if isinstance(self.scene.problem, Evolution):  # the first steps have factors of their own
-            used += (BYTES_OF_STEPS + (factors == "all") * of_factors) * unknowns
-        return LEAST_BYTES + used
+        """Return the bytes at the peak of a solve with so many ``samples``: matrices, samples, factors, and steps."""
+        is_curve, factors, degree = largest_dim(self.scene.surface) == 1, self.factorised_part(solver), self.degree
+        # Matrix, coarser matrices and tables (measured on circles and knots: 1700 to 2900 bytes an unknown with all
+        # samples; on spheres of 78 and 156 thousand unknowns of degree 2 and 3: 3230 and 6600, 930 and 1200 of them of
+        # samples), and factors of overlapping blocks on all levels (at 300 thousand on a sphere).
+        per_unknown = {1: 1.1, 2: 1.0, 3: 2.6}[degree] * (2500.0 if is_curve else 2100.0)
+        if factors == "blocks":
+            per_unknown += 2000.0 if is_curve else 12000.0
+        used, of_factors = per_unknown * unknowns, 0.0
+        if not is_curve:  # on a curve samples and factors are counted with the tables
+            of_factors = FACTORS_BYTES * {1: 0.4, 2: 1.0, 3: 2.1}[degree] * unknowns ** (4 / 3)
+            used += of_factors if factors == "all" else 0.0
+            # Places, normals, weights and numbers (measured at 140 thousand unknowns with 8.7 samples each on Spot as
+            # it is, 19.5 on Spot read as smooth and 19.1 on the sphere: 2350, 2620 and 2670 an unknown, 2390 from 490
+            # thousand on, where the finest matrix has no rounded copy).
+            used += 32.0 * samples
+            if factors != "all":
+                # Freed memory that the C library keeps: it is returned from 512 MiB on (measured with 2 to 140 thousand
+                # unknowns: .25 to .5, 180 MB; hardly any with a million). Terms of boundaries and the blocks along them
+                # that multigrid factorises (with 2 to 56 thousand and one and two boundaries: 1800 to 4700 an unknown).
+                used += min(0.35 * used, 180e6) + (2000.0 * unknowns if self.scene.boundaries else 0.0)
+            # meshes of small triangles, with more samples than usual, are sampled before other arrays are released
+            used += 150.0 * max(samples - SAMPLES_PER_UNKNOWN[degree] * unknowns, 0.0)
+        if self.scene.problem.family == "time":  # the first steps have factors of their own
+            used += BYTES_OF_STEPS * unknowns + (factors == "all") * of_factors
+        return 1e6 + used
 
     def check_samples_fit(self) -> None:
         """Raise if samples and matrices need more memory than there is, or nodes cannot be numbered.
@@ -147,7 +130,8 @@ class SolveMemory:
         spacing, bounds = self.options.spacing, np.asarray(self.scene.surface.bounds, dtype=np.float64)
         check_numbered(bounds - lattice_of(self.scene.surface, spacing, self.options.origin).origin, spacing)
         sides = np.sort(np.ptp(bounds, axis=0)) / spacing
-        most = FOLDED_FACTOR * UNKNOWNS_PER_CELL[self.degree] * float(np.prod(sides[-self.surface.largest_dim :]))
+        # unknowns per squared spacing, of ten times the area of the faces of the bounding box; fewer on curves
+        most = 10.0 * {1: 3.0, 2: 4.5, 3: 6.1}[self.degree] * float(np.prod(sides[-self.surface.largest_dim :]))
         if self.peak_bytes(most, "multigrid") > memory.available_bytes():
             self.check_fits(self.expected_unknowns(), "multigrid")
 
