@@ -104,6 +104,8 @@ def bake(
     CpmkitWarning
         If triangles overlap in the image, as mirrored halves may: a pixel shows the last of its triangles.
     """
+    from scipy.ndimage import distance_transform_edt
+
     read: Any = getattr(solution, "solution", solution)
     if read.channels != 3:
         raise InputError(f"a texture is baked of three channels, red, green and blue, got {read.channels}.")
@@ -122,7 +124,8 @@ def bake(
     colours = np.zeros((height * width, 3))
     colours[covered] = np.clip(solution.evaluate(np.einsum("nc,ncd->nd", local[covered], corners)), 0.0, 1.0)
     image, mask = colours.reshape(height, width, 3), covered.reshape(height, width)
-    return Texture(_dilate(image, mask), mask)
+    nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return Texture(image[nearest[0], nearest[1]], mask)
 
 
 def _in_pixels(mesh: TexturedMesh, width: int, height: int) -> Floats:
@@ -179,11 +182,3 @@ def _barycentric(triangles: Floats, points: Ints) -> Floats:
     parts = np.stack([twice_area(p, b, c), twice_area(a, p, c), twice_area(a, b, p)], axis=1)
     safe = np.where(whole_area == 0, 1.0, whole_area)
     return np.asarray(np.where(whole_area[:, None] == 0, -1.0, parts / safe[:, None]))
-
-
-def _dilate(image: Floats, covered: Bools) -> Floats:
-    """Return the image with the colour of the nearest covered pixel at all pixels that are not covered."""
-    from scipy.ndimage import distance_transform_edt
-
-    nearest = distance_transform_edt(~covered, return_distances=False, return_indices=True)
-    return np.asarray(image[nearest[0], nearest[1]])
