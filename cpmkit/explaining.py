@@ -13,8 +13,7 @@ from cpmkit.families.context import PreparingKeywords
 from cpmkit.forms.choice import FORMS, cost_model, every_option, explain_memory_error, module_of, options_of
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, line_through, sides_in_words, solver_part
 from cpmkit.forms.options import Options
-from cpmkit.grid.blocks import check_numbered
-from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.lattice import check_numbered, lattice_of
 from cpmkit.linear.solver_options import SolverOptions
 from cpmkit.manifold.local_source import largest_dim, localize
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from cpmkit.formulas.trees import COORDINATES as COORDINATES
     from cpmkit.formulas.trees import FUNCTIONS as FUNCTIONS
     from cpmkit.formulas.trees import formula_tree as formula_tree
-    from cpmkit.grid.blocks import cell_levels as cell_levels
+    from cpmkit.grid.lattice import cell_levels as cell_levels
     from cpmkit.grid.spacings import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
     from cpmkit.linear.operators import Border as Border
@@ -245,7 +245,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "outward_conormals": "manifold.tangent_space",
         "unit_normals": "manifold.tangent_space",
         "unit_tangents": "manifold.tangent_space",
-        "cell_levels": "grid.blocks",
+        "cell_levels": "grid.lattice",
     },
     "Making and solving scenes": {
         "source": "plugins",

@@ -11,7 +11,7 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from cpmkit.forms.options import Options, Own
-from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
+from cpmkit.grid.lattice import cell_levels, nodes_of_blocks
 from cpmkit.grid.spacings import check_memory
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize

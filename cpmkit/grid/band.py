@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
-from cpmkit.grid.lattice import Codes, find_codes
+from cpmkit.grid.lattice import Codes, cell_levels, find_codes, nodes_of_blocks
 from cpmkit.grid.spacings import COUNTED_BLOCKS, check_fits
 from cpmkit.grid.stencils import base_offset, stencil_range, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource

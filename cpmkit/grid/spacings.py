@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 from cpmkit.errors import InputError, ResolutionError
-from cpmkit.grid.blocks import cell_levels, nodes_of_blocks
+from cpmkit.grid.lattice import cell_levels, nodes_of_blocks
 from cpmkit.manifold.local_source import LocalSource, localize
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime import memory

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from cpmkit.grid.blocks import cell_levels
+from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.orientation import AS_GIVEN, Orientation, propagate_signs
 from cpmkit.manifold.source import ClosestPoints

@@ -11,8 +11,7 @@ import numpy as np
 from cpmkit.forms.cost_model import fitting_unknowns
 from cpmkit.forms.galerkin.options import GalerkinOptions
 from cpmkit.forms.options import Options
-from cpmkit.grid.blocks import check_numbered
-from cpmkit.grid.lattice import lattice_of
+from cpmkit.grid.lattice import check_numbered, lattice_of
 from cpmkit.grid.spacings import SPARE_MEMORY_SHARE, check_memory, rounded_up, unknowns_at_unit_spacing
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
 from cpmkit.runtime import memory

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.blocks import cell_levels
-from cpmkit.grid.lattice import Codes
+from cpmkit.grid.lattice import Codes, cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.types import Bools, Floats, Ints

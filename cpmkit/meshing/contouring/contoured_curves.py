@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cpmkit.errors import ResolutionError
-from cpmkit.grid.blocks import cell_levels
+from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Mesh

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cpmkit.grid.blocks import cell_levels
+from cpmkit.grid.lattice import cell_levels
 from cpmkit.manifold.abilities import HasMesh
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
