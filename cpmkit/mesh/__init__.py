@@ -1,1 +1,1 @@
-"""One mesh value: cells, edges, rims, winding, repair, subdivision, refinement and cuts along boundaries."""
+"""One mesh value: cells, edges, rims, winding, repair, subdivision, quadrature and cuts along boundaries."""

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.manifold.vector_algebra import unit
+from cpmkit.manifold.vector_algebra import norms, unit
 from cpmkit.mesh.adjacency import rim_of_edges
 from cpmkit.mesh.mesh import CellGeometry, Mesh
 from cpmkit.types import Bools, Floats, Ints
@@ -127,15 +127,19 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
     small as a whole.
     """
-    from cpmkit.mesh.mesh_kernels import least_turning_sine, mark_small_triangles
+    from cpmkit.mesh.mesh_kernels import least_turning_sine
 
-    cells = np.ascontiguousarray(mesh.cells)
     if mesh.midpoints is None:
-        sine = least_turning_sine(mesh.vertices, cells, mesh.edges.of_cells)
+        sine = least_turning_sine(mesh.vertices, np.ascontiguousarray(mesh.cells), mesh.edges.of_cells)
         limits: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
     else:
         limits = np.zeros(len(mesh.cells))  # untouched zeros take no memory
-        mark_small_triangles(mesh.vertices, cells, spacing, CURVED_SINGLE_MOMENT, limits)
+        for start in range(0, len(limits), TRIANGLES_AT_ONCE):
+            rows = slice(start, start + TRIANGLES_AT_ONCE)
+            corners = mesh.vertices[mesh.cells[rows]] / spacing
+            a, b, c = corners.transpose(1, 0, 2)
+            moments = 0.5 * norms(np.cross(b - a, c - a)) * np.sum(np.ptp(corners, axis=1) ** 2, axis=1)
+            limits[rows][moments < CURVED_SINGLE_MOMENT] = CURVED_SINGLE_MOMENT
     if len(mesh.cut):
         on_boundary = np.zeros(len(mesh.vertices), dtype=bool)
         on_boundary[mesh.cut] = True

@@ -314,24 +314,3 @@ def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
         for edge in of_cells[cell]:
             least[cell] = min(least[cell], sine[edge])
     return least
-
-
-@compiled
-def mark_small_triangles(vertices: Floats, cells: Ints, spacing: float, most: float, limits: Floats) -> None:
-    """Set ``limits`` (m,) to ``most`` where a triangle's area times its squared length, in spacings, is smaller."""
-    a, b, c = np.empty(3), np.empty(3), np.empty(3)
-    for cell in range(len(cells)):
-        squared = 0.0
-        for i in range(3):
-            a[i] = vertices[cells[cell, 0], i] / spacing
-            b[i] = vertices[cells[cell, 1], i] / spacing
-            c[i] = vertices[cells[cell, 2], i] / spacing
-            extent = max(max(a[i], b[i]), c[i]) - min(min(a[i], b[i]), c[i])
-            squared += extent * extent
-        total = 0.0
-        for i in range(3):
-            j, k = (i + 1) % 3, (i + 2) % 3
-            normal = (b[j] - a[j]) * (c[k] - a[k]) - (b[k] - a[k]) * (c[j] - a[j])
-            total += normal * normal
-        if 0.5 * np.sqrt(total) * squared < most:
-            limits[cell] = most

@@ -121,23 +121,6 @@ def unwhiten(frame: Floats, e: float, f: float, place: Floats) -> None:
 
 
 @compiled
-def centroid(piece: Floats, count: int, place: Floats) -> float:
-    """Fill ``place`` (2,) with the centroid of a convex polygon, unless its area is zero; return its area."""
-    area = x = y = 0.0
-    r, s = piece[0, 0], piece[0, 1]
-    for k in range(1, count - 1):
-        a, b = piece[k, 0] - r, piece[k, 1] - s
-        c, d = piece[k + 1, 0] - r, piece[k + 1, 1] - s
-        part = 0.5 * (a * d - b * c)
-        area += part
-        x += part * (a + c) / 3
-        y += part * (b + d) / 3
-    if area > 0:
-        place[0], place[1] = r + x / area, s + y / area
-    return area
-
-
-@compiled
 def triangle_rule(piece: Floats, places: Floats, shares: Floats) -> float:
     """Fill the first three ``places`` and ``shares`` with the rule of degree 2 on a triangle; return its area."""
     for i in range(2):
@@ -181,13 +164,12 @@ def polygon_rule(
     places, shares : (taken or more, 2), (taken or more,) float64
         Points, and weights with sum 1.
     """
-    if taken == 1:
-        shares[0] = 1.0
-        return centroid(piece, count, places[0])
     if taken == 3 and count == 3:  # the same points, in another order
         return triangle_rule(piece, places, shares)
     area = whiten(piece, count, frame, corners)
-    if area <= 0:
+    if taken == 1:
+        shares[0], places[0, 0], places[0, 1] = 1.0, frame[0], frame[1]
+    if area <= 0 or taken == 1:
         return area
     third_moments(corners, count, thirds)
     c, s = skewest_direction(thirds)

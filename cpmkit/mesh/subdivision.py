@@ -60,7 +60,8 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: Halve
         ends = mesh.edges.ends
         middle = np.full(len(ends), -1)
         if halves is not None:
-            middle[long] = halves.middle_of(ends[long])
+            at = find_codes(halves.codes, _edge_codes(ends[long]))
+            middle[long] = np.where(at >= 0, np.append(halves.middles, -1)[at], -1)
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
         mesh = halve_edges(mesh, middle, mesh.vertices[ends[new]].mean(axis=1))
@@ -151,11 +152,6 @@ class HalvedEdges:
 
     codes: Ints
     middles: Ints
-
-    def middle_of(self, ends: Ints) -> Ints:
-        """Return the vertices (e,) in the middles of edges ``ends`` (e, 2), -1 where there is no such vertex."""
-        at = find_codes(self.codes, _edge_codes(ends))
-        return np.where(at >= 0, np.append(self.middles, -1)[at], -1)
 
 
 @dataclass(frozen=True, eq=False)

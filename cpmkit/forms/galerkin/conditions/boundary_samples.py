@@ -256,13 +256,10 @@ def boundary_samples(
         owner[rows],
         beyond_tip[rows],
     )
-    return concatenate_samples(samples, _at_vertices(mesh, corners, points)) if points else samples
-
-
-def concatenate_samples(first: BoundarySamples, second: BoundarySamples) -> BoundarySamples:
-    """Return the samples ``first`` followed by the samples ``second``."""
-    names = [field.name for field in fields(BoundarySamples)]
-    return BoundarySamples(*[np.concatenate([getattr(first, name), getattr(second, name)]) for name in names])
+    if not points:
+        return samples
+    parts, names = (samples, _at_vertices(mesh, corners, points)), [field.name for field in fields(BoundarySamples)]
+    return BoundarySamples(*[np.concatenate([getattr(part, name) for part in parts]) for name in names])
 
 
 def _at_vertices(mesh: Mesh, corners: Ints, points: Mapping[int, Ints]) -> BoundarySamples:

@@ -278,15 +278,12 @@ def point_warnings(
     names = [boundary.name for boundary in scene.boundaries]
     at_points = samples.owner[samples.half < 0]
     points = {names[number]: int(np.sum(at_points == number)) for number in np.unique(at_points)}
-    sizes = {name: _boundary_size(samples, number) for number, name in enumerate(names)}
+    on_facet, sizes = (samples.half >= 0) & ~samples.beyond_tip, {}
+    for number, name in enumerate(names):  # the diagonal of the box around a boundary's samples on facets
+        places = samples.points[on_facet & (samples.owner == number)]
+        sizes[name] = float(norms(np.ptp(places, axis=0))) if len(places) else np.inf
     least = SMALL_SPACINGS * spacing
     return (*point_value_warnings(scene, points, interior), *short_curve_warnings(scene, sizes, spacing, least))
-
-
-def _boundary_size(samples: BoundarySamples, number: int) -> float:
-    """Return the diagonal of the bounding box of a boundary's samples on facets, infinite if there are none."""
-    points = samples.points[(samples.owner == number) & ~samples.beyond_tip & (samples.half >= 0)]
-    return float(norms(np.ptp(points, axis=0)[None])[0]) if len(points) else np.inf
 
 
 @dataclass(frozen=True, eq=False)

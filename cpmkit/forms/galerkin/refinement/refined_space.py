@@ -24,14 +24,7 @@ from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
     representations,
 )
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, shift_of
-from cpmkit.forms.galerkin.space.energy import (
-    NO_STABILISATION,
-    Stabilisation,
-    add_floor,
-    add_ghosts,
-    energy_data,
-    mean_coefficient,
-)
+from cpmkit.forms.galerkin.space.energy import Stabilisation
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
@@ -166,35 +159,6 @@ class RefinedSpace(FunctionSpace):
     def gradient_load(self, values: Floats) -> Floats:
         """Raise a SceneError: a weak divergence depends on the spacing of the solution that it is computed from."""
         raise SceneError("refine='auto' takes no divergence as a right-hand side; use refine='off'.")
-
-    def stiffness(self, a: Floats, c: Floats | None, scale: Floats | None = None) -> csr_array:
-        """Return the integrals (n, n) of a grad u . grad v + c u v of the active splines, stabilised and with floor."""
-        assert scale is None
-        return self.restrict_matrix(self._energy(a, c, self.stabilisation, 0, with_floor=True))
-
-    def _unit_stabilisation(self) -> csr_array:
-        """Return the stabilisation S (n, n) for the diffusivity 1, times (h_l / h)^2 on each level l."""
-        unit = (self._energy(np.ones(1), None, factors, -2) for factors in (self.stabilisation, NO_STABILISATION))
-        return self.restrict_matrix(next(unit) - next(unit))
-
-    def _energy(
-        self, a: Floats, c: Floats | None, stabilisation: Stabilisation, power: int, with_floor: bool = False
-    ) -> csr_array:
-        """Return the energy (N, N) over the magnified levels with its stabilisation, times magnification^power.
-
-        On the magnified lattice lengths are larger and slopes smaller, while the weights of samples are unchanged: the
-        coefficients make up for both. On surfaces squares of differences and the floor have no unit of length.
-        """
-        magnification = self.dof_map.magnification(self.dof_map.patch)
-        factor = magnification ** float(power)
-        squares = (factor * magnification**2).reshape(-1, *(1,) * (a.ndim - 1))
-        ghosts = factor * magnification ** (2 - self.splines.manifold_dim) * mean_coefficient(self.splines, a)
-        data = energy_data(self.splines, a * squares, c, stabilisation)
-        diagonal = self.splines.matrix(data).diagonal()
-        add_ghosts(self.splines, ghosts, stabilisation, data)
-        if with_floor:
-            add_floor(self.splines, ghosts, diagonal, data)
-        return self.splines.matrix(data)
 
     @cached_property
     def refined_levels(self) -> list[Level]:

@@ -52,8 +52,6 @@ class Stabilisation:
     e3: float = 0.0
 
 
-#: No stabilisation.
-NO_STABILISATION = Stabilisation(0.0, 0.0, 0.0)
 #: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
 STABILISATIONS = {
     1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
@@ -104,7 +102,7 @@ def stiffness_with_floor(
 
 def mass(space: SplineSpace, c: Floats | float) -> csr_array:
     """Return the mass matrix (n, n), the sum of w c u v over the samples; ``c`` is a number or (q,) at the samples."""
-    return space.matrix(energy_data(space, None, c, NO_STABILISATION))
+    return space.matrix(energy_data(space, None, c, Stabilisation(0.0, 0.0, 0.0)))
 
 
 def load(space: SplineSpace, f: Floats, some: slice = EVERY_SAMPLE) -> Floats:
@@ -177,9 +175,12 @@ def energy_data(
     They are in the sparsity pattern of ``space``, without ghost penalty and floor. ``a`` or ``c`` is None where there
     is no such term; ``scale`` is that of `stiffness_with_floor`.
     """
-    d = space.samples.places.shape[1]
+    d, dof_map = space.samples.places.shape[1], space.dof_map
     scalars, tensors = np.zeros(0), np.zeros((0, d, d))
     if a is not None:
+        squares = dof_map.magnification(dof_map.patch) ** 2
+        if len(squares) > 1:  # on magnified lattices slopes are smaller, while the weights of samples are unchanged
+            a = np.asarray(a) * squares.reshape(-1, *(1,) * (np.ndim(a) - 1))
         if scale is not None and np.ndim(a) < 3:
             a = np.multiply.outer(np.broadcast_to(a, len(space.samples)), np.eye(d))
         scalars = mean_coefficient(space, a) if scale is None else scale

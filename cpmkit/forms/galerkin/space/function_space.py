@@ -233,7 +233,7 @@ class FunctionSpace:
 
         ``a``, ``c`` and ``scale`` as of :func:`cpmkit.forms.galerkin.space.energy.stiffness_with_floor`.
         """
-        return energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale)
+        return self.restrict_matrix(energy.stiffness_with_floor(self.splines, a, self.stabilisation, c, scale))
 
     def extend_matrix(self, matrix: csr_array, a: Floats | None, c: Floats | None) -> csr_array:
         """Return a ``matrix`` over the splines extended by the functions beside the splines, (n, n).
@@ -252,14 +252,12 @@ class FunctionSpace:
 
     @cached_property
     def projection(self) -> Projection:
-        """The solver of systems with M + h^2 S, where S is the stabilisation for the diffusivity 1."""
-        return Projection((self.mass.matrix + self.spacing**2 * self._unit_stabilisation()).tocsr())
-
-    def _unit_stabilisation(self) -> csr_array:
-        """Return the stabilisation S (n, n) for the diffusivity 1."""
+        """The solver of systems with M + h^2 S, S the stabilisation for the diffusivity 1; with h_l on a level l."""
         data = energy.stabilisation_data(self.splines, 1.0, self.stabilisation)
-        energy.add_ghosts(self.splines, 1.0, self.stabilisation, data)
-        return self.extend_matrix(self.splines.matrix(data), None, None)
+        smaller = self.dof_map.magnification(self.dof_map.patch) ** -2.0  # (h_l / h)^2
+        energy.add_ghosts(self.splines, smaller, self.stabilisation, data)
+        penalty = self.extend_matrix(self.restrict_matrix(self.splines.matrix(data)), None, None)
+        return Projection((self.mass.matrix + self.spacing**2 * penalty).tocsr())
 
     def project(self, values: Floats) -> Floats:
         """Return the unknowns (n, k) of the L2 projections of ``values`` (p, k) at the samples on the manifold."""
