@@ -206,7 +206,7 @@ def test_no_run_is_made_twice():
 
 
 def test_a_billion_frames_are_refused():
-    for frames in (10**9, [0.1] * 100_001, ["0.1"], [True], "0.1", 3.0, [10**400]):
+    for frames in (10**9, np.linspace(0.1, 0.9, 100_001).tolist(), ["0.1"], [True], "0.1", 3.0, [10**400]):
         with pytest.raises(InputError, match=r"frames of heat must be a number of equal parts .* at most 100000"):
             ck.Heat(1.0, until=1.0, step=0.1, frames=frames)
     assert len(ck.Heat(1.0, until=1.0, step=0.1, frames=np.int64(3)).frame_times) == 4
