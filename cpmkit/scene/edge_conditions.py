@@ -238,9 +238,10 @@ def sample_edge_point(source: ClosestPointSource, part: Part, parts: ByPosition)
     that is, since data may be undefined elsewhere.
     """
     bounds = np.asarray(source.bounds, dtype=np.float64)
-    axes = bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * np.ptp(bounds, axis=0)  # beyond both ends of the bounds
-    queries = np.array([*product(*bounds.T), *product(*axes.T), bounds.mean(axis=0)])
-    feet = LocalSource(source, np.zeros(source.dim)).closest_point(queries)
+    queries = [*product(*bounds.T), bounds.mean(axis=0)]
+    if len(parts.parts) > 1:  # seven points on each axis, beyond both ends of the bounds
+        queries += product(*(bounds[0] + np.linspace(-0.25, 1.25, 7)[:, None] * np.ptp(bounds, axis=0)).T)
+    feet = LocalSource(source, np.zeros(source.dim)).closest_point(np.array(queries))
     on = np.flatnonzero(feet.edge >= 0)
     inside = on[parts.number_at(feet.points[on]) == parts.parts.index(part)]
     return feet.points[[*inside, *on, 0][:1]]

@@ -15,7 +15,7 @@ from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
-from cpmkit.scene.data import Data, Functional, evaluate_data, is_sequence, takes_time
+from cpmkit.scene.data import Data, Functional, evaluate_data, takes_time
 from cpmkit.scene.diffusivities import is_tensor
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
@@ -140,12 +140,14 @@ class Scene(Generic[Family]):
         return most
 
     def _channels_of(self, label: str, data: Data, place: Callable[[], Floats]) -> int:
-        """Return the number of channels of ``data``, if need be by evaluating them at the point ``place()``."""
+        """Return the number of channels of ``data``, if need be by evaluating them at the point ``place()``.
+
+        Numbers are evaluated too, so that a source whose answers are wrong is refused when the scene is made.
+        """
         channels = getattr(data, "channels", None)
         if isinstance(channels, int) and (isinstance(data, Functional) or callable(data)):
             return channels  # evaluating a field at other points than its own takes a linear solve
-        point = place() if callable(data) or is_sequence(data) else np.zeros((1, self.surface.dim))
-        return int(evaluate_data(data, point, None, label, self.problem.start_time).shape[1])
+        return int(evaluate_data(data, place(), None, label, self.problem.start_time).shape[1])
 
     @cached_property
     def has_tensor(self) -> bool:
