@@ -38,8 +38,7 @@ def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     def accepts(value: Any) -> bool:
         """Return whether a value is a finite number from ``least`` to ``most``."""
         try:
-            real = isinstance(value, (int, float)) and not isinstance(value, bool)
-            return real and math.isfinite(value) and least <= value <= most
+            return type(value) in (int, float) and math.isfinite(value) and least <= value <= most
         except OverflowError:  # a whole number of hundreds of digits
             return False
 
@@ -50,17 +49,17 @@ def whole_numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
     """Return the kind of whole numbers from ``least`` to ``most``."""
     return Kind(
         f"a whole number{_range(least, most)}",
-        lambda value: isinstance(value, int) and not isinstance(value, bool) and least <= value <= most,
+        lambda value: type(value) is int and least <= value <= most,
     )
 
 
 def one_of(*words: str) -> Kind:
     """Return the kind of texts that are one of ``words``."""
-    return Kind(f"one of {', '.join(words)}", lambda value: isinstance(value, str) and value in words)
+    return Kind(f"one of {', '.join(words)}", lambda value: type(value) is str and value in words)
 
 
-TEXT = Kind("text", lambda value: isinstance(value, str))
-FLAG = Kind("true or false", lambda value: isinstance(value, bool))
+TEXT = Kind("text", lambda value: type(value) is str)
+FLAG = Kind("true or false", lambda value: type(value) is bool)
 ANYTHING = Kind("anything", lambda _: True)
 
 
@@ -218,9 +217,9 @@ def _check_values(tables: dict[str, Any]) -> None:
         where, value, depth = waiting.pop()
         if depth > DEEPEST_NESTING:
             raise SceneError(f"{where} nests more than {DEEPEST_NESTING} tables or lists in each other.")
-        if isinstance(value, int) and not -WHOLE_NUMBER_BOUND <= value < WHOLE_NUMBER_BOUND:
+        if type(value) is int and not -WHOLE_NUMBER_BOUND <= value < WHOLE_NUMBER_BOUND:
             raise SceneError(f"{where} is a whole number beyond 9.2e18; write it with an exponent, such as 1e20.")
-        if isinstance(value, str):
+        if type(value) is str:
             _check_text(value, where)
         waiting += [(name, entry, depth + 1) for name, entry in _entries(value, where)]
 
