@@ -17,7 +17,7 @@ from cpmkit.formulas.expressions import Expression, ReactionExpression, StateExp
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.plugins import call, factory
-from cpmkit.runtime.arrays import number
+from cpmkit.runtime.arrays import number, whole
 from cpmkit.runtime.messages import did_you_mean
 from cpmkit.scene.conditions import Condition, Dirichlet, Neumann, Robin
 from cpmkit.scene.data import Data, as_vector_field, is_sequence, read_formula
@@ -61,7 +61,7 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
     if _is_datum(table):
         return Dirichlet(read_data(table, dim, where))
     table = as_table(table, where)
-    order = {"order": table.pop("order")} if "order" in table else {}
+    order = {"order": whole(table.pop("order"), f"order of {where}", 1, 4)} if "order" in table else {}
     if isinstance(table.get("kind"), str):
         make = factory(table.pop("kind"), "cpmkit_conditions")
         condition: Condition = call(make, where, {**_read_keys(table, dim, where), **order})
