@@ -107,9 +107,11 @@ class SolveMemory:
             used += 32.0 * samples
             if factors != "all":
                 # Freed memory that the C library keeps: it is returned from 512 MiB on (measured with 2 to 140 thousand
-                # unknowns: .25 to .5, 180 MB; hardly any with a million). Terms of boundaries and the blocks along them
-                # that multigrid factorises (with 2 to 56 thousand and one and two boundaries: 1800 to 4700 an unknown).
-                used += min(0.35 * used, 180e6) + (2000.0 * unknowns if self.scene.boundaries else 0.0)
+                # unknowns: .25 to .5, 180 MB; hardly any with a million).
+                used += min(0.35 * used, 180e6)
+            # Terms of boundaries, and the blocks along them that multigrid factorises (measured with 2 to 56 thousand
+            # unknowns and one and two boundaries: 1800 to 4700 an unknown).
+            used += 2000.0 * unknowns if self.scene.boundaries else 0.0
             # meshes of small triangles, with more samples than usual, are sampled before other arrays are released
             used += 150.0 * max(samples - SAMPLES_PER_UNKNOWN[degree] * unknowns, 0.0)
         if self.scene.problem.family == "time":  # the first steps have factors of their own

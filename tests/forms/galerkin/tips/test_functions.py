@@ -32,7 +32,7 @@ def around(disc, r, t):
 
 def test_the_axes(disc):
     np.testing.assert_allclose(FRAME[:2] @ disc.heading, [1, 0], atol=1e-9)
-    assert abs(disc.geometry) < 1e-6
+    assert abs(disc.curvature) < 1e-6
     assert 0.8 < disc.radius < 1
 
 
