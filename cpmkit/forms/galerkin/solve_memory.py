@@ -109,9 +109,11 @@ class SolveMemory:
                 # Freed memory that the C library keeps: it is returned from 512 MiB on (measured with 2 to 140 thousand
                 # unknowns: .25 to .5, 180 MB; hardly any with a million).
                 used += min(0.35 * used, 180e6)
-            # Terms of boundaries, and the blocks along them that multigrid factorises (measured with 2 to 56 thousand
-            # unknowns and one and two boundaries: 1800 to 4700 an unknown).
-            used += 2000.0 * unknowns if self.scene.boundaries else 0.0
+                # Terms of boundaries, and the blocks along them that multigrid factorises (measured with 2 to 56
+                # thousand unknowns and one and two boundaries: 1800 to 4700 an unknown).
+                used += 2000.0 * unknowns if self.scene.boundaries else 0.0
+            # boundaries that are inserted into the mesh (measured on up to three, of 500 to 50,000 unknowns)
+            used += len(self.scene.boundaries) * min(1e3 * unknowns, 5e6)
             # meshes of small triangles, with more samples than usual, are sampled before other arrays are released
             used += 150.0 * max(samples - SAMPLES_PER_UNKNOWN[degree] * unknowns, 0.0)
         if self.scene.problem.family == "time":  # the first steps have factors of their own
