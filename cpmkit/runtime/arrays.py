@@ -103,8 +103,9 @@ def as_vector(x: Any, dim: int, label: str) -> Floats:
 def _as_floats(x: Any, accepted: str) -> Floats:
     """Return ``x`` as float64; raise an InputError that begins with ``accepted`` if an entry is not a number."""
     with suppress(TypeError, ValueError, OverflowError):
-        # NumPy would convert texts, dates and truth values to numbers.
-        if np.asarray(x).dtype.kind not in "bUSmM":
+        # NumPy would convert texts, dates and truth values to numbers, in lists also those beside numbers.
+        entries = np.asarray(x, dtype=object).flat if isinstance(x, (list, tuple)) else ()
+        if np.asarray(x).dtype.kind not in "bUSmM" and {bool, np.bool_}.isdisjoint(map(type, entries)):
             return np.asarray(x, dtype=np.float64)
     raise InputError(f"{accepted}, got {shown(x)}.")
 
