@@ -119,31 +119,19 @@ def check_name(path: Path) -> None:
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
-    check_encoding(path)
-    lengths = [len(os.fsencode(part)) for part in path.parts]
+    try:
+        lengths = [len(os.fsencode(part)) for part in path.parts]
+    except UnicodeEncodeError as error:
+        raise InputError(
+            f"{shown(str(path))} cannot be written in the encoding of file names here, {error.encoding}; "
+            "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8."
+        ) from error
     limits = [*(255 for _ in lengths[1:]), MOST_FILE_NAME_BYTES]
     for part, length, limit in zip(path.parts, lengths, limits, strict=False):
         if length > limit:
             raise InputError(f"The name {shown(part)} has {length} bytes; accepted are {limit} at most.")
     if sum(lengths) + len(lengths) > MOST_PATH_BYTES:
         raise InputError(f"The path {shown(str(path))} is too long; accepted are {MOST_PATH_BYTES} bytes at most.")
-
-
-def check_encoding(path: Path) -> None:
-    """Raise if the encoding of file names lacks characters of ``path``.
-
-    Raises
-    ------
-    InputError
-        If it lacks some; the message names a setting that helps.
-    """
-    try:
-        os.fsencode(path)
-    except UnicodeEncodeError as error:
-        raise InputError(
-            f"{shown(str(path))} cannot be written in the encoding of file names here, {error.encoding}; "
-            "set the environment variable PYTHONUTF8=1, or LC_ALL=C.UTF-8."
-        ) from error
 
 
 def write_png(path: str | Path, colours: Any) -> Path:
@@ -165,11 +153,9 @@ def write_png(path: str | Path, colours: Any) -> Path:
     size = struct.pack(">II", width, height)
     # eight bits per channel, red, green and blue, default compression, no interlacing
     chunks = [(b"IHDR", size + bytes([8, 2, 0, 0, 0])), (b"IDAT", zlib.compress(rows.tobytes(), 9)), (b"IEND", b"")]
+    content = b"\x89PNG\r\n\x1a\n"
+    for name, data in chunks:
+        content += struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))
     with written_whole(path) as unfinished:
-        unfinished.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(_chunk(name, data) for name, data in chunks))
+        unfinished.write_bytes(content)
     return path
-
-
-def _chunk(name: bytes, data: bytes) -> bytes:
-    """Return a chunk of a PNG file: the length of the data, the name, the data and the checksum."""
-    return struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data))

@@ -116,17 +116,15 @@ def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[Loc
     boundaries : sequence of LocalSource
         The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
     """
-    from cpmkit.meshing import curved_kernels
-
     cache, edges = mesh_cache_of(source), mesh.edges
     if cache is not None and cache.has_cells_of(mesh) and not boundaries:
-        arrays = mesh.vertices, edges.ends, _cached_heights(source, cache), edges.of_cells
-        return mesh.with_same_cells(midpoints=curved_kernels.midpoints_by_heights(*arrays))
+        middles = 0.5 * (mesh.vertices[edges.ends[:, 0]] + mesh.vertices[edges.ends[:, 1]])
+        return mesh.with_same_cells(midpoints=(middles + _cached_heights(source, cache))[edges.of_cells])
     if not len(mesh.cut):
         normals = smooth_vertex_normals(source, mesh)
         share = _height_shares(source, mesh, normals)
         points, _ = smooth_midpoints(source, mesh.vertices, edges.ends, normals, share)
-        return mesh.with_same_cells(midpoints=curved_kernels.gather_by_cell(points, edges.of_cells))
+        return mesh.with_same_cells(midpoints=points[edges.of_cells])
     on_cut = mesh.cut_edges
     normals = smooth_normals(source, mesh.vertices)
     mesh = _move_onto_boundaries(mesh, normals.across, boundaries)
@@ -182,15 +180,16 @@ def smooth_midpoints(
     share : (e,) float64
         Share of its height that each edge keeps.
     """
-    from cpmkit.meshing import curved_kernels
-
     across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():
         at_middles = smooth_normals(source, 0.5 * vertices[ends[flat]].sum(axis=1))
         across[flat], flat[flat] = at_middles.across, at_middles.flat
-    arrays = np.ascontiguousarray(vertices), np.ascontiguousarray(ends), np.ascontiguousarray(normals.across)
-    points: Floats = curved_kernels.hermite_midpoints(*arrays, flat, share, CREASED_EDGE_SHARE)
-    return points, SmoothNormals(across, flat)
+    a, b = vertices[ends[:, 0]], vertices[ends[:, 1]]
+    start, end = (unit(_tangential(b - a, normals.across[side])) for side in ends.T)
+    length = norms(b - a)[:, None]
+    height = length * (start - end) / 8  # of the middle of Hermite's cubic
+    straight = flat | (norms(height) > CREASED_EDGE_SHARE * length[:, 0])
+    return 0.5 * (a + b) + np.where(straight, 0.0, share)[:, None] * height, SmoothNormals(across, flat)
 
 
 def support_by_normals(mesh: Mesh, normals: SmoothNormals) -> Support:

@@ -75,12 +75,6 @@ class MeshCache:
         mesh = self.first_repair.mesh.with_same_cells(vertices=repaired.mesh.vertices)
         return RepairedMesh(repaired.vertex_of, mesh, repaired.report)
 
-    def repair_of(self, cells: Ints) -> RepairedMesh | None:
-        """Return the repair of ``cells`` (m, k) if these are the source's own, or repaired once; else None."""
-        if cells is self.original.cells:
-            return self.first_repair
-        return self.second_repair if cells is self.first_repair.mesh.cells else None
-
     @property
     def mesh(self) -> Mesh:
         """The repaired mesh in the scene's coordinates."""
@@ -139,9 +133,11 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
     ``split`` says that the cells are parts of repaired cells, which need no repair if no two vertices coincide.
     """
     cache = mesh_cache_of(source)
-    repaired = None if cache is None or mesh.midpoints is not None or len(mesh.cut) else cache.repair_of(mesh.cells)
-    if repaired is not None:
-        return repaired.apply(mesh), repaired.report
+    if cache is not None and mesh.midpoints is None and not len(mesh.cut):
+        if mesh.cells is cache.original.cells:
+            return cache.first_repair.apply(mesh), cache.first_repair.report
+        if mesh.cells is cache.first_repair.mesh.cells:
+            return cache.second_repair.apply(mesh), cache.second_repair.report
     if split and has_distinct_vertices(mesh):
         return mesh, RepairReport(0, 0, 0)
     return repair(mesh)

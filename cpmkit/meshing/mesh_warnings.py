@@ -12,7 +12,7 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.adjacency import RepairReport
 from cpmkit.mesh.mesh import CellGeometry
 from cpmkit.meshing.contouring.contour_checks import MeshDefects
-from cpmkit.meshing.contouring.contoured_curves import CurveReport
+from cpmkit.meshing.contouring.contoured_curves import TraceDefects
 from cpmkit.meshing.contouring.contoured_surfaces import MAX_NONMANIFOLD_SHARE, SurfaceReport
 from cpmkit.meshing.insertion.boundary_insertion import Insertion
 from cpmkit.types import Floats
@@ -71,7 +71,11 @@ def contouring_warnings(report: SurfaceReport, surface: LocalSource) -> Iterator
             "of a square of the spacing were left out: the surface is thin, or has parts that the lattice does not "
             "see; use a smaller spacing."
         )
-    yield from _missing_piece_warnings(report.missed, surface)
+    if len(report.missed):
+        yield (
+            f"A piece of the surface near {_in_scene(report.missed[0], surface)} is too small for the lattice, and was "
+            "left out; use a smaller spacing."
+        )
 
 
 def noise_warnings(source: LocalSource, spacing: float) -> Iterator[str]:
@@ -128,9 +132,8 @@ def _defect_warnings(defects: MeshDefects, surface: LocalSource) -> Iterator[str
         )
 
 
-def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
+def tracing_warnings(broken: TraceDefects, curve: LocalSource) -> Iterator[str]:
     """Yield warnings on the trace of a curve by its closest points."""
-    broken = report.defects
     if len(broken.gaps):
         yield (
             f"The trace of the curve by closest points has loose ends at {len(broken.gaps)} places where the curve has "
@@ -148,15 +151,6 @@ def tracing_warnings(report: CurveReport, curve: LocalSource) -> Iterator[str]:
             f"The trace of the curve by closest points covers it twice at {len(broken.covered_twice)} places, the "
             f"first near {_in_scene(broken.covered_twice[0], curve)}: strands of the curve are too near to each other "
             "there; use a smaller spacing."
-        )
-
-
-def _missing_piece_warnings(points: Floats, source: LocalSource) -> Iterator[str]:
-    """Yield a warning if the mesh misses pieces of the surface, at ``points`` (k, 3)."""
-    if len(points):
-        yield (
-            f"A piece of the surface near {_in_scene(points[0], source)} is too small for the lattice, and was left "
-            "out; use a smaller spacing."
         )
 
 

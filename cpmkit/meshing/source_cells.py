@@ -64,7 +64,11 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     mesh = _own_mesh(source, length)
     if mesh is None:
         return None
-    height = _cached_height(source, mesh)
+    cache = mesh_cache_of(source, mesh.cells)
+    if cache is None:
+        height = _height(source, mesh)
+    else:
+        height = cache.value("height", lambda: _height(in_scene_coordinates(source), cache.original))
     if height <= 1e-9 * box_size(mesh.vertices):
         if source.source.exact or m == 1 or not source.has_normals:
             return SourceCells(mesh, "flat")
@@ -113,14 +117,6 @@ def _own_mesh(source: LocalSource, length: float) -> Mesh | None:
     if cells.shape[1] != (source.manifold_dim or 0) + 1 or not len(cells):
         return None
     return Mesh.of(np.ascontiguousarray(vertices - source.shift), np.ascontiguousarray(cells, dtype=np.int64))
-
-
-def _cached_height(source: LocalSource, mesh: Mesh) -> float:
-    """Return :func:`_height`, from the cache where the source's mesh is the same at any spacing."""
-    cache = mesh_cache_of(source, mesh.cells)
-    if cache is None:
-        return _height(source, mesh)
-    return cache.value("height", lambda: _height(in_scene_coordinates(source), cache.original))
 
 
 def _height(source: LocalSource, mesh: Mesh) -> float:

@@ -276,8 +276,13 @@ def flip_chords(mesh: Mesh) -> Mesh:
     first = np.stack([cells[:, 0], cells[:, 1], across[:, 0]], axis=1)
     second = np.stack([cells[:, 0], across[:, 0], cells[:, 2]], axis=1)
     fits = (across[:, 1] == cells[:, 2]) & (across[:, 2] == cells[:, 1])
-    fits &= _are_convex(mesh.vertices, cells, across, first, second) & _have_no_edge(mesh, cells[:, 0], across[:, 0])
-    fits &= _are_unique(np.concatenate([thin, neighbour]), np.tile(fits, 2)).reshape(2, -1).all(axis=0)
+    around = _area_vectors(mesh.vertices, cells) + _area_vectors(mesh.vertices, across)
+    for triangles in (first, second):  # the quadrilateral is convex
+        fits &= dots(_area_vectors(mesh.vertices, triangles), around) > 0
+    ends = np.sort(np.concatenate([mesh.edges.ends, first[:, [0, 2]]]), axis=1) @ [len(mesh.vertices), 1]
+    fits &= ~np.isin(ends[len(mesh.edges.ends) :], ends[: len(mesh.edges.ends)])
+    times = np.bincount(np.concatenate([thin[fits], neighbour[fits]]), minlength=len(mesh.cells))
+    fits &= (times[thin] == 1) & (times[neighbour] == 1)
     flipped = mesh.cells.copy()
     flipped[thin[fits]], flipped[neighbour[fits]] = first[fits], second[fits]
     return replace(mesh, cells=flipped)
@@ -307,32 +312,9 @@ def _triangles_across(edges: Edges, rows: Ints, shared: Ints) -> tuple[Ints, Int
     return np.where(count[shared] == 2, other, -1), at
 
 
-def _are_convex(vertices: Floats, cells: Ints, across: Ints, first: Ints, second: Ints) -> Bools:
-    """Return which quadrilaterals (k,) are convex: both new triangles are oriented like the old triangles together."""
-    around = _area_vectors(vertices, cells) + _area_vectors(vertices, across)
-    alike = [dots(_area_vectors(vertices, triangles), around) > 0 for triangles in (first, second)]
-    return np.asarray(alike[0] & alike[1])
-
-
 def _area_vectors(vertices: Floats, cells: Ints) -> Floats:
     """Return the normals (m, 3) of triangles ``cells`` (m, 3), as long as twice their areas."""
     x = vertices[cells]
     if x.shape[2] == 2:
         x = np.concatenate([x, np.zeros((*x.shape[:2], 1))], axis=2)
     return np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-
-
-def _have_no_edge(mesh: Mesh, first: Ints, second: Ints) -> Bools:
-    """Return which pairs of the vertices ``first`` and ``second`` (k,) are not connected by an edge."""
-    count = len(mesh.vertices)
-    low, high = np.minimum(first, second), np.maximum(first, second)
-    ends = np.sort(mesh.edges.ends, axis=1)
-    return ~np.isin(low * count + high, ends[:, 0] * count + ends[:, 1])
-
-
-def _are_unique(cells: Ints, chosen: Bools) -> Bools:
-    """Return which of ``cells`` (k,) are ``chosen`` (k,) and occur only once among the chosen."""
-    _, place, count = np.unique(cells[chosen], return_inverse=True, return_counts=True)
-    unique = np.zeros(len(cells), dtype=bool)
-    unique[np.flatnonzero(chosen)] = count[place] == 1
-    return unique

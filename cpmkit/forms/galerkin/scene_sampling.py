@@ -253,8 +253,8 @@ def _repaired_cells(
     surface = with_noise(surface, spacing)
     warnings = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:
-        mesh, curve_report = contour_curve(surface, spacing, curved=False)
-        contouring = tracing_warnings(curve_report, surface)
+        mesh, trace_defects = contour_curve(surface, spacing, curved=False)
+        contouring = tracing_warnings(trace_defects, surface)
     else:
         mesh, surface_report = contour_surface(surface, spacing, curved=False)
         contouring = contouring_warnings(surface_report, surface)

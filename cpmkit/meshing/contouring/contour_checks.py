@@ -101,7 +101,11 @@ def find_defects(
     degree[edges.ends[edges.count == 1]] = 0  # a branch line may end at the border
     degree[edges.ends[lone]] = 1  # a single edge is no branch line: both ends are defects
     areas = component_areas(vertices, cells)
-    creases = CreasePoints.of(nodes).points
+    creases = nodes.closest[nodes.near_creases]
+    # The area from the nodes is a sum of a raised cosine of their distance, a smoothed delta function that is zero from
+    # one spacing on. Kublik and Tsai, Integration over curves and surfaces defined by the closest point mapping (2016).
+    distances = nodes.distance[(nodes.distance < nodes.spacing) & ~nodes.on_rim] / nodes.spacing
+    area_from_nodes = (1 + np.cos(np.pi * distances)).sum() * 0.5 * nodes.spacing**2
     return MeshDefects(
         border.middles[off_rim],
         vertices[edges.ends[crowded]].mean(axis=1),
@@ -110,50 +114,23 @@ def find_defects(
         creases[_nearest_edges(creases, vertices, cells)[0] > 0.3 * nodes.spacing],
         len(areas) - components_before,
         int((areas < 2.0 * spacing**2).sum()),
-        float(areas.sum() / _area_from_nodes(nodes) - 1),
+        float(areas.sum() / area_from_nodes - 1),
     )
 
 
-def _area_from_nodes(nodes: LatticeNodes) -> float:
-    """Return the area of the surface as a sum over the nodes of a smoothed delta function of their distance.
-
-    The delta function is a raised cosine that is zero from one spacing on, up to which all nodes are known. Nodes whose
-    closest points lie on rims are left out. Kublik and Tsai, Integration over curves and surfaces defined by the
-    closest point mapping (2016).
-    """
-    s = nodes.spacing
-    distances = nodes.distance[(nodes.distance < s) & ~nodes.on_rim]
-    return float((1 + np.cos(np.pi * distances / s)).sum() * 0.5 * s**2)
-
-
-@dataclass(frozen=True, eq=False)
-class CreasePoints:
-    """Points (n, 3) where a surface does not look planar, near creases and rims, and a mask (n,) of those on rims."""
-
-    points: Floats
-    on_rim: Bools
-
-    @classmethod
-    def of(cls, nodes: LatticeNodes) -> CreasePoints:
-        """Return the closest points of all nodes in nonplanar cells and within a spacing; no query is needed."""
-        rows = nodes.nonplanar.any(axis=1) & (nodes.distance < nodes.spacing)
-        return cls(nodes.closest[rows], nodes.on_rim[rows])
-
-
-def restore_creases(
-    creases: CreasePoints, vertices: Floats, cells: Ints, on_rim: Bools, spacing: float
-) -> tuple[Floats, Ints, Bools]:
+def restore_creases(nodes: LatticeNodes, vertices: Floats, cells: Ints, on_rim: Bools) -> tuple[Floats, Ints, Bools]:
     """Return vertices, triangles and the mask of vertices on rims, with edges that cut off creases halved at these.
 
     An edge is halved at the crease point farthest from it, if that is farther than .1 spacings and its projection lies
     in the inner part of the edge. Open edges are halved at points on rims alone.
     """
+    creases, creases_on_rim = nodes.closest[nodes.near_creases], nodes.on_rim[nodes.near_creases]
     for _ in range(3):  # each round treats the result of the round before
-        distance, slot, share = _nearest_edges(creases.points, vertices, cells)
+        distance, slot, share = _nearest_edges(creases, vertices, cells)
         edges = edge_table(cells)
-        rows = np.flatnonzero((distance > 0.1 * spacing) & (share > 0.15) & (share < 0.85))
+        rows = np.flatnonzero((distance > 0.1 * nodes.spacing) & (share > 0.15) & (share < 0.85))
         edge = edges.of_cells.ravel()[slot[rows]]
-        wanted = (edges.count[edge] > 1) | creases.on_rim[rows]
+        wanted = (edges.count[edge] > 1) | creases_on_rim[rows]
         order = np.argsort(-distance[rows[wanted]])
         rows, edge = _at_most_one_per_triangle(rows[wanted][order], edge[wanted][order], edges.of_cells)
         if not len(rows):
@@ -161,9 +138,9 @@ def restore_creases(
         midpoint = np.full(int(edges.of_cells.max()) + 1, -1)
         midpoint[edge] = len(vertices) + np.arange(len(edge))
         cell, corner = np.nonzero(midpoint[edges.of_cells] >= 0)
-        vertices = np.concatenate([vertices, creases.points[rows]])
+        vertices = np.concatenate([vertices, creases[rows]])
         cells = halve_edges(cells, 3 * cell + corner, midpoint[edges.of_cells[cell, corner]])
-        on_rim = np.append(on_rim, creases.on_rim[rows] & (edges.count[edge] == 1))
+        on_rim = np.append(on_rim, creases_on_rim[rows] & (edges.count[edge] == 1))
     return vertices, cells, on_rim
 
 

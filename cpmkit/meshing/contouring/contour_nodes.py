@@ -64,6 +64,11 @@ class LatticeNodes:
     on_rim: Bools
     nonplanar: Bools
 
+    @property
+    def near_creases(self) -> Bools:
+        """(n,) nodes within a spacing whose closest points lie where the surface does not look planar, or near rims."""
+        return np.asarray(self.nonplanar.any(axis=1) & (self.distance < self.spacing))
+
     def position_of(self, index: Ints) -> Floats:
         """Return the positions (..., 3) of the nodes with integer coordinates ``index`` (..., 3)."""
         return np.asarray((index - self.offsets) * self.spacing)

@@ -34,7 +34,10 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
         edges = edge_table(cells)
         length = norms(vertices[edges.ends[:, 1]] - vertices[edges.ends[:, 0]])
         is_short = (edges.count > 2) & (length < 0.35 * spacing)
-        is_short[_shortest_edges_of_degenerate(vertices, cells, edges, length)] = True
+        rows = np.flatnonzero((edges.count > 2)[edges.of_cells].any(axis=1))
+        of_cells = edges.of_cells[rows]
+        degenerate = double_areas(vertices, cells[rows]) < 0.02 * length[of_cells].max(axis=1) ** 2
+        is_short[of_cells[np.arange(len(rows)), np.argmin(length[of_cells], axis=1)][degenerate]] = True
         if not is_short.any():
             break
         short = np.flatnonzero(is_short)
@@ -43,14 +46,6 @@ def collapse_short_edges(source: LocalSource, vertices: Floats, cells: Ints, spa
         vertices[ends[:, 0]] = source.closest_point(vertices[ends].mean(axis=1)).points
         cells = collapse_edges(cells, ends, len(vertices))
     return vertices, cells
-
-
-def _shortest_edges_of_degenerate(vertices: Floats, cells: Ints, edges: EdgeTable, length: Floats) -> Ints:
-    """Return the shortest edges (k,) of triangles that have hardly any area and an edge of three triangles or more."""
-    rows = np.flatnonzero((edges.count > 2)[edges.of_cells].any(axis=1))
-    of_cells = edges.of_cells[rows]
-    degenerate = double_areas(vertices, cells[rows]) < 0.02 * length[of_cells].max(axis=1) ** 2
-    return np.asarray(of_cells[np.arange(len(of_cells)), np.argmin(length[of_cells], axis=1)][degenerate])
 
 
 def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
@@ -76,8 +71,8 @@ def remove_flaps(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
     return np.ascontiguousarray(cells[alive])
 
 
-def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]:
-    """Return the triangles (k, 3) with holes off rims filled by triangles of least area, and the number of holes.
+def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> Ints:
+    """Return the triangles (k, 3) with holes off rims filled by triangles of least area.
 
     A hole is filled if all centres of its triangles are within a spacing of the surface.
     """
@@ -88,12 +83,12 @@ def fill_holes(rims: RimTest, vertices: Floats, cells: Ints) -> tuple[Ints, int]
     loops = _hole_loops(border.ends, on_rim, len(vertices))
     fillings = [loop[least_area_triangles(np.ascontiguousarray(vertices[loop]))] for loop in loops]
     if not fillings:
-        return cells, 0
+        return cells
     centres = vertices[np.concatenate(fillings)].mean(axis=1)
     is_close = norms(rims.source.closest_point(centres).points - centres) <= rims.spacing
     last = np.cumsum([len(filling) for filling in fillings])
     accepted = [filling for filling, ok in zip(fillings, np.split(is_close, last[:-1]), strict=True) if ok.all()]
-    return np.concatenate([cells, *accepted]), len(accepted)
+    return np.concatenate([cells, *accepted])
 
 
 def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:

@@ -47,26 +47,8 @@ class TraceDefects:
         return len(self.missed) + len(self.covered_twice) + len(self.gaps)
 
 
-@dataclass(frozen=True)
-class CurveReport:
-    """Properties of the trace of a curve that may cause warnings.
-
-    Attributes
-    ----------
-    junctions : int
-        Number of vertices of three segments or more: also where the curve crosses itself.
-    ends : int
-        Number of vertices at which the curve ends.
-    defects : TraceDefects
-    """
-
-    junctions: int
-    ends: int
-    defects: TraceDefects
-
-
-def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, CurveReport]:
-    """Return segments on a curve, and a report; vertices lie at its ends, corners and junctions.
+def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, TraceDefects]:
+    """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
     Parameters
     ----------
@@ -96,9 +78,7 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
             break
     assert best is not None
     graph, defects = best
-    degree = np.bincount(graph.segments.ravel(), minlength=len(graph.vertices))
-    mesh = Mesh.of(graph.vertices, graph.segments, graph.midpoints[:, None] if curved else None)
-    return mesh, CurveReport(int((degree > 2).sum()), int((degree == 1).sum()), defects)
+    return Mesh.of(graph.vertices, graph.segments, graph.midpoints[:, None] if curved else None), defects
 
 
 def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) -> tuple[CurveGraph, TraceDefects] | None:

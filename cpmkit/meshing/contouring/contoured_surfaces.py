@@ -12,7 +12,6 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.mesh.mesh import Mesh
 from cpmkit.meshing.contouring.contour_checks import (
     COMPONENT_WEIGHT,
-    CreasePoints,
     MeshDefects,
     find_defects,
     restore_creases,
@@ -61,8 +60,6 @@ class SurfaceReport:
     nonmanifold_share : float
         The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 spacings
         of contouring's lattice.
-    holes_filled : int
-        Number of holes off rims that were filled.
     defects : MeshDefects
         Defects that are left after repair.
     missed : (k, 3) float64
@@ -73,7 +70,6 @@ class SurfaceReport:
 
     lattice_spacing: float
     nonmanifold_share: float
-    holes_filled: int
     defects: MeshDefects
     missed: Floats
     isolated_components: int = 0
@@ -82,11 +78,6 @@ class SurfaceReport:
     def severity(self) -> int:
         """A weighted count of the defects: zero if there is none and no part of the surface is missed."""
         return self.defects.severity + (COMPONENT_WEIGHT if len(self.missed) else 0)
-
-    @property
-    def open_edges(self) -> int:
-        """The number of open edges that lie on no rim."""
-        return len(self.defects.cracks)
 
 
 def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, SurfaceReport]:
@@ -148,8 +139,8 @@ def _contour_on(
     """
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))
-    dual = dual_vertices(source, nodes, edge_crossings(source, nodes))
-    cells = dual_triangles(source, dual)
+    vertices, normals, quads = dual_vertices(source, nodes, edge_crossings(source, nodes))
+    cells = dual_triangles(source, vertices, normals, quads)
     if not len(cells):
         raise ResolutionError(
             f"Closest points make no surface at the spacing {spacing:g}: they lie apart, or are connected nowhere. "
@@ -158,11 +149,11 @@ def _contour_on(
     edges = edge_table(cells)
     nonmanifold_share = float((edges.count > 2).mean()) if len(edges.count) else 0.0
     rims = RimTest(source, fine, bool(nodes.on_rim.any()))
-    vertices, cells = collapse_short_edges(source, dual.points, cells, fine)
+    vertices, cells = collapse_short_edges(source, vertices, cells, fine)
     cells = remove_flaps(rims, vertices, cells)
     vertices, cells = separate_sheets(source, vertices, cells)
     cells, open_components = remove_isolated_components(vertices, cells, spacing)
-    cells, filled = fill_holes(rims, vertices, cells)
+    cells = fill_holes(rims, vertices, cells)
     cells, closed_components = remove_isolated_components(vertices, cells, spacing)
     components = len(component_areas(vertices, cells))
     vertices, on_rim = move_to_rims(rims, vertices, cells)
@@ -170,11 +161,11 @@ def _contour_on(
     cells, folds = remove_folds(vertices, cells, on_rim, fine)
     cells = remove_components_at_vertices(vertices, cells, spacing)
     cells = weld_rim_corners(vertices, cells, fine)
-    vertices, cells, on_rim = restore_creases(CreasePoints.of(nodes), vertices, cells, on_rim, fine)
+    vertices, cells, on_rim = restore_creases(nodes, vertices, cells, on_rim)
     defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components, spacing)
     missed = _missed_points(nodes, vertices[np.unique(cells)])
     removed = open_components + closed_components
-    report = SurfaceReport(relative_spacing, nonmanifold_share, filled, defects, missed, removed)
+    report = SurfaceReport(relative_spacing, nonmanifold_share, defects, missed, removed)
     return _Triangulation(rims, Mesh.of(vertices, cells), on_rim, report)
 
 

@@ -220,7 +220,7 @@ class CurveTracer:
         offset = around - corner[:, None]
         behind = np.maximum(dots(offset, back[:, None]), 0.0)
         found &= norms(offset - behind[..., None] * back[:, None]) > LEAST_TURN * self.step
-        cosine = np.where(found, _cosines(offset, back), 2.0)
+        cosine = np.where(found, dots(unit(offset), back[:, None]), 2.0)
         target[rows] = around[np.arange(len(rows)), cosine.argmin(axis=1)]
         go = leads_on.copy()
         go[rows] = found.any(axis=1)
@@ -256,9 +256,3 @@ def _far_apart(points: Floats, distance: float) -> Ints:
         if not chosen or norms(points[chosen] - points[number]).min() > distance:
             chosen.append(number)
     return np.array(chosen, dtype=np.int64)
-
-
-def _cosines(vectors: Floats, directions: Floats) -> Floats:
-    """Return the cosines (k, c) of ``vectors`` (k, c, d) with unit ``directions`` (k, d); 0 for vectors of zero."""
-    size = norms(vectors)
-    return np.asarray(dots(vectors, directions[:, None]) / np.where(size > 0, size, 1.0))

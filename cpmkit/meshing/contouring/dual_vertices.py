@@ -5,8 +5,6 @@ Points are connected on the surface if a bisection of their chord closes (:func:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
@@ -144,26 +142,15 @@ def _line_meets_box(point: Floats, along: Floats, low: Floats, high: Floats) -> 
 LEAST_EIGENVALUE = 0.12
 
 
-@dataclass(frozen=True, eq=False)
-class DualVertices:
-    """Vertices on the surface, and the four vertices in the cells around each crossing.
+def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> tuple[Floats, Floats, Ints]:
+    """Return a vertex for each group of crossings of one cell's edges that are connected on the surface in the cell.
 
-    Attributes
-    ----------
-    points, normals : (v, 3) float64
-        The vertices, and unit normals there of either sign.
-    around : (c, 4) int64
-        The vertices in the cells around the lattice edge of each crossing, in cyclic order.
+    Returned are the vertices (v, 3), unit normals (v, 3) there of either sign, and the vertices (c, 4) in the cells
+    around the lattice edge of each crossing, in cyclic order.
     """
-
-    points: Floats
-    normals: Floats
-    around: Ints
-
-
-def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings) -> DualVertices:
-    """Return a vertex for each group of crossings of one cell's edges that are connected on the surface in the cell."""
-    cells = _cells_around(nodes, crossings)
+    strides = nodes.codes.strides
+    u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
+    cells = np.asarray(nodes.codes.encode(crossings.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
     order = np.argsort(cells.ravel(), kind="stable")
     member, sorted_cells = order // 4, cells.ravel()[order]
     start = np.append(np.flatnonzero(np.diff(sorted_cells, prepend=-1)), len(order)).astype(np.int64)
@@ -172,14 +159,7 @@ def dual_vertices(source: LocalSource, nodes: LatticeNodes, crossings: Crossings
     around = np.empty(len(order), dtype=np.int64)
     around[order] = piece
     vertex, normals = _least_squares_vertices(nodes, sorted_cells[roots], crossings, member, piece)
-    return DualVertices(source.closest_point(vertex).points, normals, around.reshape(-1, 4))
-
-
-def _cells_around(nodes: LatticeNodes, crossings: Crossings) -> Ints:
-    """Return the codes (c, 4) of the cells around the lattice edge of each crossing, in cyclic order."""
-    strides = nodes.codes.strides
-    u, v = strides[(crossings.axis + 1) % 3], strides[(crossings.axis + 2) % 3]
-    return np.asarray(nodes.codes.encode(crossings.node)[:, None] - np.stack([0 * u, u, u + v, v], axis=1))
+    return source.closest_point(vertex).points, normals, around.reshape(-1, 4)
 
 
 def _connected_groups(
@@ -244,31 +224,23 @@ def _least_squares_vertices(
     height = ((points - centre[piece]) * n).sum(axis=1)
     matrix = np.stack([np.stack([mean(n[:, i] * n[:, j]) for j in range(3)], axis=1) for i in range(3)], axis=1)
     side = np.stack([mean(n[:, k] * height) for k in range(3)], axis=1)
-    step, axes = solve_truncated(matrix, side)
+    values, axes = np.linalg.eigh(matrix)
+    used = values >= LEAST_EIGENVALUE * values[:, -1:]
+    part = np.einsum("vki,vk->vi", axes, side) * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
+    step = np.einsum("vki,vi->vk", axes, part)
     low = nodes.position_of(nodes.codes.decode(cells))
     margin = 0.1 * nodes.spacing
     vertex = np.clip(centre + step, low - margin, low + nodes.spacing + margin)
     return vertex, np.ascontiguousarray(axes[:, :, -1])
 
 
-def solve_truncated(matrix: Floats, side: Floats) -> tuple[Floats, Floats]:
-    """Return solutions (n, d) of symmetric systems without their small eigenvalues, and the eigenvectors (n, d, d).
-
-    ``matrix`` is (n, d, d), the right-hand ``side`` (n, d).
-    """
-    values, axes = np.linalg.eigh(matrix)
-    used = values >= LEAST_EIGENVALUE * values[:, -1:]
-    part = np.einsum("vki,vk->vi", axes, side) * np.where(used, 1.0 / np.where(used, values, 1.0), 0.0)
-    return np.asarray(np.einsum("vki,vi->vk", axes, part)), axes
-
-
-def dual_triangles(source: LocalSource, dual: DualVertices) -> Ints:
+def dual_triangles(source: LocalSource, points: Floats, normals: Floats, around: Ints) -> Ints:
     """Return the triangles (m, 3) into which the quadrilaterals around all crossings are split.
 
     Quadrilaterals are split along the diagonal whose midpoint is nearer to the surface, planar ones along the shorter.
     """
-    quads = _without_doubles(dual.around)
-    corners, normals = dual.points[quads], dual.normals[quads]
+    quads = _without_doubles(around)
+    corners, normals = points[quads], normals[quads]
     first, second = 0.5 * (corners[:, 0] + corners[:, 2]), 0.5 * (corners[:, 1] + corners[:, 3])
     excess = norms(corners[:, 0] - corners[:, 2]) - norms(corners[:, 1] - corners[:, 3])
     edges = np.roll(corners, -1, axis=1) - corners

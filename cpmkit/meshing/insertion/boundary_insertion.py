@@ -88,15 +88,19 @@ def insert_boundaries(
     constrained = ConstrainedTriangulation(net, MOVABLE_SNAP_SHARE if movable else SNAP_SHARE)
     finder, counts = PathFinder(constrained, TriangleSearch(net.original, net.sizes)), Counter[str]()
     polylines = _polylines(finder.search, boundaries, spacing)
-    constrained.close = frozenset(
-        number for number, lines in enumerate(polylines) if _is_close(lines, boundaries, number, spacing)
-    )
+    for number, lines in enumerate(polylines):
+        others = [*boundaries[:number], *boundaries[number + 1 :]]
+        if any(is_close_to_others(line.points[:, : boundaries[number].dim], others, spacing) for line in lines):
+            constrained.close.add(number)
     points, farthest = dict[int, Ints](), dict.fromkeys(range(len(boundaries)), 0.0)
     for number, boundary in enumerate(boundaries):
         constrained.owner = number
         places = [point_positions(member, mesh.vertices) for member in boundary.members if member.manifold_dim == 0]
         if places:
-            points[number], farthest[number] = _insert_points(finder, np.concatenate(places))
+            nearest = finder.search.nearest(in_three_dimensions(np.concatenate(places)))
+            pairs = zip(nearest.cell.tolist(), nearest.places(net).tolist(), strict=True)
+            points[number] = np.array([constrained.insert_point(cell, (x, y, z)) for cell, (x, y, z) in pairs])
+            farthest[number] = float(nearest.distance.max())
         for line in polylines[number]:
             farthest[number] = max(farthest[number], insert_curve(finder, line, counts))
     join_stray_tips(finder, counts)
@@ -146,14 +150,6 @@ def _simplified_curves(
                 yield simplify_curve(search, Polyline(in_three_dimensions(line.points), line.closed), curve, number)
 
 
-def _is_close(
-    lines: Sequence[InsertionPolyline], boundaries: Sequence[LocalSource], number: int, spacing: float
-) -> bool:
-    """Return whether the polylines of the boundary ``number`` nearly coincide with another boundary."""
-    others = [*boundaries[:number], *boundaries[number + 1 :]]
-    return any(is_close_to_others(line.points[:, : boundaries[number].dim], others, spacing) for line in lines)
-
-
 def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> frozenset[tuple[int, int]]:
     """Return pairs of a boundary and an earlier boundary on which two consecutive points of the former lie."""
     pairs = set()
@@ -162,14 +158,6 @@ def _coincident_pairs(polylines: Sequence[Sequence[InsertionPolyline]]) -> froze
             stretches = line.on[1:][(line.on[1:] == line.on[:-1]) & (line.on[1:] >= 0)]
             pairs |= {(number, other) for other in stretches.tolist()}
     return frozenset(pairs)
-
-
-def _insert_points(finder: PathFinder, points: Floats) -> tuple[Ints, float]:
-    """Return the vertices (k,) inserted at the projections of ``points`` (k, d), and the largest distance of these."""
-    nearest = finder.search.nearest(in_three_dimensions(points))
-    pairs = zip(nearest.cell.tolist(), nearest.places(finder.triangulation).tolist(), strict=True)
-    vertices = [finder.constrained.insert_point(cell, (x, y, z)) for cell, (x, y, z) in pairs]
-    return np.array(vertices, dtype=np.int64), float(nearest.distance.max())
 
 
 def point_positions(source: LocalSource, vertices: Floats) -> Floats:

@@ -52,7 +52,7 @@ class ConstrainedTriangulation:
         The number of the boundary that is being inserted.
     at_end : bool
         Whether the point being inserted is the end of a curve, which stays where it is.
-    close : frozenset of int
+    close : set of int
         Boundaries so close to others that their points are not snapped.
     edges : dict
         The boundary edge of each edge on a boundary.
@@ -64,7 +64,7 @@ class ConstrainedTriangulation:
     snap_share: float = SNAP_SHARE
     owner: int = 0
     at_end: bool = False
-    close: frozenset[int] = frozenset()
+    close: set[int] = field(default_factory=set)
     edges: dict[Edge, BoundaryEdge] = field(default_factory=dict)
     owners_at: dict[int, set[int]] = field(default_factory=dict)
 

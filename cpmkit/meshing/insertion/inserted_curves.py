@@ -132,30 +132,13 @@ def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPo
     return places, np.stack([np.full(len(inner), number), inner], axis=1)
 
 
-class SurfaceRun(NamedTuple):
-    """The projections of a part of a curve that lies on the surface; a closed run continues from the last to the first.
-
-    Attributes
-    ----------
-    points : (k,) int64
-        The numbers of the curve's points, -1 where it passes a rim.
-    cells : (k,) int64
-        The roots, the original triangles, on which the projections lie.
-    places : (k, 3) float64
-        Positions of the projections.
-    closed : bool
-    """
-
-    points: Ints
-    cells: Ints
-    places: Floats
-    closed: bool
-
-
 def runs_on_surface(
     triangulation: SplitTriangulation, search: TriangleSearch, points: Floats, matched: Projections, closed: bool
-) -> list[SurfaceRun]:
+) -> list[tuple[Projections, bool]]:
     """Return the parts of a curve that lie on the surface, cut off where they pass its rim.
+
+    Each part comes with whether it is closed, and then continues from its last point to the first. The number of the
+    curve's point is -1 where a part passes a rim.
 
     Parameters
     ----------
@@ -171,7 +154,7 @@ def runs_on_surface(
     """
     off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():
-        return [SurfaceRun(matched.point, matched.cell, matched.places(triangulation), closed)]
+        return [(matched, closed)]
     if closed:
         order = (np.arange(len(points) + 1) + int(off.argmax())) % len(points)
         points, matched, off = points[order], matched.take(order), off[order]
@@ -182,8 +165,7 @@ def runs_on_surface(
             parts.insert(0, _rim_passage(triangulation, search, points[first], points[first - 1]))
         if last < len(off):
             parts.append(_rim_passage(triangulation, search, points[last - 1], points[last]))
-        run = Projections.concatenate(parts)
-        runs.append(SurfaceRun(run.point, run.cell, run.places(triangulation), False))
+        runs.append((Projections.concatenate(parts), False))
     return runs
 
 
@@ -249,11 +231,14 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
     """
     net, farthest = finder.triangulation, 0.0
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
-    for run in runs_on_surface(net, finder.search, line.points, matched, line.closed):
-        waypoints = _insert_waypoints(finder, run, line)
-        backward = _backward_vertices(line.points, run, waypoints)
-        farthest = max(farthest, float(matched.distance[run.points[run.points >= 0]].max(initial=0.0)))
-        for path in _paths_through(finder, waypoints, run.closed, counts):
+    for run, closed in runs_on_surface(net, finder.search, line.points, matched, line.closed):
+        waypoints = _insert_waypoints(finder, run, closed, line)
+        # Projections go back between some vertices while the curve, off the surface there, continues.
+        known = (run.point[1:] >= 0) & (run.point[:-1] >= 0)
+        ahead = dots(np.diff(line.points[run.point], axis=0), np.diff(run.places(net), axis=0))
+        backward = {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
+        farthest = max(farthest, float(matched.distance[run.point[run.point >= 0]].max(initial=0.0)))
+        for path in _paths_through(finder, waypoints, closed, counts):
             simple = erase_short_loops(net, net.refine_path(path), backward, counts)
             finder.constrained.constrain(simple, finder.constrained.owner)
     return farthest
@@ -270,12 +255,12 @@ class Waypoint(NamedTuple):
     partner: int
 
 
-def _insert_waypoints(finder: PathFinder, run: SurfaceRun, line: InsertionPolyline) -> list[Waypoint]:
+def _insert_waypoints(finder: PathFinder, run: Projections, closed: bool, line: InsertionPolyline) -> list[Waypoint]:
     """Return the vertices at the projections of a run, and record them for later curves that nearly coincide."""
-    last = len(run.points) - 1
     waypoints = []
-    for k, (point, cell, (x, y, z)) in enumerate(zip(run.points, run.cells.tolist(), run.places.tolist(), strict=True)):
-        is_end = not run.closed and k in (0, last)
+    places = run.places(finder.triangulation).tolist()
+    for k, (point, cell, (x, y, z)) in enumerate(zip(run.point, run.cell.tolist(), places, strict=True)):
+        is_end = not closed and k in (0, len(places) - 1)
         if point < 0:
             waypoints.append(Waypoint(_insert_point(finder, cell, (x, y, z), -1, is_end), -1, -1))
             continue
@@ -303,13 +288,6 @@ def _insert_point(finder: PathFinder, cell: int, place: Vector, owner: int, is_e
         vertex = constrained.insert_point(cell, place)
         constrained.at_end = False
     return vertex
-
-
-def _backward_vertices(points: Floats, run: SurfaceRun, waypoints: list[Waypoint]) -> set[int]:
-    """Return the vertices between which projections go back while the curve, off the surface there, continues."""
-    known = (run.points[1:] >= 0) & (run.points[:-1] >= 0)
-    ahead = np.einsum("nd,nd->n", np.diff(points[run.points], axis=0), np.diff(run.places, axis=0))
-    return {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
 
 
 def _paths_through(

@@ -223,19 +223,15 @@ def align_close_curves(
         (late, early)
         for late in range(len(aligned))
         for early in range(late)
-        if (late, aligned[early].owner) not in coincident
-        and _boxes_meet(aligned[late].points, aligned[early].points, spacing)
+        if (late, curves[early].owner) not in coincident
+        and (curves[late].points.min(axis=0) <= curves[early].points.max(axis=0) + spacing).all()
+        and (curves[early].points.min(axis=0) <= curves[late].points.max(axis=0) + spacing).all()
     ]
     for late, early in pairs:
         aligned[early] = _add_fixed_points(aligned[early], aligned[late], spacing)
     for late, early in pairs:
         aligned[late] = _follow(aligned[late], aligned[early], early, spacing)
     return aligned
-
-
-def _boxes_meet(a: Floats, b: Floats, spacing: float) -> bool:
-    """Return whether the boxes of points ``a`` and ``b`` are within a spacing of each other."""
-    return bool(((a.min(axis=0) <= b.max(axis=0) + spacing) & (b.min(axis=0) <= a.max(axis=0) + spacing)).all())
 
 
 def _add_fixed_points(early: SimplifiedCurve, late: SimplifiedCurve, spacing: float) -> SimplifiedCurve:

@@ -78,7 +78,8 @@ class PathFinder:
         if path is None:
             net = self.triangulation
             path = self._planar_path(v, w, net.vertex_normal(v)) or self._planar_path(v, w, net.vertex_normal(w))
-        return path or self._path_over_edges(v, w)
+        longest = 6.0 * distance(self.triangulation.at(v), self.triangulation.at(w)) + 12.0 * self.triangulation.size(v)
+        return path or self.triangulation.shortest_path(v, w, longest)
 
     def _bisected_path(self, v: int, w: int, bisections: int) -> list[int] | None:
         """Return the path in the plane of the mean normal, else two paths that meet at the projection of the middle.
@@ -168,11 +169,6 @@ class PathFinder:
                 best = FanExit(ahead, a, b, share)
         return best
 
-    def _path_over_edges(self, v: int, w: int) -> list[int] | None:
-        """Return the shortest path from v to w over existing edges; None if it is a long detour."""
-        net = self.triangulation
-        return net.shortest_path(v, w, 6.0 * distance(net.at(v), net.at(w)) + 12.0 * net.size(v))
-
     def path_along_boundaries(self, v: int, w: int, owners: Set[int]) -> list[int] | None:
         """Return the path from v to w along edges of the boundaries ``owners``; None if there is no short one."""
 
@@ -244,7 +240,9 @@ def _without_loops(
             continue
         length = lengths[-1] + distance(triangulation.at(simple[-1]), triangulation.at(vertex))
         before = place.get(vertex)
-        if before is not None and length - lengths[before] < _shortest_loop(triangulation, simple[before:], backward):
+        # From twice the local edge length on a loop is a part of the curve, from four times where projections go back.
+        factor = 2.0 if before is None or backward.isdisjoint(simple[before:]) else 4.0
+        if before is not None and length - lengths[before] < factor * triangulation.size(vertex):
             counts["erased"] += 1
             for erased in simple[before + 1 :]:
                 if place[erased] > before:
@@ -255,11 +253,3 @@ def _without_loops(
             simple.append(vertex)
             lengths.append(length)
     return simple
-
-
-def _shortest_loop(triangulation: SplitTriangulation, loop: list[int], backward: set[int]) -> float:
-    """Return the length from which on a loop counts as a part of the curve: twice the local edge length.
-
-    It is four times the local edge length where projections go back.
-    """
-    return (2.0 if backward.isdisjoint(loop) else 4.0) * triangulation.size(loop[0])
