@@ -181,6 +181,7 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
     from dataclasses import replace
 
     from cpmkit.errors import InputError
+    from cpmkit.scenefile.look import Look
 
     said = ([f"--field {field}"] if field else []) + [f"--look {text}" for text in look]
     if said and request.picture is None:
@@ -189,7 +190,8 @@ def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], est
         )
     if said and request.picture is not None:
         changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
-        request = replace(request, picture=request.picture.with_look(changes))
+        options = vars(Look.of({**request.picture.look, **changes}))
+        request = replace(request, picture=replace(request.picture, **options))
     if request.wants_error and estimate is False:
         raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
     return request

@@ -17,7 +17,7 @@ from cpmkit.forms.form_records import StateDependentCoefficient
 from cpmkit.linear.operators import Border, Bordered
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.linear.residuals import SolveReport
-from cpmkit.scene.diffusivities import StateDiffusivity
+from cpmkit.scene.diffusivities import StateDiffusivity, zero_derivative
 from cpmkit.scene.equations import Terms
 from cpmkit.types import Floats
 
@@ -111,7 +111,7 @@ class Steps:
         coefficient = StateDependentCoefficient(self.law.tangent, state.u, scale)
         tangent = form.stiffness(replace(self.terms, diffusivity=coefficient))
         drift = None
-        if self.law.depends_on_value:
+        if self.law.by_value is not zero_derivative:
             drift = form.advection(StateDependentCoefficient(self.law.drift, state.u))
         change, report = self._solve(tangent, state, drift)
         weights = 1 / np.abs(tangent.diagonal)

@@ -5,8 +5,7 @@ Differs from King et al. (2024), section 4.7, where vectors get their signs sten
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -63,17 +62,6 @@ class Orientation:
         assert self.directions is not None
         mean = self.directions[self._nearest_samples(points)].sum(axis=1)
         return np.asarray(mean / np.linalg.norm(mean, axis=1, keepdims=True))
-
-    def translate(self, offset: Floats) -> Orientation:
-        """Return the orientation of the boundary moved by ``offset`` (d,)."""
-        return self if self.points is None else replace(self, points=self.points + offset)
-
-    @classmethod
-    def join(cls, parts: Sequence[Orientation]) -> Orientation:
-        """Return one orientation of several parts of a boundary, all of which have samples."""
-        points, directions = ([getattr(part, name) for part in parts] for name in ("points", "directions"))
-        spacing = min(part.spacing for part in parts)
-        return cls(np.concatenate(points), np.concatenate(directions), spacing)
 
     @cached_property
     def _tree(self) -> Any:

@@ -20,7 +20,7 @@ from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.runtime.messages import install_command
 from cpmkit.saving.mesh_files import MESH_WRITERS, own_mesh, write_vtp
-from cpmkit.scenefile.look import Look, check_vertices
+from cpmkit.scenefile.look import VERTICES, Look, check_one_of
 from cpmkit.solution.display_mesh import given_mesh_of
 from cpmkit.solution.frames import EvolvedRecord, frames_of
 from cpmkit.types import Floats
@@ -117,7 +117,7 @@ def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "d
     """
     path = Path(path)
     suffix = path.suffix.lower()
-    check_vertices(vertices)
+    check_one_of(vertices, VERTICES, "vertices")
     if suffix not in SUFFIXES:
         raise InputError(f"A solution cannot be saved as {path.name!r}; accepted are {', '.join(SUFFIXES)}.")
     if suffix == ".json" or (suffix == ".npz" and vertices == "display"):

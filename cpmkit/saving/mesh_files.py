@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, MissingDependencyError
 from cpmkit.runtime.messages import install_command
-from cpmkit.scenefile.look import check_vertices
+from cpmkit.scenefile.look import VERTICES, check_one_of
 from cpmkit.solution.display_mesh import DisplayMesh, given_mesh_of
 from cpmkit.types import Floats
 from cpmkit.view.colours import as_bytes, make_bar
@@ -197,7 +197,7 @@ def to_polyscope(solution: SolutionRecord, name: str = "solution", vertices: str
 
 def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
     """Return the display mesh, or the mesh that the surface was made from if ``vertices`` is ``own``."""
-    check_vertices(vertices)
+    check_one_of(vertices, VERTICES, "vertices")
     return own_mesh(solution) if vertices == "own" else solution.display_mesh()
 
 

@@ -18,34 +18,6 @@ from cpmkit.scene.data import Data
 from cpmkit.types import SIDES, Floats, Ints, Side, Sides
 
 
-def _vertices_of(surface: Any, numbers: Ints, label: str) -> Floats:
-    """Return the vertices (k, d) with the ``numbers`` (k,) of a surface that was made from a mesh.
-
-    ``label`` is the name of the argument in error messages.
-
-    Raises
-    ------
-    SceneError
-        If the surface was not made from a mesh, if a number is negative or not below the number of vertices, or if
-        there are d numbers, which may also be the coordinates of one point.
-    """
-    dim, text = int(surface.dim), shown(numbers.tolist())
-    if not isinstance(surface, HasGivenMesh):
-        raise SceneError(f"{label} is {text}, numbers of vertices, and the surface is no mesh; give points (k, {dim}).")
-    if len(numbers) == dim:
-        raise SceneError(
-            f"{label} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
-            f"point, or vertices[{text}]."
-        )
-    vertices = surface.given_mesh[0]
-    bad = np.flatnonzero((numbers < 0) | (numbers >= len(vertices)))
-    if len(bad):
-        raise SceneError(
-            f"{label} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(numbers[bad[0]]))}."
-        )
-    return np.asarray(vertices[numbers], dtype=np.float64)
-
-
 def _as_boundary_source(value: Any) -> Any:
     """Return the closest-point source of points (k, d) or of a point (d,), or integers as vertex numbers (k,).
 
@@ -64,9 +36,8 @@ def _as_boundary_source(value: Any) -> Any:
     return source("points", at=np.atleast_2d(array)) if is_point or array.ndim == 2 else value
 
 
-#: Conditions that are accepted on one side of a boundary, and across it, in the words of error messages.
+#: Conditions that are accepted on one side of a boundary, in the words of error messages.
 ONE_SIDED_WORDS = "Dirichlet, Neumann, Robin or another condition of one side, or a number or formula for Dirichlet"
-COUPLING_WORDS = "Transmission or another condition that couples both sides"
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,7 +111,7 @@ class Boundary:
             condition = value if across else as_condition(value)
             object.__setattr__(self, side, condition)
             if not isinstance(condition, Condition) or condition.couples != across:
-                accepted = COUPLING_WORDS if across else ONE_SIDED_WORDS
+                accepted = "Transmission or another condition that couples both sides" if across else ONE_SIDED_WORDS
                 raise SceneError(f"boundary {self.name!r}: `{side}` must be {accepted}, got {shown(condition)}.")
         if same_condition(self.left, self.right):  # sides with equal data need no left
             object.__setattr__(self, "right", self.left)
@@ -178,11 +149,27 @@ class Boundary:
         Raises
         ------
         SceneError
-            If the surface has no such vertices.
+            If the surface was not made from a mesh, if a number is negative or not below the number of vertices, or if
+            there are d numbers, which may also be the coordinates of one point.
         """
-        if self._vertex_numbers is None:
+        numbers = self._vertex_numbers
+        if numbers is None:
             return self
-        points: Any = _vertices_of(surface, self._vertex_numbers, f"boundary {self.name!r}")
+        label, text = f"boundary {self.name!r}", shown(numbers.tolist())
+        if not isinstance(surface, HasGivenMesh):
+            raise SceneError(
+                f"{label} is {text}, numbers of vertices, and the surface is no mesh; give points (k, {surface.dim})."
+            )
+        if len(numbers) == surface.dim:
+            raise SceneError(
+                f"{label} is {text}, which may be a point or {len(numbers)} numbers of vertices; give [{text}] for the "
+                f"point, or vertices[{text}]."
+            )
+        vertices = np.asarray(surface.given_mesh[0], dtype=np.float64)
+        bad = numbers[(numbers < 0) | (numbers >= len(vertices))]
+        if len(bad):
+            raise SceneError(f"{label} must name vertices from 0 to {len(vertices) - 1}, got {shown(int(bad[0]))}.")
+        points: Any = vertices[numbers]
         return replace(self, source=points)
 
     def condition(self, side: Side, /) -> Condition:

@@ -14,8 +14,8 @@ import numpy as np
 
 from cpmkit.errors import InputError, shown
 from cpmkit.runtime.arrays import number, whole
-from cpmkit.scene.data import Data, is_sequence, read_formulas, takes_time
-from cpmkit.scene.laws import Flux, Law, Mixed, OneSided, Value
+from cpmkit.scene.data import Data, is_sequence, is_zero, read_formulas, takes_time
+from cpmkit.scene.laws import Flux, Interface, Law, Mixed, OneSided, Value
 
 if TYPE_CHECKING:
     from cpmkit.scene.equations import Equation
@@ -223,9 +223,13 @@ def same_condition(first: Any, second: Any) -> bool:
 def sides_differ(left: Condition, right: Condition) -> bool:
     """Return True if the solution depends on which side of a boundary is left.
 
-    It does not if both sides have the same condition, or a coupling that is unchanged when the sides are exchanged.
+    It does not if both sides have the same condition, or a coupling that is unchanged when the sides are exchanged: the
+    conductivities are equal, and there is no jump.
     """
-    return not left.law.is_symmetric if left.couples else not same_condition(left, right)
+    law = left.law
+    if isinstance(law, Interface):
+        return law.left != law.right or not is_zero(law.jump)
+    return not same_condition(left, right)
 
 
 def same_parameter(first: Any, second: Any) -> bool:

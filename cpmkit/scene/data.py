@@ -282,30 +282,16 @@ def call_pointwise(
 DIFFERENCE_SHARE = 1e-6
 
 
-def difference_step(x: Floats) -> Floats:
-    """Return the steps (k,) of differences of functions of x (k,), which may be zero."""
-    return DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
-
-
-def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats) -> Floats:
-    """Return the derivative (k,) of a function of x (k,) by differences with a ``step`` (k,)."""
+def central_difference(function: Callable[[Floats], Floats], x: Floats, step: Floats | None = None) -> Floats:
+    """Return the derivative (k,) of a function of x (k,) by differences with a ``step`` (k,), by default from x."""
+    if step is None:
+        step = DIFFERENCE_SHARE * np.maximum(np.abs(x), np.abs(x).max(initial=0.0) or 1.0)
     return np.asarray((function(x + step) - function(x - step)) / (2 * step))
 
 
 #: A function of points (p, d), values (p, channels) and, if it has a parameter ``t`` without a default, the time, that
 #: returns values (p, channels).
 AfterStep = Callable[..., Any]
-
-
-def apply_after_step(after_step: AfterStep, points: Floats, values: Floats, time: float) -> Floats:
-    """Return the result (p, channels) of ``after_step`` for ``values`` (p, channels) at ``points`` (p, d) and ``time``.
-
-    Raises
-    ------
-    InputError
-        If the result has another shape, or is not finite.
-    """
-    return call_pointwise(after_step, (points, values.copy()), values.shape, "after_step", time, least=2)
 
 
 #: A function of u (p, channels), of points (p, d) if it has a second parameter, and of the time if it has a parameter

@@ -14,7 +14,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.runtime.arrays import positive
-from cpmkit.scene.data import DIFFERENCE_SHARE, Data, call_pointwise, central_difference, difference_step, evaluate_data
+from cpmkit.scene.data import DIFFERENCE_SHARE, Data, call_pointwise, central_difference, evaluate_data
 from cpmkit.types import Floats
 
 #: Shapes of tensors in the plane and in space.
@@ -58,13 +58,6 @@ def as_diffusivity(value: Any, label: str) -> Any:
     tensor = _symmetric(constant, label)[0]
     tensor.flags.writeable = False
     return tensor
-
-
-def is_tensor(diffusivity: Any, points: Floats) -> bool:
-    """Return True if a diffusivity is a tensor; a function is evaluated at ``points`` (n, d) to find out."""
-    if getattr(diffusivity, "needs_state", False):
-        return False
-    return bool(np.ndim(diffusivity(points) if callable(diffusivity) else diffusivity) > 1 + callable(diffusivity))
 
 
 def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
@@ -158,11 +151,6 @@ class StateDiffusivity:
         del points
         raise SceneError("the diffusivity depends on u, and is not known before u is; use cpmkit.solve.")
 
-    @property
-    def depends_on_value(self) -> bool:
-        """Whether a may depend on u."""
-        return self.by_value is not zero_derivative
-
     def at(self, u: Floats, slopes: Floats, points: Floats) -> Floats:
         """Return a (k,) at ``points`` (k, d) where u is (k,) and its tangential gradient is ``slopes`` (k, d)."""
         return self._values(self.function, u, np.linalg.norm(slopes, axis=1), points)
@@ -191,9 +179,7 @@ class StateDiffusivity:
         if self.by_value is not None:
             rate = self._values(self.by_value, u, s, points, " by u")
         else:
-            rate = central_difference(
-                lambda varied: self._values(self.function, varied, s, points), u, difference_step(u)
-            )
+            rate = central_difference(lambda varied: self._values(self.function, varied, s, points), u)
         return np.asarray(rate[:, None] * slopes)
 
     @staticmethod

@@ -28,14 +28,6 @@ class Part:
     condition: Condition
     where: Callable[[Floats], Any] | None = None
 
-    @property
-    def summary(self) -> str:
-        """The condition and its part of the edge, in words."""
-        if self.where is None:
-            return f"{self.condition.kind} on the rest"
-        text = self.where.text if isinstance(self.where, Expression) else "a function of position holds"
-        return f"{self.condition.kind} where {text}"
-
 
 @dataclass(frozen=True, eq=False)
 class ByPosition:
@@ -55,11 +47,6 @@ class ByPosition:
             holds = True if part.where is None else evaluate_data(part.where, points[rest], 1, label)[:, 0] != 0
             number[rest[np.broadcast_to(holds, len(rest))]] = k
         return number
-
-
-def is_by_position(value: Any) -> bool:
-    """Return True for a list with a condition or a pair (condition, where); False for data of channels."""
-    return is_sequence(value) and any(isinstance(entry, Condition) or _is_pair(entry) for entry in value)
 
 
 def _is_pair(entry: Any) -> bool:
@@ -115,7 +102,8 @@ def as_edge(value: Any) -> Any:
     """
     if isinstance(value, Mapping):
         return {loop: as_edge(value[loop]) for loop in sorted(value, key=str)}
-    if is_by_position(value):
+    # A list of data has an entry for each channel.
+    if is_sequence(value) and any(isinstance(entry, Condition) or _is_pair(entry) for entry in value):
         return ByPosition(tuple(_as_part(entry, k, k == len(value) - 1) for k, entry in enumerate(value)))
     return value if isinstance(value, ByPosition) else as_condition(value)
 
@@ -156,11 +144,6 @@ def map_conditions(edge: Any, function: Callable[[Condition], Condition]) -> Any
     return function(edge)
 
 
-def has_parts(edge: EdgeConditions) -> bool:
-    """Return whether an edge has conditions by position."""
-    return any(part.where is not None for part, _ in parts_of_edge(edge))
-
-
 def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[tuple[Condition, Ints]]:
     """Return each condition of an edge that holds at any of ``points``, with the rows (m,) of these.
 
@@ -197,24 +180,17 @@ def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
     ids = {id(condition) for condition in used}
     for part, loop in parts_of_edge(edge):
         if len(loop.parts) > 1 and id(part.condition) not in ids:
+            text = part.where.text if isinstance(part.where, Expression) else "a function of position holds"
+            where = "on the rest" if part.where is None else f"where {text}"
             raise SceneError(
-                f"part {loop.parts.index(part)} of `edge`, {part.summary}, holds at no point of the edge that this "
-                "spacing sees; correct `where`, use a smaller spacing, or leave the part out."
+                f"part {loop.parts.index(part)} of `edge`, {part.condition.kind} {where}, holds at no point of the "
+                "edge that this spacing sees; correct `where`, use a smaller spacing, or leave the part out."
             )
 
 
 def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
-    """Return the condition of edge loop number ``loop``.
-
-    Raises
-    ------
-    SceneError
-        If the loop has no condition, or several by position, for which there is :func:`conditions_along`.
-    """
-    part = _conditions_of_loop(edge, loop).parts[0]
-    if part.where is not None:
-        raise SceneError("`edge` gives conditions by position, where one for a whole loop is needed.")
-    return part.condition
+    """Return the condition of edge loop number ``loop``, which has none by position."""
+    return _conditions_of_loop(edge, loop).parts[0].condition
 
 
 def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:

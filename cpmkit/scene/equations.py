@@ -80,11 +80,6 @@ class Terms:
         zeroth = " + c u" if callable(self.c) else f" {'+' if self.c > 0 else '-'} {abs(self.c):g} u" if self.c else ""
         return f"{second}{first}{zeroth} = f"
 
-    @property
-    def fixes_constant(self) -> bool:
-        """True if c may determine the constant part of u; a callable c does so on each piece where it is not zero."""
-        return callable(self.c) or self.c != 0
-
 
 def _check_scalar(value: ScalarData, label: str) -> ScalarData:
     """Return data that are a finite number or a function of points.
@@ -162,7 +157,7 @@ class Equation(Generic[Family]):
     @property
     def start_time(self) -> float | None:
         """Time of the initial data; None for equations without time."""
-        return None
+        return getattr(self, "t0", None)
 
     def factors_up_to(self, multigrid: bool) -> float:
         """Return the largest number of unknowns for the direct solver, in units of that for a single definite system.

@@ -60,11 +60,6 @@ class Evolution(Equation[TimeFamily]):
     factorise_beside_multigrid: ClassVar[float | None] = 4.0
 
     @property
-    def start_time(self) -> float:
-        """Time of the initial data."""
-        return self.t0
-
-    @property
     def duration(self) -> float:
         """Length of the run in time."""
         return self.until - self.t0

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from cpmkit.scene.data import Data, call_pointwise, central_difference, difference_step, evaluate_data, is_zero
+from cpmkit.scene.data import Data, call_pointwise, central_difference, evaluate_data, is_zero
 from cpmkit.types import Floats
 
 
@@ -58,11 +58,6 @@ class _Law:
     @property
     def is_zero_flux(self) -> bool:
         """True if the law prescribes zero flux."""
-        return False
-
-    @property
-    def is_symmetric(self) -> bool:
-        """True if the law couples both sides and is unchanged when they are exchanged."""
         return False
 
     @property
@@ -178,7 +173,7 @@ class Nonlinear(_Law):
         """
         if self.slope is not None:
             return call_pointwise(self.slope, (values, points), values.shape, "the slope of a nonlinear flux")
-        return central_difference(lambda varied: self.flux_at(varied, points), values, difference_step(values))
+        return central_difference(lambda varied: self.flux_at(varied, points), values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,11 +192,6 @@ class Interface(_Law):
     couples: ClassVar[bool] = True
     data_fields: ClassVar[dict[str, str]] = {"jump": "jump", "flux": "flux"}
     factor_fields: ClassVar[tuple[str, ...]] = ("resistance", "left", "right")
-
-    @property
-    def is_symmetric(self) -> bool:
-        """True if the conductivities are equal and there is no jump."""
-        return self.left == self.right and is_zero(self.jump)
 
 
 #: A law on one side.

@@ -221,7 +221,12 @@ class TotalVariation(QuasilinearEquation):
 
     def terms(self) -> Terms:
         """Return the terms; their diffusivity is a ``StateDiffusivity``, which needs u."""
-        return replace(super().terms(), f=_Scaled(self.f, self.c))
+
+        def scaled(points: Floats) -> Floats:
+            """Return c f (n, channels) at points (n, d)."""
+            return self.c * evaluate_data(self.f, points, None, "the right-hand side f")
+
+        return replace(super().terms(), f=scaled)
 
     @cached_property
     def diffusivity_of_u(self) -> StateDiffusivity:
@@ -239,18 +244,6 @@ class TotalVariation(QuasilinearEquation):
 
     def __str__(self) -> str:
         return f"-div(grad u / |grad u|) + {self.c:g} (u - f) = 0"
-
-
-@dataclass(frozen=True, eq=False)
-class _Scaled:
-    """The product of data and a number, as a function of points."""
-
-    data: Data
-    factor: float
-    takes_time: ClassVar[bool] = False
-
-    def __call__(self, points: Floats) -> Floats:
-        return self.factor * evaluate_data(self.data, points, None, "the right-hand side f")
 
 
 def _power_of_slope(p: float, r: float) -> StateDiffusivity:

@@ -62,7 +62,9 @@ class OrientedBoundary:
 
     def relative_to(self, origin: Floats, source: LocalSource, surface: LocalSource) -> OrientedBoundary:
         """Return the boundary relative to another ``origin`` (d,), to which ``source`` and ``surface`` already are."""
-        signs = self.left.signs.translate(self.left.origin - origin)
+        signs = self.left.signs
+        if signs.points is not None:
+            signs = replace(signs, points=signs.points + (self.left.origin - origin))
         return replace(self, source=source, surface=surface, left=replace(self.left, signs=signs, origin=origin))
 
     def feet(self, points: Floats) -> tuple[ClosestPoints, ClosestPoints]:
@@ -201,7 +203,12 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
     boundary, source, manifold = oriented.boundary, oriented.source, oriented.surface
     if source.has_left or not oriented.missing_directions:
         left_of = boundary.left_of
-        against = left_of is not None and _is_on_right(oriented, left_of - origin)
+        against = False
+        if left_of is not None:
+            on_surface = manifold.closest_point((left_of - origin)[None])
+            feet, at_boundary = oriented.feet(on_surface.points)
+            left = oriented.leftward(feet, at_boundary, 1.0)  # no differences with this step are needed
+            against = bool(dots(unit(on_surface.points - at_boundary.points), left)[0] < -MIN_CHORD_COSINE)
         return Left(AS_GIVEN, "source", origin, contradicts_left_of=against)
     parts, side_points = [], None
     named: set[str] = set()
@@ -215,18 +222,11 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
             side_points = part.side_points() + origin
         named |= by
         parts.append(part)
-    signs = Orientation.join([part.signs for part in parts])
+    points, directions = ([getattr(part.signs, name) for part in parts] for name in ("points", "directions"))
+    signs = Orientation(np.concatenate(points), np.concatenate(directions), min(part.spacing for part in parts))
     if not all(part.consistent for part in parts):
         return Left(signs, "nothing", origin)
     return Left(signs, "rule" if "rule" in named else "left_of" if named else "source", origin, side_points)
-
-
-def _is_on_right(oriented: OrientedBoundary, left_of: Floats) -> bool:
-    """Return True if the point ``left_of`` (d,) is on the right by the directions that the sources provide."""
-    on_surface = oriented.surface.closest_point(left_of[None])
-    feet, at_boundary = oriented.feet(on_surface.points)
-    left = oriented.leftward(feet, at_boundary, 1.0)  # no differences with this step are needed
-    return bool(dots(unit(on_surface.points - at_boundary.points), left)[0] < -MIN_CHORD_COSINE)
 
 
 def _check_sides(oriented: OrientedBoundary) -> None:
@@ -239,14 +239,13 @@ def _check_sides(oriented: OrientedBoundary) -> None:
     """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")
-    if not oriented.has_sides and not (same_condition(on_left, on_right) and not on_left.couples):
+    unlike = on_left.couples or not same_condition(on_left, on_right)
+    if not oriented.has_sides and unlike:
         raise SceneError(
             f"boundary {boundary.name!r} has dimension {oriented.source.manifold_dim} where the manifold has "
             f"{oriented.dimension}, so it has no left and right; give `both`, one of Dirichlet, Neumann or Robin."
         )
-    if not oriented.has_sides:
-        return
-    if not oriented.left.known and (on_left.couples or not same_condition(on_left, on_right)):
+    if not oriented.left.known and unlike:
         raise SceneError(
             f"boundary {boundary.name!r} has no left side: the direction to it comes back reversed along the boundary; "
             "give one condition for both sides."

@@ -12,28 +12,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.types import SIDES, Floats
 
 
-def _has_limit(scene: Scene, points: int, others: bool, samples: tuple[Floats, Floats] | None) -> bool:
-    """Return True if the solution with values prescribed at points has a limit as the spacing tends to zero.
-
-    In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
-    distance to it. A single value is well posed where it fixes a free constant and the total source is zero.
-    Equations of fourth order, and the p-Laplacian for p > 2, have limits.
-
-    ``points`` is the number of points with a prescribed value, ``others`` whether another boundary has one, and
-    ``samples`` as for :func:`point_value_warnings`.
-    """
-    problem, terms = scene.problem, scene.problem.terms()
-    if problem.family == "biharmonic" or (isinstance(problem, PLaplacian) and problem.p > 2):
-        return True
-    if points > 1 or others or problem.family in ("time", "eigen") or terms.fixes_constant:
-        return False
-    if samples is None:  # the mean of a function is not known
-        return callable(terms.f) or is_zero(terms.f)
-    f = evaluate_data(terms.f, samples[0], scene.channels, "f")
-    total, size = samples[1] @ f, samples[1] @ np.abs(f)
-    return bool((np.abs(total) <= 0.01 * size).all())
-
-
 def _valued_boundaries(scene: Scene) -> list[str]:
     """Return the names of the boundaries with a condition on u, such as Dirichlet or Robin, on a side."""
     return [each.name for each in scene.boundaries if any(each.condition(side).law.involves_value for side in SIDES)]
@@ -44,15 +22,29 @@ def point_value_warnings(
 ) -> tuple[str, ...]:
     """Return a warning if values are prescribed at points and the solution has no limit for small spacings; else ().
 
+    In two dimensions a point has capacity zero for equations of second order: u behaves like the logarithm of the
+    distance to it. A single value is well posed where it fixes a free constant and the total source is zero.
+    Equations of fourth order, and the p-Laplacian for p > 2, have limits.
+
     ``points`` maps the name of each boundary without sides to its number of points, 2 for two or more; ``samples`` are
     quadrature points (n, d) of the manifold and their weights (n,), for the integral of a source.
     """
     valued = _valued_boundaries(scene)
     pins = [name for name in valued if name in points]
-    on_rim = any(condition.law.involves_value for condition in scene.edge_conditions)
-    count = sum(points[name] for name in pins)
-    if not pins or _has_limit(scene, count, on_rim or len(valued) > len(pins), samples):
+    problem, terms = scene.problem, scene.problem.terms()
+    if not pins or problem.family == "biharmonic" or (isinstance(problem, PLaplacian) and problem.p > 2):
         return ()
+    others = len(valued) > len(pins) or any(condition.law.involves_value for condition in scene.edge_conditions)
+    is_single = sum(points[name] for name in pins) == 1 and not others
+    if is_single and problem.family not in ("time", "eigen") and not (callable(terms.c) or terms.c != 0):
+        if samples is None:  # the mean of a function is not known
+            balanced = callable(terms.f) or is_zero(terms.f)
+        else:
+            f = evaluate_data(terms.f, samples[0], scene.channels, "f")
+            total, size = samples[1] @ f, samples[1] @ np.abs(f)
+            balanced = bool((np.abs(total) <= 0.01 * size).all())
+        if balanced:
+            return ()
     return (
         f"Boundary {', '.join(map(repr, pins))}: a point of a surface, or a point or curve of a solid, is too small "
         "for the equation to feel a value there; what comes out depends on the spacing, as with a hole of a third of "

@@ -16,7 +16,6 @@ from cpmkit.runtime.messages import html_table
 from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data, takes_time
-from cpmkit.scene.diffusivities import is_tensor
 from cpmkit.scene.edge_conditions import (
     EdgeConditions,
     EdgeInput,
@@ -109,8 +108,12 @@ class Scene(Generic[Family]):
         for each in self.boundaries:
             if not isinstance(each, Boundary):
                 raise SceneError(f"boundaries must be a list of cpmkit.Boundary, got {shown(each)}.")
-        boundaries = tuple(arrays.in_boundary(each.on(self.surface)) for each in self.boundaries)
-        object.__setattr__(self, "boundaries", boundaries)
+        boundaries = []
+        for each in (boundary.on(self.surface) for boundary in self.boundaries):
+            old = each.given_conditions
+            new = {side: arrays.in_fields(condition, f"boundary {each.name!r}") for side, condition in old.items()}
+            boundaries.append(each if all(new[side] is old[side] for side in old) else replace(each, **new))
+        object.__setattr__(self, "boundaries", tuple(boundaries))
         names = [boundary.name for boundary in self.boundaries]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
@@ -132,28 +135,27 @@ class Scene(Generic[Family]):
     @cached_property
     def channels(self) -> int:
         """Number of right-hand sides that are solved together: the largest number of channels of any data."""
-        counts = [(label, self._channels_of(label, data, place)) for label, data, place in self._data()]
+        counts = []
+        for label, data, place in self._data():
+            count = getattr(data, "channels", None)
+            # Evaluating a field at other points than its own takes a linear solve. Numbers are evaluated too, so that
+            # a source whose answers are wrong is refused when the scene is made.
+            if not isinstance(count, int) or not (isinstance(data, Functional) or callable(data)):
+                count = evaluate_data(data, place(), None, label, self.problem.start_time).shape[1]
+            counts.append((label, count))
         most = max((count for _, count in counts), default=1)
         for label, count in counts:
             if count not in (1, most):
                 raise SceneError(f"{label} has {count} channels where others have {most}; give one value, or {most}.")
         return most
 
-    def _channels_of(self, label: str, data: Data, place: Callable[[], Floats]) -> int:
-        """Return the number of channels of ``data``, if need be by evaluating them at the point ``place()``.
-
-        Numbers are evaluated too, so that a source whose answers are wrong is refused when the scene is made.
-        """
-        channels = getattr(data, "channels", None)
-        if isinstance(channels, int) and (isinstance(data, Functional) or callable(data)):
-            return channels  # evaluating a field at other points than its own takes a linear solve
-        return int(evaluate_data(data, place(), None, label, self.problem.start_time).shape[1])
-
     @cached_property
     def has_tensor(self) -> bool:
         """True if the diffusivity of the equation is a tensor; a function is evaluated at one point to find out."""
         diffusivity = self.problem.terms().diffusivity
-        return is_tensor(diffusivity, _point_of(self.surface)) if callable(diffusivity) else np.ndim(diffusivity) > 0
+        if not callable(diffusivity):
+            return np.ndim(diffusivity) > 0
+        return not hasattr(diffusivity, "needs_state") and np.ndim(diffusivity(_point_of(self.surface))) > 2
 
     @property
     def edge_conditions(self) -> list[Condition]:
@@ -237,64 +239,41 @@ def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str
     if problem is None and not data:
         return scene
     data = dict(data or {})
-    boundaries = [
-        _with_data(boundary, data.pop(boundary.name)) if boundary.name in data else boundary
-        for boundary in scene.boundaries
-    ]
-    edge = _edge_with_data(scene.edge, data.pop("edge")) if "edge" in data else scene.edge
+    boundaries = []
+    for boundary in scene.boundaries:
+        old = boundary.given_conditions
+        given = data.pop(boundary.name, old)
+        values = given if isinstance(given, Mapping) else dict.fromkeys([*old][:1], given)
+        new = {side: as_condition(value) for side, value in values.items()}
+        if set(new) != set(old):
+            raise SceneError(
+                f"boundary {boundary.name!r} holds conditions on {' and '.join(old)}, got {' and '.join(new)}; give "
+                "data for the same."
+            )
+        if "left" in old and same_condition(*old.values()) != same_condition(*new.values()):
+            count = "one condition" if same_condition(*old.values()) else "two conditions"
+            raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
+        boundaries.append(boundary if given is old else replace(boundary, **new))
+    edge = as_edge(data.pop("edge")) if "edge" in data else scene.edge
+    if edge_structure(edge) != edge_structure(scene.edge):
+        raise SceneError(
+            "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
+            "and each part where it is."
+        )
     if data:
         names = ["edge", *(repr(boundary.name) for boundary in scene.boundaries)]
         raise SceneError(f"data are given for {next(iter(data))!r}; the scene has {', '.join(names)}.")
     new_scene = replace(scene, problem=problem or scene.problem, boundaries=boundaries, edge=edge)
     labels = [f"boundary {each.name!r}, {side}," for each in scene.boundaries for side in SIDES]
     labels += ["the edge"] * len(scene.edge_conditions)
-    for label, old, new in zip(labels, scene.conditions, new_scene.conditions, strict=True):
-        same = old.order == new.order and type(old.law) is type(new.law) and old.law.factors == new.law.factors
-        if old is not new and not same:
+    for label, before, after in zip(labels, scene.conditions, new_scene.conditions, strict=True):
+        same_law = type(before.law) is type(after.law) and before.law.factors == after.law.factors
+        if before is not after and not (same_law and before.order == after.order):
             raise SceneError(
-                f"{label} is {old.kind} in the tables, got {new.kind!r}: only data may differ, not the kind, its "
+                f"{label} is {before.kind} in the tables, got {after.kind!r}: only data may differ, not the kind, its "
                 "factors or its order; use cpmkit.solve."
             )
     return new_scene
-
-
-def _with_data(boundary: Boundary, data: Any) -> Boundary:
-    """Return the boundary with its conditions replaced by ``data``: a single value, or a mapping by side.
-
-    Raises
-    ------
-    SceneError
-        If the new conditions differ from the old ones in more than their data.
-    """
-    old = boundary.given_conditions
-    values = data if isinstance(data, Mapping) else dict.fromkeys([*old][:1], data)
-    new = {side: as_condition(value) for side, value in values.items()}
-    if set(new) != set(old):
-        raise SceneError(
-            f"boundary {boundary.name!r} holds conditions on {' and '.join(old)}, got {' and '.join(new)}; give data "
-            "for the same."
-        )
-    if "left" in old and same_condition(*old.values()) != same_condition(*new.values()):
-        count = "one condition" if same_condition(*old.values()) else "two conditions"
-        raise SceneError(f"boundary {boundary.name!r} has {count} for its sides in the tables; use cpmkit.solve.")
-    return replace(boundary, **new)
-
-
-def _edge_with_data(edge: Any, data: Any) -> Any:
-    """Return the new conditions of an ``edge`` given as ``data``.
-
-    Raises
-    ------
-    SceneError
-        If the new conditions differ from the old ones in more than their data.
-    """
-    new_edge = as_edge(data)
-    if edge_structure(edge) != edge_structure(new_edge):
-        raise SceneError(
-            "data of the edge must be one condition, or one for each of its loops or parts, as the scene has them, "
-            "and each part where it is."
-        )
-    return new_edge
 
 
 def conditions_depend_on_time(scene: Scene) -> bool:

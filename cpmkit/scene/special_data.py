@@ -12,7 +12,6 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.data import DATA_TYPE, Data, Functional, is_zero
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.types import Floats
@@ -55,7 +54,21 @@ class VertexData:
                 f"The source {type(self.source).__name__} carries no values; per-vertex data belong to a mesh, a "
                 "polyline, a cloud or a set of points."
             )
-        object.__setattr__(self, "values", _as_vertex_values(self.values, self.source.value_count))
+        count = self.source.value_count
+        try:
+            array = np.array(self.values, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError) as error:
+            got = type(self.values).__name__
+            raise InputError(f"values must be numbers, one row a vertex, got {got}.") from error
+        if array.ndim not in (1, 2) or len(array) != count or not array.size:
+            raise InputError(
+                f"values must have the shape ({count},) or ({count}, channels), one row a vertex of the source, got "
+                f"{array.shape}."
+            )
+        bad = np.flatnonzero(~np.isfinite(array.reshape(count, -1)).all(axis=1))
+        if len(bad):
+            raise InputError(f"values must be finite: {len(bad)} of {count} rows are not, the first is row {bad[0]}.")
+        object.__setattr__(self, "values", array)
 
     def __repr__(self) -> str:
         return f"VertexData({self.source!r}, {np.shape(self.values)} values)"
@@ -67,29 +80,6 @@ class VertexData:
             self.values, source.closest_point(np.ascontiguousarray(points, dtype=np.float64))
         )
         return values
-
-
-def _as_vertex_values(values: Any, count: int) -> Floats:
-    """Return values as an array (count,) or (count, channels).
-
-    Raises
-    ------
-    InputError
-        If the values are not finite numbers in such a shape.
-    """
-    try:
-        array = np.array(values, dtype=np.float64)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f"values must be numbers, one row a vertex, got {type(values).__name__}.") from error
-    if array.ndim not in (1, 2) or len(array) != count or not array.size:
-        raise InputError(
-            f"values must have the shape ({count},) or ({count}, channels), one row a vertex of the source, got "
-            f"{array.shape}."
-        )
-    bad = np.flatnonzero(~np.isfinite(array.reshape(count, -1)).all(axis=1))
-    if len(bad):
-        raise InputError(f"values must be finite: {len(bad)} of {count} rows are not, the first is row {bad[0]}.")
-    return array
 
 
 class VertexArrays:
@@ -122,12 +112,6 @@ class VertexArrays:
             differs = any(new[name] is not old[name] for name in names)
             self._replaced[id(instance)] = instance, replace(instance, **new) if differs else instance
         return self._replaced[id(instance)][1]
-
-    def in_boundary(self, boundary: Boundary) -> Boundary:
-        """Return a boundary with arrays in its conditions replaced by vertex data."""
-        old = boundary.given_conditions
-        new = {side: self.in_fields(condition, f"boundary {boundary.name!r}") for side, condition in old.items()}
-        return boundary if all(new[side] is old[side] for side in old) else replace(boundary, **new)
 
     def _datum(self, array: Any, label: str) -> Any:
         """Return an ``array`` with one row per vertex as :class:`VertexData`; other data unchanged.

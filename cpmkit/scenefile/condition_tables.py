@@ -121,26 +121,20 @@ def read_edge(table: Any, dim: int, where: str) -> Any:
 
 
 def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
-    """Return the condition of an edge loop, or the list of its conditions by position."""
-    if is_sequence(table) and any(isinstance(entry, Mapping) for entry in table):  # not data of several channels
-        return [_condition_of_part(entry, dim, f"part {number} of {where}") for number, entry in enumerate(table)]
-    return read_condition(table, dim, where)
+    """Return the condition of an edge loop, or the list of its parts by position.
 
-
-def _condition_of_part(table: Any, dim: int, where: str) -> Any:
-    """Return the pair (condition, where) of a part of the edge, or the condition alone for the rest of the edge.
-
-    Raises
-    ------
-    SceneError
-        If the condition or the formula ``where`` is not accepted.
+    A part is a pair (condition, where), or the condition alone for the rest of the edge.
     """
-    if _is_datum(table):
+    if not is_sequence(table) or not any(isinstance(entry, Mapping) for entry in table):  # data of several channels
         return read_condition(table, dim, where)
-    table = dict(as_table(table, where))
-    formula = table.pop("where", None)
-    condition = read_condition(table, dim, where)
-    return condition if formula is None else (condition, formula)
+    parts = []
+    for k, entry in enumerate(table):
+        entry, formula = (dict(entry), entry.get("where")) if isinstance(entry, Mapping) else (entry, None)
+        if formula is not None:
+            del entry["where"]
+        condition = read_condition(entry, dim, f"part {k} of {where}")
+        parts.append(condition if formula is None else (condition, formula))
+    return parts
 
 
 def read_data(value: Any, dim: int, where: str) -> Data:
@@ -208,11 +202,6 @@ def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> A
     return as_vector_field(entries, where)
 
 
-def _read_reaction(value: Any, dim: int, where: str) -> Any:
-    """Return the function of a reaction given as a formula, or as a list of one for each channel."""
-    return read_formula(ReactionExpression, tuple(value) if is_sequence(value) else (value,), where, dim)
-
-
 #: Functions that read the keys of [problem], by the type of the field of the equation: they take the value, the
 #: dimension of the space, and the name of the key in messages.
 DATA_READERS: dict[str, Callable[..., Any]] = {
@@ -222,7 +211,9 @@ DATA_READERS: dict[str, Callable[..., Any]] = {
     "TensorData": _read_tensor,
     "VectorField": read_vector,
     "StateFunction": lambda value, dim, where: read_formula(StateExpression, value, where, dim),
-    "Reaction": _read_reaction,
+    "Reaction": lambda value, dim, where: read_formula(
+        ReactionExpression, tuple(value) if is_sequence(value) else (value,), where, dim
+    ),
 }
 
 

@@ -19,9 +19,6 @@ from cpmkit.scenefile.documented_keys import APPLICATIONS, Key, first_sentence, 
 from cpmkit.scenefile.look import PictureRequest
 from cpmkit.scenefile.scene_files import PROBLEMS, SIDE_KEYS, SOLVER_KEYS
 
-#: The sort of the kinds that each hook of plugins provides.
-SORTS = dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))
-
 
 @dataclass(frozen=True)
 class Kind:
@@ -77,11 +74,11 @@ def kinds(name: str | None = None) -> tuple[Kind, ...]:
     """
     built_in: dict[str, Any] = {**PROBLEMS, **CONDITIONS}
     known = {**dict.fromkeys(built_in, "cpmkit"), **{each.kind: each.distribution for each in installed_kinds()}}
-    matching = []
+    matching, sorts = [], dict(zip(FACTORY_HOOKS, ("source", "condition", "solver", "back end"), strict=True))
     for kind, distribution in known.items():
         if name is None or name in (kind, kind.partition(".")[0]):
             hook, make = ("", built_in[kind]) if kind in built_in else any_factory(kind)
-            sort = SORTS.get(hook, "equation" if kind in PROBLEMS else "condition")
+            sort = sorts.get(hook, "equation" if kind in PROBLEMS else "condition")
             matching.append(Kind(kind, sort, distribution, first_sentence(make.__doc__), keys_of(make)))
     if not matching:
         raise PluginError(
@@ -109,13 +106,21 @@ def _document(title: str, tables: Schema, needed: list[str]) -> Schema:
 
 
 def definitions() -> Schema:
-    """Return the definitions to which the schemas of tables refer: datum, condition and source."""
+    """Return the definitions to which the schemas of tables refer: datum, condition and source.
+
+    A condition is a table with its kind as key, a plugin's ``kind = NAME``, or a datum.
+    """
+    order = {"type": "integer", "minimum": 1, "maximum": 4}
+    values = dict.fromkeys(CONDITIONS, DATUM) | {"steklov": {"const": True}}
+    conditions = [_table({kind: value, "order": order}, [kind]) for kind, value in values.items()]
+    of_plugin = {"kind": {"type": "string"}, "order": order}
+    datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
     return {
         "datum": {
             "description": "A number, a formula in x, y, z and t, values by the vertex, or a list of them.",
             "type": ["number", "string", "array", "object"],
         },
-        "condition": _condition(),
+        "condition": {"anyOf": [*conditions, _table(of_plugin, ["kind"], further=True), datum]},
         "source": _one_of_kinds("source"),
     }
 
@@ -181,16 +186,6 @@ def _one_of_kinds(sort: str, more: Mapping[str, Any] = {}, needs: bool = True) -
         kind = {"const": choice.name, "description": choice.summary}
         variants.append(_table({"kind": kind, **own, **more}, ["kind", *needed]))
     return {"oneOf": variants}
-
-
-def _condition() -> Schema:
-    """Return the JSON schema of a condition: a table with its kind as key, a plugin's ``kind = NAME``, or a datum."""
-    order = {"type": "integer", "minimum": 1, "maximum": 4}
-    values = dict.fromkeys(CONDITIONS, DATUM) | {"steklov": {"const": True}}
-    variants = [_table({kind: value, "order": order}, [kind]) for kind, value in values.items()]
-    of_plugin = {"kind": {"type": "string"}, "order": order}
-    datum = {"description": "Dirichlet's.", "type": ["number", "string", "array"]}
-    return {"anyOf": [*variants, _table(of_plugin, ["kind"], further=True), datum]}
 
 
 def _options(

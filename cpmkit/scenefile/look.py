@@ -85,13 +85,13 @@ class Look:
         texts_and_flags = ("title", "label", "unit", "cmap", "curves", "twins", "edges", "vectors")
         check_key_types(Look, "a picture", {name: getattr(self, name) for name in texts_and_flags})
         whole(self.width, "width in pixels", 16, 16_384)
-        _one_of(self.field, ("solution", "error"), "field of a picture")
+        check_one_of(self.field, ("solution", "error"), "field of a picture")
         if self.light is not None:
-            _one_of(self.light, ("flat", "shaded"), "light of a picture")
+            check_one_of(self.light, ("flat", "shaded"), "light of a picture")
         if self.view is not None:
             self._set("view", tuple(as_vector(self.view, 3, "view").tolist()))
         if isinstance(self.up, str):
-            _one_of(self.up, ("x", "y", "z"), "up of a picture, unless it is three numbers,")
+            check_one_of(self.up, ("x", "y", "z"), "up of a picture, unless it is three numbers,")
         elif self.up is not None:
             self._set("up", tuple(as_vector(self.up, 3, "up").tolist()))
         if self.clim is not None:
@@ -136,7 +136,7 @@ class Look:
         object.__setattr__(self, name, value)
 
 
-def _one_of(value: object, accepted: Sequence[str], label: str) -> None:
+def check_one_of(value: object, accepted: Sequence[str], label: str) -> None:
     """Raise InputError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
     if value not in accepted:
         hint = did_you_mean(value, accepted)
@@ -205,16 +205,6 @@ class PictureRequest(Look):
         """The options of the look, without the file and the frames."""
         return {field.name: getattr(self, field.name) for field in fields(Look)}
 
-    def with_look(self, options: dict[str, Any]) -> PictureRequest:
-        """Return the picture with some ``options`` of its look replaced.
-
-        Raises
-        ------
-        InputError
-            If there is no such option, or a value is not accepted.
-        """
-        return PictureRequest(file=self.file, frames=self.frames, **vars(Look.of({**self.look, **options})))
-
 
 @dataclass(frozen=True)
 class OutputRequest:
@@ -232,7 +222,7 @@ class OutputRequest:
     vertices: str = VERTICES[0]
 
     def __post_init__(self) -> None:
-        check_vertices(self.vertices)
+        check_one_of(self.vertices, VERTICES, "vertices")
         for file in self.files:
             relative_name(file, "a file of [output]")
 
@@ -246,12 +236,6 @@ class OutputRequest:
         """True if the frames of an equation in time are to be written or drawn."""
         drawn = self.picture is not None and self.picture.frames
         return drawn or any(file.lower().endswith((".pvd", ".gif", ".mp4")) for file in self.files)
-
-
-def check_vertices(vertices: object) -> None:
-    """Raise InputError if ``vertices`` is neither ``"display"`` nor ``"own"``."""
-    if vertices not in VERTICES:
-        raise InputError(f"vertices must be {' or '.join(map(repr, VERTICES))}, got {shown(vertices)}.")
 
 
 def relative_name(name: object, label: str) -> str:

@@ -97,7 +97,10 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     SceneError
         If a table, key or value is missing or not accepted.
     """
-    _check_is_no_application(tables)
+    for command, own in APPLICATIONS.items():
+        name = next((name for name in own.tables if name in tables), None)
+        if name is not None and "problem" not in tables:
+            raise SceneError(f"{name!r} is a table of the application that `cpmkit {command}` makes; use that command.")
     check_accepted("the scene", tables, SCENE_TABLES)
     scene = read_scene(tables, path.parent)
     spacing, options = read_options(tables)
@@ -105,14 +108,6 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     if output.wants_frames and not (isinstance(scene.problem, Evolution) and scene.problem.frame_times):
         raise SceneError("[output] asks for frames, and [problem] gives none; add a key such as frames = 10 to heat.")
     return SceneFile(scene, spacing, options, output)
-
-
-def _check_is_no_application(tables: Mapping[str, Any]) -> None:
-    """Raise SceneError for the scene file of an application, which another command reads."""
-    for command, own in APPLICATIONS.items():
-        name = next((name for name in own.tables if name in tables), None)
-        if name is not None and "problem" not in tables:
-            raise SceneError(f"{name!r} is a table of the application that `cpmkit {command}` makes; use that command.")
 
 
 def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
@@ -203,18 +198,14 @@ def read_source(
             f"{where} needs a kind, such as kind = 'analytic.sphere'; `cpmkit plugins` lists those installed."
         )
     check_keys(factory(kind), f"{where} of kind {kind!r}", table, () if surface is None else SIDE_KEYS)
-    keys = _keys_with_sources(table, folder, where)
-    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
-        keys["surface"] = surface
-    return source(kind, **keys)
-
-
-def _keys_with_sources(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """Return the table with the path of its ``file`` found, and nested tables replaced by their sources."""
     if "file" in table and not isinstance(table["file"], str):
         raise SceneError(f"file of {where} must be the name of a file, got {shown(table['file'])}.")
     keys = {key: _as_source(value, folder, f"{key} of {where}") for key, value in table.items()}
-    return {**keys, "file": str(find_file(keys["file"], folder))} if "file" in keys else keys
+    if "file" in keys:
+        keys["file"] = str(find_file(keys["file"], folder))
+    if surface is not None and not {"surface", "file", "vertices"} & set(keys) and takes(factory(kind), "surface"):
+        keys["surface"] = surface
+    return source(kind, **keys)
 
 
 def _as_source(value: Any, folder: Path, where: str) -> Any:
@@ -235,7 +226,11 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
     SceneError
         If a key or its value is not accepted.
     """
-    name = _name(table.pop("name", f"boundary {number}"), number)
+    name = table.pop("name", f"boundary {number}")
+    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
+        raise SceneError(
+            f"name of [[boundary]] {number} must be one line of at most 100 characters, got {shown(name)}."
+        )
     where = f"[[boundary]] {name!r}"
     sides = {key: table.pop(key) for key in SIDE_KEYS if key in table}
     curve = read_source(table, folder, where, surface)
@@ -245,21 +240,6 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
         for key, value in with_vertex_data(sides, folder, carriers, where).items()
     }
     return Boundary(name, curve, **conditions)
-
-
-def _name(name: Any, number: int) -> str:
-    """Return the name of [[boundary]] ``number``.
-
-    Raises
-    ------
-    SceneError
-        If the name is not one printable line of at most 100 characters.
-    """
-    if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
-        raise SceneError(
-            f"name of [[boundary]] {number} must be one line of at most 100 characters, got {shown(name)}."
-        )
-    return name
 
 
 def _problem(table: dict[str, Any], dim: int) -> Equation:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cpmkit.forms.contract import Discretized
-from cpmkit.scene.data import apply_after_step
+from cpmkit.scene.data import call_pointwise
 from cpmkit.scene.equations_in_time import Evolution
 from cpmkit.types import Floats
 
@@ -157,7 +157,8 @@ def after_step(form: Discretized, evolution: Evolution, moment: Moment) -> Momen
     if evolution.after_step is None:
         return moment
     values = form.at_points(moment.u)
-    changed = apply_after_step(evolution.after_step, form.points.copy(), values, moment.time)
+    arrays = form.points.copy(), values.copy()
+    changed = call_pointwise(evolution.after_step, arrays, values.shape, "after_step", moment.time, least=2)
     if np.array_equal(changed, values):
         return moment
     return replace(moment, u=form.project(changed, moment.u, moment.time))

@@ -20,8 +20,7 @@ import numpy as np
 
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
-from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.walking import walk
+from cpmkit.manifold.tangent_space import unit_normals, walk
 from cpmkit.types import Bools, Floats, Ints
 
 if TYPE_CHECKING:

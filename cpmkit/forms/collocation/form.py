@@ -35,7 +35,7 @@ from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.mixed_dimension import mixed_joint_warnings
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
-from cpmkit.scene.edge_conditions import has_parts
+from cpmkit.scene.edge_conditions import parts_of_edge
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.laws import Spectral, Support
 from cpmkit.scene.scene import Scene
@@ -361,7 +361,7 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
             "the form 'collocation' has no diffusivity that depends on u: beside boundaries it continues a diffusivity "
             f"as a function of position, which that of {scene.problem.kind!r} is not; use form='galerkin'."
         )
-    if has_parts(scene.edge):
+    if any(part.where is not None for part, _ in parts_of_edge(scene.edge)):
         raise SceneError(
             "the form 'collocation' takes one condition for each loop of the edge, got conditions by position; use "
             "form='galerkin', which curves and surfaces have."

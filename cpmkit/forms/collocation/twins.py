@@ -23,8 +23,7 @@ from cpmkit.grid.lattice import find_codes
 from cpmkit.grid.stencils import cross_offsets, stencil_cells, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints, Rows
-from cpmkit.manifold.tangent_space import unit_normals
-from cpmkit.manifold.walking import feet_on_sheets
+from cpmkit.manifold.tangent_space import feet_on_sheets, unit_normals
 from cpmkit.types import Bools, Floats, Ints
 
 #: A height difference (spacings) between feet of neighbouring nodes that suggests two sheets.

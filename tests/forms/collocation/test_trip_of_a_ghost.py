@@ -38,8 +38,8 @@ BENEATH = [
     "linear/operators",
     "manifold/local_source",
     "manifold/source",
+    "manifold/tangent_space",
     "manifold/vector_algebra",
-    "manifold/walking",
 ]
 
 

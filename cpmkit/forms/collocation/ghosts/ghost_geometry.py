@@ -12,7 +12,7 @@ from cpmkit.forms.collocation.row_formula import ExtraPoint, RowFormula, extrapo
 from cpmkit.forms.collocation.side_view import BoundariesOnBand, BoundaryOnLattice, SideView
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.walking import nearest_on_sheet
+from cpmkit.manifold.tangent_space import nearest_on_sheet
 from cpmkit.scene.conditions import Condition, same_condition
 from cpmkit.scene.laws import Law, Mixed, OneSided, Value, beta_at
 from cpmkit.types import Bools, Floats, Ints

@@ -35,9 +35,8 @@ from cpmkit.grid.band import Band
 from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
-from cpmkit.manifold.tangent_space import outward_conormals, unit_normals
+from cpmkit.manifold.tangent_space import nearest_on_sheet, outward_conormals, unit_normals
 from cpmkit.manifold.vector_algebra import norms
-from cpmkit.manifold.walking import nearest_on_sheet
 from cpmkit.scene.edge_conditions import EdgeConditions, conditions_of_edge, edge_condition
 from cpmkit.scene.laws import Flux, Mixed, OneSided, beta_at
 from cpmkit.types import Bools, Floats, Ints
