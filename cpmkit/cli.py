@@ -5,26 +5,80 @@ from __future__ import annotations
 import io
 import json
 import sys
+from functools import partial
 from pathlib import Path
 
 import click
 
 from cpmkit.commands.applications import distance, map_to_target, paint, vectors
-from cpmkit.commands.group import CommandGroup, progress_callback, traceback_option
-from cpmkit.commands.options import (
+from cpmkit.commands.group import (
+    CommandGroup,
     accuracy_options,
     as_shown,
     how_fine,
     json_option,
     output_option,
     print_outcome,
+    progress_callback,
     scene_argument,
     spacing_option,
+    traceback_option,
     warn,
     with_error,
 )
-from cpmkit.commands.scaffolding import examples, new, schema
 from cpmkit.commands.study import study
+
+
+@click.command()
+@click.argument("name", metavar="NAME")
+@traceback_option
+def new(name: str) -> None:
+    """Write a first scene, NAME.toml, to run and to change.
+
+    A file that is there already is left alone.
+    """
+    from cpmkit.scenefile.examples import write_first_scene
+
+    file = write_first_scene(name)
+    click.echo(f"written    {file}; `cpmkit solve {file}` solves it")
+
+
+@click.command()
+@click.option(
+    "--to",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Copy all of them, with the curves that they name, to a new folder.",
+)
+@traceback_option
+def examples(to: Path | None) -> None:
+    """List the examples, scenes, those of applications and studies, or copy them to a folder."""
+    from cpmkit.scenefile.examples import copy_examples, example_files, example_title
+
+    if to is not None:
+        click.echo(f"written    {copy_examples(to)}")
+        return
+    for name, file in example_files().items():
+        click.echo(f"{name:<40}{example_title(file)}")
+
+
+@click.command()
+@click.argument("sort", type=click.Choice(["scene", "study", "vectors", "map", "paint"]), metavar="SORT")
+@traceback_option
+def schema(sort: str) -> None:
+    """Print the JSON schema of files, with the kinds that are installed: SORT is scene, study, vectors, map or paint.
+
+    Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
+    """
+    if sort == "scene":
+        from cpmkit.scenefile.kinds import scene_schema as make
+    elif sort == "study":
+        from cpmkit.studies.studyfile import study_schema as make
+    else:
+        from cpmkit.scenefile.kinds import application_schema
+
+        make = partial(application_schema, sort)
+    click.echo(json.dumps(make(), indent=1))
 
 
 @click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})
@@ -216,10 +270,12 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
 
     The first thing to send along with a question.
     """
+    from dataclasses import asdict
+
     from cpmkit.commands.doctor import diagnose
 
     diagnosis = diagnose(scene)
-    click.echo(json.dumps(diagnosis.as_dict(), indent=2) if as_json else str(diagnosis))
+    click.echo(json.dumps(asdict(diagnosis), indent=2) if as_json else str(diagnosis))
     if diagnosis.scene:
         ctx.exit(1)
 

@@ -32,12 +32,12 @@ if TYPE_CHECKING:
     from cpmkit.forms.form_records import StateFlux as StateFlux
     from cpmkit.forms.galerkin.cut_mesh import CutMesh as CutMesh
     from cpmkit.forms.galerkin.cut_mesh import cut_along_boundaries as cut_along_boundaries
-    from cpmkit.formulas.derivatives import FormulaJets as FormulaJets
-    from cpmkit.formulas.derivatives import formula_jets as formula_jets
     from cpmkit.formulas.expressions import Expression as Expression
-    from cpmkit.formulas.trees import COORDINATES as COORDINATES
-    from cpmkit.formulas.trees import FUNCTIONS as FUNCTIONS
-    from cpmkit.formulas.trees import formula_tree as formula_tree
+    from cpmkit.formulas.expressions import FormulaJets as FormulaJets
+    from cpmkit.formulas.expressions import formula_jets as formula_jets
+    from cpmkit.formulas.steps import COORDINATES as COORDINATES
+    from cpmkit.formulas.steps import FUNCTIONS as FUNCTIONS
+    from cpmkit.formulas.steps import formula_tree as formula_tree
     from cpmkit.grid.lattice import cell_levels as cell_levels
     from cpmkit.grid.spacings import needed_spacing as needed_spacing
     from cpmkit.hookspecs import hookimpl as hookimpl
@@ -211,11 +211,11 @@ GROUPS: dict[str, dict[str, str]] = {
         "written_whole": "files.whole_files",
     },
     "Formulas": {
-        "COORDINATES": "formulas.trees",
-        "FUNCTIONS": "formulas.trees",
-        "formula_tree": "formulas.trees",
-        "FormulaJets": "formulas.derivatives",
-        "formula_jets": "formulas.derivatives",
+        "COORDINATES": "formulas.steps",
+        "FUNCTIONS": "formulas.steps",
+        "formula_tree": "formulas.steps",
+        "FormulaJets": "formulas.expressions",
+        "formula_jets": "formulas.expressions",
         "Expression": "formulas.expressions",
     },
     "Compiled kernels and threads": {

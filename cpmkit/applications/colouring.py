@@ -7,11 +7,11 @@ the prescribed ones.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -53,22 +53,26 @@ class ArcLengthShare:
         A closed curve begins where its own mesh does, at a polyline's first point.
         """
         feet = self.curve.closest_point(np.ascontiguousarray(points, dtype=np.float64)).points
-        pieces = self._pieces
-        row = np.asarray(self._tree.query(feet)[1])
-        step = pieces.ends[row] - pieces.starts[row]
+        tree, starts, ends, before, totals = self._pieces
+        row = np.asarray(tree.query(feet)[1])
+        step = ends[row] - starts[row]
         length = np.maximum(norms(step), np.finfo(float).tiny)
-        ahead = np.clip(dots(feet - pieces.starts[row], step) / length, 0, length)
-        return np.asarray((pieces.before[row] + ahead) / pieces.totals[row])
+        ahead = np.clip(dots(feet - starts[row], step) / length, 0, length)
+        return np.asarray((before[row] + ahead) / totals[row])
 
     @cached_property
-    def _pieces(self) -> _Pieces:
+    def _pieces(self) -> tuple[Any, Floats, Floats, Floats, Floats]:
         """Short pieces of the curves, in the direction of each.
+
+        A search tree of their middles, starts, ends (p, d), arc lengths at starts (p,), lengths of their curves (p,).
 
         Raises
         ------
         InputError
             If the source is no curve with a mesh, or branches.
         """
+        from scipy.spatial import cKDTree
+
         if not isinstance(self.curve, HasMesh) or self.curve.manifold_dim != 1:
             raise InputError(
                 f"colours along a curve need its mesh, and {type(self.curve).__name__} is no curve with one; give a "
@@ -86,29 +90,12 @@ class ArcLengthShare:
         for line in chain_segments(vertices, segments):
             points = np.concatenate([line.points, line.points[: int(line.closed)]])
             arc = np.concatenate([[0.0], np.cumsum(norms(np.diff(points, axis=0)))])
-            ends = np.cumsum(
-                [0, *np.maximum(np.ceil(np.diff(arc) / longest), 1)]
-            )  # numbers of pieces up to each vertex
+            ends = np.cumsum([0, *np.maximum(np.ceil(np.diff(arc) / longest), 1)])  # pieces up to each vertex
             at = np.interp(np.arange(ends[-1] + 1), ends, arc)
             points = np.stack([np.interp(at, arc, axis) for axis in points.T], axis=1)
-            parts.append(_Pieces(points[:-1], points[1:], at[:-1], np.full(len(at) - 1, at[-1])))
-        return _Pieces(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-    @cached_property
-    def _tree(self) -> Any:
-        """Search tree of the middles of the pieces."""
-        from scipy.spatial import cKDTree
-
-        return cKDTree(0.5 * (self._pieces.starts + self._pieces.ends))
-
-
-class _Pieces(NamedTuple):
-    """Short pieces of curves: starts and ends (p, d), arc lengths at starts (p,), and lengths of their curves (p,)."""
-
-    starts: Floats
-    ends: Floats
-    before: Floats
-    totals: Floats
+            parts.append((points[:-1], points[1:], at[:-1], np.full(len(at) - 1, at[-1])))
+        starts, ends, before, totals = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+        return cKDTree(0.5 * (starts + ends)), starts, ends, before, totals
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,7 +121,14 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
         If the colours are not accepted.
     """
     if callable(colours):
-        return _check_colours(colours, label)
+
+        def checked(points: Floats) -> Floats:
+            values = np.asarray(colours(points), dtype=np.float64)
+            if values.shape != (len(points), 3):
+                raise InputError(f"{label} must return colours of shape ({len(points)}, 3), got {values.shape}.")
+            return as_colours(values, label)
+
+        return checked
     if isinstance(colours, (str, Path)) and Path(colours).suffix.lower() in (".npy", ".csv"):
         colours = _read_colours(Path(colours), label)
     if isinstance(colours, str):
@@ -153,18 +147,6 @@ def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
     if not (np.isfinite(shares).all() and (np.diff(shares) >= 0).all() and shares[0] >= 0 and shares[-1] <= 1):
         raise InputError(f"{label} must begin its rows with shares of the length from 0 to 1 that do not go back.")
     return Ramp(along, shares, as_colours(array[:, -3:], label))
-
-
-def _check_colours(function: Callable[..., Any], label: str) -> Callable[[Floats], Floats]:
-    """Return a function of points whose values are checked to be colours."""
-
-    def colours(points: Floats) -> Floats:
-        values = np.asarray(function(points), dtype=np.float64)
-        if values.shape != (len(points), 3):
-            raise InputError(f"{label} must return colours of shape ({len(points)}, 3), got {values.shape}.")
-        return as_colours(values, label)
-
-    return colours
 
 
 def _read_colours(name: Path, label: str) -> Floats:
@@ -197,11 +179,7 @@ def prescribed_range(scene: ck.Scene, spacing: float) -> Floats:
 
 
 def _values_of(condition: Any, curve: ClosestPointSource | None, spacing: float) -> Floats:
-    """Return the values (k, 3) that a condition prescribes, none for zero flux.
-
-    They are rows of 0 and of 1 where they are not known. A function is evaluated at the vertices of the mesh of
-    ``curve``.
-    """
+    """Return the values (k, 3) that a condition prescribes: none for zero flux, rows of 0 and 1 if they are unknown."""
     unknown = np.array([[0.0] * 3, [1.0] * 3])
     datum = condition.data()[0][1] if len(condition.data()) == 1 else None
     if condition.kind == "neumann":

@@ -20,8 +20,16 @@ from typing import Any
 import numpy as np
 
 import cpmkit as ck
-from cpmkit.applications.heat import DISTANCE_RESIDUAL, heat_directions, heat_solver, scene_of
-from cpmkit.applications.origins import Origins, Pieces, origins_of, pieces_of
+from cpmkit.applications.heat import (
+    DISTANCE_RESIDUAL,
+    Origins,
+    Pieces,
+    heat_directions,
+    heat_solver,
+    origins_of,
+    pieces_of,
+    scene_of,
+)
 from cpmkit.applications.result import Measured, count_rounds, measure_to_target
 from cpmkit.errors import ResolutionError, place
 from cpmkit.facade import Solution
@@ -237,10 +245,7 @@ def _measure(prepared: Prepared, origins: Origins, rounds: int) -> Distance:
 
 
 def _nearest_origins(prepared: Prepared, origins: Origins, pieces: Pieces, points: Floats) -> tuple[Floats, Bools]:
-    """Return straight distances (p,) from the points of a prepared scene to origins, and which pieces have an origin.
-
-    An origin on another piece than the point is infinitely far; the pieces (count,) are those of ``pieces``.
-    """
+    """Return straight distances (p,) from origins, infinite on other pieces, and which pieces (count,) have one."""
     form = prepared.discretized
     straight, _, number = origins.closest(points)
     places, owner = origins.samples(form.spacing)

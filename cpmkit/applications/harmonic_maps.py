@@ -16,7 +16,7 @@ import numpy as np
 import cpmkit as ck
 from cpmkit.applications.harmonic_flows import degree_and_area, explicit_flow, implicit_flow
 from cpmkit.applications.heat import scene_of
-from cpmkit.applications.result import Result, dirichlet_at_points, is_curve, one_of, unpack_pair, with_colours
+from cpmkit.applications.result import Result, dirichlet_at_points, one_of, unpack_pair, with_colours
 from cpmkit.errors import InputError, ResolutionError, shown
 from cpmkit.facade import Solution
 from cpmkit.plugin import ClosestPointSource
@@ -205,10 +205,7 @@ def _initially_covered_area(prepared: Prepared, target: ClosestPointSource, init
 
 
 def _initial_images(prepared: Prepared, target: ClosestPointSource, initial: Any) -> Floats:
-    """Return the images (p, k), on the target, of the points of the prepared scene under the initial map.
-
-    Raise InputError if ``initial`` is not accepted.
-    """
+    """Return the images (p, k), on the target, of the points of a prepared scene; raise InputError for other maps."""
     if callable(initial):
         return prepared.field(initial).project(target).columns
     if str(initial) != "nearest":
@@ -228,7 +225,7 @@ def _scene(surface: Any, target: ClosestPointSource, landmarks: Sequence[tuple[A
     for number, pair in enumerate(landmarks):
         place, image = unpack_pair(pair, "landmarks are pairs (place, image)")
         name = f"landmark {number}"
-        if is_curve(place):
+        if getattr(place, "manifold_dim", 0):  # a curve
             if not callable(image):
                 raise InputError(f"the image of a landmark curve is a function of its points, got {shown(image)}.")
             boundaries.append(ck.Boundary(name, place, both=ck.Dirichlet(_on_target(target, image))))

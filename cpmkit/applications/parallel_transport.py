@@ -25,7 +25,7 @@ from cpmkit.applications.result import with_colours
 from cpmkit.applications.vector_fields import TangentField, check_surface, tangential
 from cpmkit.errors import InputError, place
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource, HasNormals, unit
+from cpmkit.plugin import ClosestPointSource, HasNormals, dots, norms, unit
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import as_points, as_vector
 from cpmkit.types import Floats
@@ -87,10 +87,9 @@ class LogarithmicMap:
             second = np.cross(ck.normals_at(surface, at), first)
         else:
             second = second_field.evaluate(at, normalized=True)
-        direction = np.stack([np.einsum("nd,nd->n", away, axis) for axis in (first, second)], axis=1)
+        direction = np.stack([dots(away, axis) for axis in (first, second)], axis=1)
         straight = (at - self.point) @ self.axes.T
-        close = np.linalg.norm(at - self.point, axis=1) < 2 * h
-        close &= length < PRESCRIBED_SPACINGS * h
+        close = (norms(at - self.point) < 2 * h) & (length < PRESCRIBED_SPACINGS * h)
         return np.asarray(length[:, None] * unit(np.where(close[:, None], straight, direction)))
 
     def vectors(self, points: Any) -> Floats:

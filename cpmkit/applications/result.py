@@ -13,7 +13,6 @@ import cpmkit as ck
 from cpmkit.applications.heat import barriers, prepare_manifold
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
-from cpmkit.plugin import ClosestPointSource
 from cpmkit.preparing import Prepared
 from cpmkit.runtime.arrays import whole
 from cpmkit.runtime.deprecation import DeprecatedMember
@@ -48,29 +47,6 @@ def with_colours(solution: Solution, colours: Floats) -> ColouredSolution:
     return ColouredSolution(**attributes, mesh=replace(solution.display_mesh(), values=values))
 
 
-def with_triangles(
-    solution: ColouredSolution, points: Floats, triangles: Ints, normals: Floats, colour: Any
-) -> ColouredSolution:
-    """Return ``solution`` with ``triangles`` (t, 3) of ``points`` (v, 3) added to its display mesh.
-
-    They have one colour (3,) and are shaded by ``normals`` (v, 3).
-    """
-    mesh = solution.mesh
-    count, corners = len(mesh.points), max(mesh.cells.shape[1], 3)
-    cells = np.full((len(mesh.cells) + len(triangles), corners), -1)
-    cells[: len(mesh.cells), : mesh.cells.shape[1]] = mesh.cells
-    cells[len(mesh.cells) :, :3] = triangles + count
-    more = replace(
-        mesh,
-        points=np.concatenate([mesh.points, points]),
-        cells=cells,
-        values=np.concatenate([mesh.values, np.broadcast_to(colour, (len(points), mesh.values.shape[1]))]),
-        normals=np.concatenate([mesh.normals, normals]),
-        sides=None,
-    )
-    return replace(solution, mesh=more)
-
-
 #: Corners of an arrow of length one about its centre: coordinates along it and across.
 OUTLINE = np.array(
     [[-0.5, -0.05], [0.0, -0.05], [0.15, -0.05], [0.15, -0.18], [0.5, 0.0], [0.15, 0.18], [0.15, 0.05], [0.0, 0.05]]
@@ -92,13 +68,14 @@ def spread_points(points: Floats, distance: float) -> Ints:
     return np.array(chosen, dtype=np.int64)
 
 
-def arrow_triangles(
-    surface: ClosestPointSource, centres: Floats, directions: Floats, length: float
-) -> tuple[Floats, Ints, Floats]:
-    """Return vertices (v, 3), triangles (t, 3) and normals (v, 3) of arrows along a surface, on both its sides.
+def with_arrows(
+    solution: ColouredSolution, centres: Floats, directions: Floats, length: float, colour: Any
+) -> ColouredSolution:
+    """Return ``solution`` with arrows of one ``colour`` (3,) added to its display mesh, on both sides of the surface.
 
     Each corner is projected on the surface and then moved off it along the normal.
     """
+    surface, mesh = solution.scene.surface, solution.mesh
     normals = ck.normals_at(surface, centres)
     across = np.cross(normals, directions)
     corners = centres[:, None] + length * (OUTLINE[:, :1] * directions[:, None] + OUTLINE[:, 1:] * across[:, None])
@@ -107,9 +84,20 @@ def arrow_triangles(
     corner_normals *= np.where(np.einsum("mcd,md->mc", corner_normals, normals) < 0, -1.0, 1.0)[:, :, None]
     lift = 0.08 * length * corner_normals.reshape(-1, 3)
     faces = (len(OUTLINE) * np.arange(len(centres))[:, None, None] + TRIANGLES).reshape(-1, 3)
+    triangles = len(mesh.points) + np.concatenate([faces, faces[:, ::-1] + len(on)])
     facing = corner_normals.reshape(-1, 3)
-    both = np.concatenate([on + lift, on - lift])
-    return both, np.concatenate([faces, faces[:, ::-1] + len(on)]), np.concatenate([facing, -facing])
+    cells = np.full((len(mesh.cells) + len(triangles), max(mesh.cells.shape[1], 3)), -1)
+    cells[: len(mesh.cells), : mesh.cells.shape[1]] = mesh.cells
+    cells[len(mesh.cells) :, :3] = triangles
+    more = replace(
+        mesh,
+        points=np.concatenate([mesh.points, on + lift, on - lift]),
+        cells=cells,
+        values=np.concatenate([mesh.values, np.broadcast_to(colour, (2 * len(on), mesh.values.shape[1]))]),
+        normals=np.concatenate([mesh.normals, facing, -facing]),
+        sides=None,
+    )
+    return replace(solution, mesh=more)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -240,11 +228,6 @@ def unpack_pair(pair: Any, words: str) -> tuple[Any, Any]:
     if not isinstance(pair, tuple) or len(pair) != 2:
         raise InputError(f"{words}, got {shown(pair)}.")
     return pair
-
-
-def is_curve(place: Any) -> bool:
-    """Return whether a place is the source of a curve rather than points."""
-    return bool(getattr(place, "manifold_dim", 0))
 
 
 def count_rounds(method: Any, rounds: Any) -> int:

@@ -22,13 +22,14 @@ import cpmkit as ck
 from cpmkit.applications.geodesics import PRESCRIBED_SPACINGS, transport_distance, transport_solver
 from cpmkit.applications.heat import (
     HEAT_TIME,
+    Origins,
     heat_directions,
     heat_solver,
+    origins_of,
     scene_of,
     tangential_coupling,
     vector_heat_directions,
 )
-from cpmkit.applications.origins import Origins, origins_of
 from cpmkit.applications.result import Measured, count_rounds, measure_to_target
 from cpmkit.errors import InputError, SceneError
 from cpmkit.facade import Solution
@@ -168,10 +169,7 @@ def _gradient_directions(prepared: Prepared, curves: Origins, samples: Sequence[
 
 
 def _signed_straight_distance(curves: Origins, points: Floats) -> tuple[Floats, Floats]:
-    """Return straight distances (p,) of points (p, 3) from the nearest curves, and the same with signs.
-
-    The signed distance is NaN where the nearest point is the end of a curve.
-    """
+    """Return straight distances (p,) of points (p, 3) from curves, and signed ones, NaN where an end is nearest."""
     straight, places, number = curves.closest(points)
     signed = np.full(len(points), np.nan)
     for k, curve in enumerate(curves.curves):

@@ -26,14 +26,12 @@ import cpmkit as ck
 from cpmkit.applications.heat import scene_of, tangential_coupling
 from cpmkit.applications.result import (
     Result,
-    arrow_triangles,
     dirichlet_at_points,
-    is_curve,
     one_of,
     spread_points,
     unpack_pair,
+    with_arrows,
     with_colours,
-    with_triangles,
 )
 from cpmkit.errors import InputError, shown
 from cpmkit.facade import Solution
@@ -86,7 +84,11 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
         normals = vertex_normals(vertices, faces) if normals is None else normals
         signs = np.ones(faces.shape)
     else:
-        normals = _normals_of_any_sign(len(vertices), faces, across)
+        area = np.linalg.norm(across, axis=1)[:, None, None]
+        squares = across[:, :, None] * across[:, None] / (area + (area == 0))
+        sums = np.zeros((len(vertices), 3, 3))
+        np.add.at(sums, faces.ravel(), np.repeat(squares, 3, axis=0))
+        normals = np.asarray(np.linalg.eigh(sums)[1][:, :, -1])  # of either sign
         signs = np.where(np.einsum("fd,fcd->fc", across, normals[faces]) < 0, -1.0, 1.0)
     planes = normals[faces] * signs[:, :, None]  # (f, 3, 3): with the sign of the triangle's own normal
     first = np.cross(planes, np.eye(3)[np.abs(planes).argmin(axis=2)])  # equal up to the sign where the normals are
@@ -99,14 +101,6 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     curvature = _wrap(transport.sum(axis=1))
     index = np.rint((steps.sum(axis=1) + curvature) / (2 * np.pi)).astype(int)
     return [Singularity(corners[face].mean(axis=0), int(index[face])) for face in np.flatnonzero(index)]
-
-
-def _normals_of_any_sign(count: int, faces: Ints, across: Floats) -> Floats:
-    """Return unit normals (count, 3) at vertices, of either sign, from the normals ``across`` (f, 3) of triangles."""
-    squares = np.zeros((count, 3, 3))
-    area = np.linalg.norm(across, axis=1)[:, None, None]
-    np.add.at(squares, faces.ravel(), np.repeat(across[:, :, None] * across[:, None] / (area + (area == 0)), 3, axis=0))
-    return np.asarray(np.linalg.eigh(squares)[1][:, :, -1])
 
 
 def _transport_angle(planes: Floats, first: Floats, second: Floats, corner: int) -> Floats:
@@ -176,9 +170,8 @@ class TangentField(Result):
         size = float(np.ptp(surface.bounds, axis=0).max())
         length = 0.045 * size if length is None else positive(length, "length")
         centres = mesh.points[spread_points(mesh.points, 0.95 * length)]
-        arrows = arrow_triangles(surface, centres, self.evaluate(centres, normalized=True), length)
         plain = with_colours(self.solution, np.broadcast_to((0.93, 0.92, 0.9), mesh.points.shape))
-        return with_triangles(plain, *arrows, (0.10, 0.25, 0.55))
+        return with_arrows(plain, centres, self.evaluate(centres, normalized=True), length, (0.10, 0.25, 0.55))
 
     def picture(self, path: Any, *, length: float | None = None, **options: Unpack[LookKeywords]) -> Any:
         """Draw arrows of one length on the surface, as :meth:`cpmkit.Solution.picture` draws.
@@ -273,12 +266,9 @@ def check_surface(surface: ClosestPointSource) -> None:
 
 
 def _direction_boundaries(number: int, pair: Any, surface: ClosestPointSource) -> list[ck.Boundary]:
-    """Return the boundaries with the directions of ``pair`` (place, directions) as Dirichlet data.
-
-    Raise InputError if the pair is not accepted; ``number`` names its boundaries.
-    """
+    """Return the boundaries with the directions of ``pair`` (place, directions); raise InputError if it is no pair."""
     where, which = unpack_pair(pair, "directions are pairs (where, which)")
-    if is_curve(where):
+    if getattr(where, "manifold_dim", 0):  # a curve
         name = f"direction {number}"
         if isinstance(which, Mapping):
             sides = {side: _along(where, surface, direction) for side, direction in which.items()}

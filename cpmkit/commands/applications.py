@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cpmkit.commands.group import progress_callback, traceback_option
-from cpmkit.commands.options import (
+from cpmkit.commands.group import (
     accuracy_options,
     as_shown,
     combine,
@@ -20,8 +19,10 @@ from cpmkit.commands.options import (
     json_option,
     output_option,
     print_outcome,
+    progress_callback,
     scene_argument,
     spacing_option,
+    traceback_option,
     warn,
     with_error,
 )

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 import platform
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from cpmkit.errors import CpmkitError
 from cpmkit.plugins import installed_kinds
@@ -55,10 +54,6 @@ class Diagnosis:
     variables: Mapping[str, str]
     scene: str | None
     advice: tuple[str, ...]
-
-    def as_dict(self) -> dict[str, Any]:
-        """Return the diagnosis as plain values."""
-        return asdict(self)
 
     def __str__(self) -> str:
         """Return the diagnosis as a table of names and values, and the advice below."""

@@ -1,21 +1,30 @@
-"""The group of commands: built-in ones and those of plugins, their progress, and the messages of their errors."""
+"""What commands share: their group, with those of plugins, their progress, messages of errors, and options."""
 
 from __future__ import annotations
 
 import errno
+import json
+import math
 import sys
+import tomllib
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
 from cpmkit.errors import CpmkitError, PluginError, shown
 from cpmkit.plugins import COMMANDS_GROUP
 from cpmkit.runtime.memory import is_out_of_memory, memory_limit
+
+if TYPE_CHECKING:
+    from cpmkit.facade import Solution
+    from cpmkit.scenefile.look import OutputRequest
+    from cpmkit.scenefile.scene_files import SceneFile
+
 
 #: Keys in the context of a command: its file, its stage, and whether tracebacks are shown.
 FILE_KEY, STAGE_KEY, TRACEBACK_KEY = "cpmkit.file", "cpmkit.stage", "cpmkit.traceback"
@@ -45,10 +54,7 @@ class CommandGroup(click.Group):
         return built_in if built_in or point is None else _load(point)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the built-in commands with their help, and the commands of plugins with their distributions.
-
-        Plugins are not imported for this.
-        """
+        """List the built-in commands with their help, and those of plugins, not imported, with their distributions."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.get_short_help_str(200)) for name, command in self.commands.items()])
         others = [name for name in self.list_commands(ctx) if name not in self.commands]
@@ -140,14 +146,205 @@ def _distribution_text(point: EntryPoint) -> str:
 
 def _load(point: EntryPoint) -> click.Command:
     """Return the command of a plugin; raise PluginError if it does not import or is no command of click."""
+    named = f"The command {point.name!r} ({_distribution_text(point)})"
     try:
         command = point.load()
     except Exception as error:
-        raise PluginError(
-            f"The command {point.name!r} ({_distribution_text(point)}) does not import: {error}"
-        ) from error
+        raise PluginError(f"{named} does not import: {error}") from error
     if not isinstance(command, click.Command):
-        raise PluginError(
-            f"The command {point.name!r} ({_distribution_text(point)}) is {command!r}, not a click command."
-        )
+        raise PluginError(f"{named} is {command!r}, not a click command.")
     return command
+
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+#: By default the error is estimated if the solve took at least so many seconds; the estimate takes a third as long.
+ESTIMATED_SECONDS = 1.0
+
+
+def _check_finite(ctx: click.Context, parameter: click.Parameter, value: float | None) -> float | None:
+    """Return the value of an option; raise click.BadParameter if it is not finite."""
+    if value is not None and not math.isfinite(value):
+        raise click.BadParameter(f"{value} is not a finite number.", ctx, parameter)
+    return value
+
+
+scene_argument = click.argument(
+    "scene", type=click.Path(exists=True, dir_okay=False, path_type=Path), metavar="SCENE.toml"
+)
+spacing_option = click.option(
+    "--spacing",
+    type=click.FloatRange(min=0, min_open=True),
+    callback=_check_finite,
+    metavar="LENGTH",
+    help="Distance between grid nodes, in the scene's unit; overrides the file's.",
+)
+json_option = click.option(
+    "--json", "as_json", is_flag=True, help="Print JSON on standard output, and nothing else there."
+)
+
+
+output_option = click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="FOLDER",
+    help="Where results go; overrides the file's folder, which counts from the working directory.",
+)
+
+
+def combine(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """Return a decorator that adds several options, in the order in which help lists them."""
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+#: The options of an accuracy target, which replace a spacing, and of the error estimate.
+accuracy_options = combine(
+    click.option(
+        "--tolerance",
+        type=click.FloatRange(0, 1, min_open=True, max_open=True),
+        metavar="SHARE",
+        help="In place of a spacing: the accepted error, as a share of the solution's range, such as 1e-3.",
+    ),
+    click.option(
+        "--norm",
+        type=click.Choice(["rms", "max"]),
+        help="Norm of the tolerance: rms, the root mean square, or max, the largest error.",
+    ),
+    click.option(
+        "--seconds",
+        type=click.FloatRange(min=0, min_open=True),
+        callback=_check_finite,
+        metavar="SECONDS",
+        help="In place of a spacing, or as a limit beside a tolerance: the time of the solve.",
+    ),
+    click.option(
+        "--memory",
+        metavar="SIZE",
+        help="In place of a spacing, or as a limit: the memory of the solve, such as '2 GiB'.",
+    ),
+    click.option(
+        "--estimate/--no-estimate",
+        default=None,
+        help="Estimate the error by solving at twice the spacing, or do not; by default if the solve took "
+        f"more than {ESTIMATED_SECONDS:g} second.",
+    ),
+)
+
+
+def warn(sentences: Iterable[str], err: bool = False) -> None:
+    """Print each sentence as a warning, to standard error if ``err``."""
+    for sentence in sentences:
+        click.echo(f"warning    {sentence}", err=err)
+
+
+def print_outcome(
+    solution: Any,
+    summary: Mapping[str, Any],
+    warnings: Sequence[str],
+    head: Iterable[str],
+    lines: Iterable[str],
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    """Print a summary and warnings: as JSON, which includes the warnings, as lines, or only warnings if ``quiet``.
+
+    The lines are ``head``, seconds, the error and the solves that reached the accuracy target, ``lines``, and files.
+    """
+    if as_json:
+        click.echo(json.dumps(summary, indent=2))
+        return
+    if not quiet:
+        seconds, picture = summary["seconds"], summary["picture"]
+        stages = ", ".join(f"{stage} {spent:.1f}" for stage, spent in seconds.items())
+        printed = [*head, f"seconds    {sum(seconds.values()):.1f} ({stages})"]
+        printed += [f"error      {line}" for line in str(solution.estimated or "").splitlines()]
+        printed += [f"way        {line}" for line in str(solution.solve_history or "").splitlines()]
+        printed += [*lines, *(f"written    {Path(summary['folder'], file)}" for file in summary["files"])]
+        if picture:
+            printed.append(f"written    {Path(summary['folder'], picture['file'])} ({picture['camera']})")
+        click.echo("\n".join(printed))
+    warn(warnings, err=quiet)
+
+
+def how_fine(loaded: SceneFile, spacing: float | None, **target: Any) -> tuple[float | None, dict[str, Any]]:
+    """Return the spacing, None with an accuracy target in its place, and the options of ``solve``.
+
+    ``target`` has the accuracy target of the command line, which takes precedence over the scene file, as ``spacing``
+    does.
+    """
+    from cpmkit.forms.options import AccuracyTarget
+    from cpmkit.runtime.options import declared_options
+
+    command_line = {name: value for name, value in target.items() if value is not None}
+    deciding = [name for name in ("tolerance", "seconds", "memory") if name in command_line]
+    options = dict(loaded.options)
+    if spacing is not None:
+        options = {name: value for name, value in options.items() if name not in declared_options(AccuracyTarget)}
+    decided = spacing if deciding else spacing or loaded.spacing
+    return decided, {**options, **command_line}
+
+
+def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> Solution:
+    """Return a solution with an error estimate if ``wanted``, or by default if it is drawn or the solve took long.
+
+    By default an error that cannot be estimated is left out, so that the solution is not lost.
+    """
+    from dataclasses import replace
+
+    from cpmkit.errors import CpmkitError
+
+    if wanted is False or solution.estimated is not None:
+        return solution
+    if wanted is None and not drawn and sum(solution.seconds.values()) < ESTIMATED_SECONDS:
+        return solution
+    try:
+        return replace(solution, estimated=solution.error)
+    except CpmkitError:
+        if wanted:
+            raise
+        return solution
+
+
+def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
+    """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
+
+    Raises
+    ------
+    InputError
+        If there is no picture, it shows an error that is not to be estimated, or a key or value is not accepted.
+    """
+    from dataclasses import replace
+
+    from cpmkit.errors import InputError
+    from cpmkit.scenefile.look import Look
+
+    said = ([f"--field {field}"] if field else []) + [f"--look {text}" for text in look]
+    if said and request.picture is None:
+        raise InputError(
+            f"{said[0]} says what the picture shows, and the scene asks for none; add picture to [output]."
+        )
+    if said and request.picture is not None:
+        changes = dict(map(_key_and_value, look)) | ({"field": field} if field else {})
+        options = vars(Look.of({**request.picture.look, **changes}))
+        request = replace(request, picture=replace(request.picture, **options))
+    if request.wants_error and estimate is False:
+        raise InputError("the picture shows the error, and --no-estimate leaves it out; give one of them.")
+    return request
+
+
+def _key_and_value(text: str) -> tuple[str, Any]:
+    """Return the key and the value, of TOML or else text, in ``KEY=VALUE``; raise InputError without an equals sign."""
+    from cpmkit.errors import InputError, shown
+
+    key, sign, value = text.partition("=")
+    if not sign or not key.strip():
+        raise InputError(f"--look must be KEY=VALUE, such as cmap=magma, got {shown(text)}.")
+    try:
+        return key.strip(), tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        return key.strip(), value

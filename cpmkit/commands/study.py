@@ -41,14 +41,13 @@ def run_study(file: Path, output: Path | None, cheap: bool, spacings: tuple[floa
 
     One line is recorded for each run as soon as it is made, so a study that is stopped goes on where it was.
     """
-    from cpmkit.studies.run_one import ignore_record
     from cpmkit.studies.run_one import run_study as run
     from cpmkit.studies.studyfile import load_study
     from cpmkit.studies.tables import run_sentence
 
     folder = output or Path(file.stem)
     with progress_callback(file, quiet) as progress:
-        recorded = ignore_record if quiet else lambda record: click.echo(run_sentence(record), err=True)
+        recorded = None if quiet else lambda record: click.echo(run_sentence(record), err=True)
         outcome = run(load_study(file), folder, cheap=cheap, spacings=spacings, progress=progress, recorded=recorded)
     if not quiet:
         click.echo(f"runs       {outcome.made} made, {outcome.failed} with errors, {outcome.skipped} recorded before")
@@ -83,8 +82,9 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     report.md and the figures are written beside them. Studies with a reference share one printed table.
     """
     from cpmkit.files.whole_files import written_whole
-    from cpmkit.studies.report import costs_of, table_of, trade_of, write_report
+    from cpmkit.studies.report import table_of, trade_of, write_report
     from cpmkit.studies.studyfile import load_study
+    from cpmkit.studies.tables import costs_table
 
     reports = [
         write_report(study) if study.is_dir() else write_report(Path(study.stem), load_study(study).content)
@@ -95,7 +95,7 @@ def report_study(studies: tuple[Path, ...], table: Path | None, costs: Path | No
     for report in reports:
         if report.trades:
             click.echo(f"\n{trade_of(report)}")
-    target = {table: text, costs: costs_of(reports)}
+    target = {table: text, costs: costs_table([(report.title, report.series) for report in reports])}
     pages = {page: content for page, content in target.items() if page is not None}
     for page, content in pages.items():
         with written_whole(page) as file:

@@ -16,7 +16,7 @@ from cpmkit.mesh.mixed_cells import mesh_of
 from cpmkit.saving.export import FILMS, PAGE, check_file, draw_frames, frames_folder, save, write_summary
 from cpmkit.saving.mesh_files import MESH_WRITERS
 from cpmkit.scene.compound_equations import Eigen
-from cpmkit.scenefile.look import VERTICES, OutputRequest, PictureRequest, check_links
+from cpmkit.scenefile.look import VERTICES, OutputRequest, check_links
 from cpmkit.types import Progress
 from cpmkit.view import check_picture, picture
 from cpmkit.view.pictures import check_channels
@@ -120,22 +120,26 @@ def write_results(
     others = [file for file in request.files if file not in summaries]
     failures: dict[str, Exception] = {}
     seconds, shown = dict(solution.seconds), drawn_as or solution
-    drawn = None
-
+    target = request.picture
+    drawn: dict[str, Any] | None = None
     start = time.perf_counter()
     for index, file in enumerate(others):
         progress("write", index / len(others))
         with _collecting_failures(failures, file):
-            suffix, target = Path(file).suffix.lower(), request.picture
+            suffix = Path(file).suffix.lower()
             look = target.look if target is not None and suffix in (*FILMS, PAGE) else {}
             saved = shown if suffix == PAGE else solution
             save(saved, _with_folder(folder / file), _vertices_of(file, request), **look)
         seconds["write"] = time.perf_counter() - start
-    if request.picture is not None:
+    if target is not None:
         progress("picture", 0.0)
         start = time.perf_counter()
-        with _collecting_failures(failures, request.picture.file):
-            drawn = _draw(shown, request.picture, folder)
+        with _collecting_failures(failures, target.file):
+            place = _with_folder(folder / target.file)
+            drawn = {"file": target.file, "camera": picture(shown, place, **target.look).camera}
+            if target.frames:
+                frames = draw_frames(shown, place, target)
+                drawn["frames"] = [str(frame.relative_to(folder)) for frame in frames]
         seconds["picture"] = time.perf_counter() - start
     summary = {
         **solution.summary(),
@@ -173,15 +177,6 @@ def _sentence(file: Path, error: Exception) -> str:
 def _vertices_of(file: str, request: OutputRequest) -> str:
     """Return which mesh a file holds: for mesh files that of ``request.vertices``, else the display mesh."""
     return request.vertices if Path(file).suffix.lower() in MESH_WRITERS else VERTICES[0]
-
-
-def _draw(solution: SolutionRecord, target: PictureRequest, folder: Path) -> dict[str, Any]:
-    """Draw the picture and, if requested, one of each frame; return the entry of the summary."""
-    file = _with_folder(folder / target.file)
-    drawn = picture(solution, file, **target.look)
-    frames = draw_frames(solution, file, target) if target.frames else []
-    listed = {"frames": [str(frame.relative_to(folder)) for frame in frames]} if target.frames else {}
-    return {"file": target.file, "camera": drawn.camera, **listed}
 
 
 def _with_folder(path: Path) -> Path:

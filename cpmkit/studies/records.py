@@ -139,11 +139,6 @@ def _bytes_of(file: Path) -> bytes:
         raise InputError(f"{file} cannot be read: {getattr(error, 'strerror', None) or error}.") from error
 
 
-def of_content(records: Sequence[Record], content: str) -> list[Record]:
-    """Return the records that belong to the content hash ``content`` of a study file."""
-    return [record for record in records if record["content"] == content]
-
-
 #: Names of methods in labels.
 METHOD_WORDS = {
     "cpm": "closest point method",

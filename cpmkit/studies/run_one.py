@@ -24,17 +24,22 @@ from cpmkit.runtime.messages import collected_warnings
 from cpmkit.runtime.options import declared_options
 from cpmkit.scene.scene import Scene
 from cpmkit.solving import for_any_backend, solve
-from cpmkit.studies.baselines import check_fixable, solve_by_fixed_nodes
 from cpmkit.studies.records import (
     LARGEST_RECORDED,
     RECORDS_FILE,
     Record,
     append_record,
     drop_unfinished_line,
-    of_content,
     read_records,
 )
-from cpmkit.studies.reference_values import Reference, check_comparable, end_of, reference_of, solve_on_refined_mesh
+from cpmkit.studies.reference_values import (
+    Reference,
+    check_comparable,
+    check_fixable,
+    reference_of,
+    solve_by_fixed_nodes,
+    solve_on_refined_mesh,
+)
 from cpmkit.studies.studyfile import Study
 from cpmkit.studies.sweep import BASELINES, REFINED, Run, lattice_methods
 from cpmkit.types import Progress, no_progress
@@ -53,7 +58,7 @@ def check_study(study: Study) -> None:
     check_comparable(study.scene)
     if study.sweep.spacings is not None:
         at_spacing(study.scene, study.sweep.step_per_spacing, study.sweep.spacings[0])
-    if study.solution is not None and study.solution.takes_time and end_of(study.scene) is None:
+    if study.solution is not None and study.solution.takes_time and getattr(study.scene.problem, "until", None) is None:
         raise SceneError(f"u of [exact] depends on t, and the problem {study.scene.problem.kind!r} has no time.")
     for method in study.sweep.methods:
         if method in BASELINES:
@@ -65,9 +70,7 @@ def check_study(study: Study) -> None:
 
 
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
-    """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing.
-
-    If one of the two is None, the scene is returned as it is.
+    """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing, unchanged without one.
 
     Raises
     ------
@@ -132,6 +135,9 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
     error = solution.evaluate(truth.points) - truth.values
     work, form = solution.work.as_dict(), solution.discretized
     trade = solution.solve_history
+    seconds = dict(solution.seconds if trade is None else dict.fromkeys([step.purpose for step in trade.steps], 0.0))
+    for step in () if trade is None else trade.steps:  # several solves: the seconds of each purpose
+        seconds[step.purpose] += step.seconds
     doubled = form.diagnosis().doubled
     counts = ("unknowns", "nonzeros", "operator_applications", "closest_point_queries", "table_bytes")
     return {
@@ -145,7 +151,7 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
         "imbalances": [imbalance.as_dict() for imbalance in solution.imbalances],
         "iterations": solution.report.iterations,
         "residual": solution.report.residual,
-        "seconds": {stage: round(spent, 4) for stage, spent in _stages(solution).items()},
+        "seconds": {stage: round(spent, 4) for stage, spent in seconds.items()},
         "estimate": None if trade is None else float(trade.error),
         "status": None if trade is None else trade.status,
         "warnings": list(solution.warnings),
@@ -153,21 +159,8 @@ def _measured_entries(solution: Solution, truth: Reference, run: Run) -> Record:
     }
 
 
-def _stages(solution: Solution) -> dict[str, float]:
-    """Return the wall-clock seconds of each stage, or of each purpose if several solves led to the solution."""
-    if solution.solve_history is None:
-        return dict(solution.seconds)
-    spent: dict[str, float] = {}
-    for step in solution.solve_history.steps:
-        spent[step.purpose] = spent.get(step.purpose, 0.0) + step.seconds
-    return spent
-
-
 def costs_in_memory(solution: Solution, measured: int | None) -> Record:
-    """Return the entries of a record on peak memory: the bytes, and whether they are measured or predicted.
-
-    If ``measured`` is None, they are predicted; back ends without a lattice then have None.
-    """
+    """Return the entries of a record on peak memory: bytes, ``measured`` or predicted, else None without a lattice."""
     if measured is not None:
         return {"bytes": measured, "bytes_are": "measured"}
     options, scene = lattice_options(solution.discretized), solution.scene
@@ -195,11 +188,6 @@ class Outcome:
     file: Path
 
 
-def ignore_record(record: Record) -> None:
-    """Ignore a record."""
-    del record
-
-
 def run_study(
     study: Study,
     folder: Path,
@@ -208,7 +196,7 @@ def run_study(
     spacings: Sequence[float] = (),
     truth: Reference | None = None,
     progress: Progress = no_progress,
-    recorded: Callable[[Record], None] = ignore_record,
+    recorded: Callable[[Record], None] | None = None,
 ) -> Outcome:
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
@@ -238,11 +226,17 @@ def run_study(
     CpmkitError
         If the study itself is wrong: its scene, its formulas or its options.
     """
-    runs = _select_runs(study.sweep.runs(cheap), spacings)
+    runs = study.sweep.runs(cheap)
+    known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
+    unknown = [spacing for spacing in spacings if spacing not in known]
+    if unknown:
+        listed = ", ".join(f"{spacing:g}" for spacing in known)
+        raise InputError(f"the study has no spacing {unknown[0]:g}; it has {listed}.")
+    runs = [run for run in runs if run.spacing in spacings] if spacings else runs
     file = folder / RECORDS_FILE
     check_place(file)
     drop_unfinished_line(file)
-    done = {Run.of(record) for record in of_content(read_records(file), study.content)}
+    done = {Run.of(record) for record in read_records(file) if record["content"] == study.content}
     pending = [run for run in runs if run not in done]
     if not pending:
         return Outcome(0, len(runs), 0, file)
@@ -262,19 +256,7 @@ def run_study(
         folder.mkdir(parents=True, exist_ok=True)  # not earlier: a study that fails at once leaves no folder
         append_record(file, record)
         progress(stage, 1.0)
-        recorded(record)
+        if recorded is not None:
+            recorded(record)
         failed += "error" in record
     return Outcome(len(pending), len(runs) - len(pending), failed, file)
-
-
-def _select_runs(runs: Sequence[Run], spacings: Sequence[float]) -> Sequence[Run]:
-    """Return the runs with one of ``spacings``, all runs if there are none.
-
-    Raise InputError if no run has one of the spacings.
-    """
-    known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))
-    unknown = [spacing for spacing in spacings if spacing not in known]
-    if unknown:
-        listed = ", ".join(f"{spacing:g}" for spacing in known)
-        raise InputError(f"the study has no spacing {unknown[0]:g}; it has {listed}.")
-    return [run for run in runs if run.spacing in spacings] if spacings else runs

@@ -19,7 +19,7 @@ from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
-from cpmkit.formulas.trees import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse
+from cpmkit.formulas.steps import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse
 from cpmkit.plugins import call, check_accepted
 from cpmkit.scene.scene import Scene
 from cpmkit.scenefile.condition_tables import as_table
@@ -231,7 +231,11 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     exact = exact if exact.u is None else replace(exact, u=expand(exact.u, known))
     sweep = read_sweep(tables["sweep"])
     read_options(scene)
-    return Study(path.stem, title, path.parent, scene, exact, sweep, _content_hash(scene, exact, sweep, path.parent))
+    solution = exact.u if exact.reference is None else {"reference": exact.reference}
+    digests = [_digest(file) for file in _named_files(scene, path.parent)]
+    whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]  # besides the parameters of a run
+    content = hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    return Study(path.stem, title, path.parent, scene, exact, sweep, content)
 
 
 def _swept_keys() -> dict[str, str]:
@@ -242,14 +246,6 @@ def _swept_keys() -> dict[str, str]:
             *others, last = one.methods
             said[name] = f"methods of [sweep], as {', '.join(map(repr, ['cpm', *others]))} or {last!r}"
     return said
-
-
-def _content_hash(scene: Mapping[str, Any], exact: Exact, sweep: Sweep, folder: Path) -> str:
-    """Return a short hash of everything that the result of a run depends on besides its own parameters."""
-    solution = exact.u if exact.reference is None else {"reference": exact.reference}
-    digests = [_digest(file) for file in _named_files(scene, folder)]
-    whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]
-    return hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
 
 
 def _named_files(value: Any, folder: Path) -> Iterator[Path]:
@@ -278,10 +274,7 @@ def _digest(file: Path) -> str:
 
 
 def study_schema() -> dict[str, Any]:
-    """Return the JSON schema of study files.
-
-    It does not check the types of numbers, since a name of [let] may stand for any number.
-    """
+    """Return the JSON schema of study files."""
     tables = {name: _without_number_types(table) for name, table in scene_tables(problem_needs=False).items()}
     lists = [Key(key, "list", "list", False, None, f"Values of {name}.") for name, key in listed_options().items()]
     sweep = [key for key in keys_of(Sweep) if key.name in {one.name for one in fields(Sweep)} - {"lists"}]
@@ -304,8 +297,5 @@ def study_schema() -> dict[str, Any]:
 
 def _without_number_types(schema: Any) -> Any:
     """Return a copy of a JSON schema without number types: a name of [let] may stand for any number."""
-
-    def drop(table: dict[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in table.items() if key != "type" or value not in ("number", "integer")}
-
-    return json.loads(json.dumps(schema), object_hook=drop)
+    numeric = [("type", "number"), ("type", "integer")]
+    return json.loads(json.dumps(schema), object_pairs_hook=lambda pairs: dict(p for p in pairs if p not in numeric))

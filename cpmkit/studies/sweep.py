@@ -141,10 +141,7 @@ class Sweep:
             raise SceneError(str(error)) from error
 
     def _check_fineness(self) -> None:
-        """Raise a SceneError if there are neither spacings nor targets, or lists that cannot be combined.
-
-        Without spacings, every method must be on a lattice; time steps tied to the spacing exclude targets.
-        """
+        """Raise a SceneError if there are neither spacings nor targets, or lists that cannot be combined."""
         if not self._fineness():
             raise SceneError(f"[sweep] needs a list of {', '.join(FINENESS[:-1])} or {FINENESS[-1]}.")
         if self.spacings is None:
@@ -173,10 +170,7 @@ class Sweep:
         return list(present.items())
 
     def runs(self, cheap: bool = False) -> list[Run]:
-        """Return the runs, each once; if ``cheap``, the runs of the cheap lists.
-
-        The order is as in the lists: the coarsest spacing, the largest tolerance and the shortest time first.
-        """
+        """Return the runs in the order of the lists, each once; if ``cheap``, the runs of the cheap lists."""
         every = (
             Run(method, value if name == "spacing" else None, options, origin, ((name, value),) * (name in TARGETS))
             for name, values in self._fineness(cheap)
@@ -245,10 +239,7 @@ class Run:
         return {"method": self.method, "spacing": self.spacing, **target, **options, "origin": self.origin}
 
     def shift(self, dim: int, unit: float | None = None) -> Floats:
-        """Return the shift (d,) of the lattice: zero without an origin, else random.
-
-        It is uniformly distributed between 0 and ``unit``, by default the spacing.
-        """
+        """Return the lattice's shift (d,): zero without an origin, else random up to ``unit`` or the spacing."""
         if self.origin is None:
             return np.zeros(dim)
         positions = np.random.default_rng(1).uniform(0, 1, (self.origin + 1, dim))

@@ -67,11 +67,6 @@ def make_bar(
     size = float(np.abs(ends).max())
     if ends[1] - ends[0] <= 1e-12 * size:
         ends = ends.mean() + 0.05 * (size or 1.0) * np.array([-1.0, 1.0])
-    return Bar(ends, colour_table(cmap), f"{label} [{unit}]".strip() if unit else label)
-
-
-def colour_table(cmap: str) -> Floats:
-    """Return the colours (256, 3), from 0 to 1, of one of matplotlib's colour maps; errors as of :func:`make_bar`."""
     try:
         from matplotlib import colormaps
     except ImportError as error:
@@ -81,7 +76,8 @@ def colour_table(cmap: str) -> Floats:
         raise InputError(
             f"cmap must name one of matplotlib's colour maps, such as 'coolwarm', got {shown(cmap)}{suggestion}."
         )
-    return np.asarray(colormaps[cmap](np.linspace(0, 1, 256)), dtype=np.float64)[:, :3]
+    table = np.asarray(colormaps[cmap](np.linspace(0, 1, 256)), dtype=np.float64)[:, :3]
+    return Bar(ends, table, f"{label} [{unit}]".strip() if unit else label)
 
 
 #: Size of letters at the bar, as a share of the whole width, and their least size in pixels.

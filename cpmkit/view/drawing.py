@@ -21,9 +21,8 @@ if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
 
 
-#: Number of corners of a disc around a point of a cloud, and of a dot.
-DISC_CORNERS, DOT_CORNERS = 8, 24
-
+#: Number of corners of a disc around a point of a cloud.
+DISC_CORNERS = 8
 #: Radii of boundary points, and of a curve that is itself the surface, as shares of the picture's half width.
 PIN_RADIUS, STROKE_RADIUS = 0.012, 0.009
 #: Distance of lines in front of the surface, as a share of the picture's half width.
@@ -57,21 +56,14 @@ class Shapes:
         )
 
 
-def lines(starts: Floats, ends: Floats, half_width: float, lift: float, colour: Any) -> Shapes:
-    """Return lines from ``starts`` to ``ends`` (s, 3), moved by ``lift`` towards the viewer, as rectangles.
+def lines(camera: Camera, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
+    """Return ``segments`` (s, 2, 3) as rectangles of one colour (3,) or of colours (s, 3), moved towards the viewer.
 
-    ``colour`` is (3,), or (s, 3) for each line.
+    Half their ``width`` and the ``lift`` are shares of the picture's half width.
     """
-    points, triangles = ribbons(starts, ends, half_width)
-    colours = np.broadcast_to(np.asarray(colour, dtype=np.float64), (len(starts), 3))
-    return Shapes(points + [0, 0, lift], np.repeat(colours, 4, axis=0), triangles)
-
-
-def dots(centres: Floats, radius: float, lift: float, colour: Any) -> Shapes:
-    """Return round dots of one ``colour`` (3,) at ``centres`` (p, 3), moved by ``lift`` towards the viewer."""
-    flat = np.zeros_like(centres)
-    points, triangles = discs(centres, flat, np.full(len(centres), radius), DOT_CORNERS)
-    return Shapes(points + [0, 0, lift], np.tile(np.asarray(colour, dtype=np.float64), (len(points), 1)), triangles)
+    points, triangles = ribbons(segments[:, 0], segments[:, 1], width * camera.half[0])
+    colours = np.broadcast_to(np.asarray(colour, dtype=np.float64), (len(segments), 3))
+    return Shapes(points + [0, 0, lift * camera.half[0]], np.repeat(colours, 4, axis=0), triangles)
 
 
 def ribbons(starts: Floats, ends: Floats, half_width: float) -> tuple[Floats, Ints]:
@@ -171,11 +163,10 @@ def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, li
     radii = disc_radii(mesh.points[mesh.dots], solution.spacing, STROKE_RADIUS * half, PIN_RADIUS * half)
     rims, fans = discs(place[mesh.dots], facing, radii)
     strokes, stroke_cells = ribbons(place[mesh.segments[:, 0]], place[mesh.segments[:, 1]], STROKE_RADIUS * half)
-    curve, radius = camera.project(curves), 0.0045 * half
-    ink = [  # curves are lifted, since the surface is flat between its vertices
-        lines(curve[:, 0], curve[:, 1], radius, 2 * radius, INK),
-        dots(camera.project(pins), PIN_RADIUS * half, PIN_RADIUS * half, INK),
-    ]
+    rounds, cells = discs(camera.project(pins), np.zeros_like(pins), np.full(len(pins), PIN_RADIUS * half), 24)
+    dots = Shapes(rounds + [0, 0, PIN_RADIUS * half], np.tile(INK, (len(rounds), 1)), cells)
+    # Curves are lifted, since the surface is flat between its vertices.
+    ink = [lines(camera, camera.project(curves), 0.0045, INK, lift=0.009), dots]
     added = (np.repeat(facing, DISC_CORNERS, axis=0), np.zeros_like(strokes))
     return Drawing(
         camera=camera,
@@ -227,13 +218,13 @@ def outlines(drawing: Drawing) -> Shapes:
     rising = np.roll(triangles, -1, axis=1) < np.roll(triangles, -2, axis=1)  # of the side opposite to each corner
     alike = np.bincount(sides, (front[:, None] == rising).ravel(), len(edges.ends))  # 1: both show the same side
     turning = (np.bincount(sides, minlength=len(edges.ends)) == 2) & (alike != 1)
-    return _lines(drawing, drawing.points[edges.ends[turning]], 0.0016, INK, lift=0.25 * LIFT)
+    return lines(drawing.camera, drawing.points[edges.ends[turning]], 0.0016, INK, lift=0.25 * LIFT)
 
 
 def mesh_edges(drawing: Drawing) -> Shapes:
     """Return all edges of the mesh as lines."""
     edges = Connectivity(drawing.triangles[: drawing.mesh_triangles], len(drawing.points)).edges.ends
-    return _lines(drawing, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
+    return lines(drawing.camera, drawing.points[edges], 0.0008, (0.35, 0.35, 0.38))
 
 
 def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar) -> Shapes:
@@ -251,7 +242,7 @@ def isolines(drawing: Drawing, values: Floats, levels: Sequence[float], bar: Bar
         crossings = [points[tip] + s[:, None] * (points[e] - points[tip]) for s, e in zip(shares, ends, strict=True)]
         segments_of_level.append(np.stack(crossings, axis=1))
     colours = np.repeat(bar.contrasting(np.array([0.0, *levels])), [len(part) for part in segments_of_level], axis=0)
-    return _lines(drawing, np.concatenate(segments_of_level), 0.002, colours)
+    return lines(drawing.camera, np.concatenate(segments_of_level), 0.002, colours)
 
 
 def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Shapes:
@@ -260,7 +251,9 @@ def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Sh
     Short vectors have arrows of a least length, so that they are visible; the colours of ``bar`` show the lengths.
     """
     cell, sizes = 2 * drawing.camera.half[0] / 26, np.linalg.norm(vectors, axis=1)
-    seeds = _one_point_per_cell(mesh.points, cell)
+    cells, within = np.divmod(mesh.points / cell, 1)
+    order = np.argsort(np.linalg.norm(within - 0.5, axis=1), kind="stable")
+    seeds = order[np.unique(cells[order], axis=0, return_index=True)[1]]  # the nearest to the centre of its cell
     seeds = seeds[sizes[seeds] > 1e-6 * sizes.max(initial=0.0)]
     if not len(seeds):
         return Shapes.join([])
@@ -268,7 +261,7 @@ def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Sh
     along = 0.5 * (lengths / sizes[seeds])[:, None] * vectors[seeds]
     starts, ends = (drawing.camera.project(in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
     colours = bar.contrasting(sizes[seeds])
-    shafts = _lines(drawing, np.stack([starts, ends], axis=1), 0.0022, colours)
+    shafts = lines(drawing.camera, np.stack([starts, ends], axis=1), 0.0022, colours)
     return Shapes.join([shafts, _heads(ends, starts, 0.35 * lengths, colours, LIFT * drawing.camera.half[0])])
 
 
@@ -282,17 +275,3 @@ def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift:
     points = np.stack([tips + 0.4 * ahead, tips - 0.6 * ahead + across, tips - 0.6 * ahead - across], axis=1)
     cells = np.arange(3 * len(tips)).reshape(-1, 3)
     return Shapes(points.reshape(-1, 3) + [0, 0, lift], np.repeat(colours, 3, axis=0), cells)
-
-
-def _one_point_per_cell(points: Floats, cell: float) -> Ints:
-    """Return, for each cell of a cubic grid that has points (n, d), the index of the point nearest to its centre."""
-    scaled = points / cell
-    cells = np.floor(scaled)
-    order = np.argsort(np.linalg.norm(scaled - cells - 0.5, axis=1), kind="stable")
-    return order[np.unique(cells[order], axis=0, return_index=True)[1]]
-
-
-def _lines(drawing: Drawing, segments: Floats, width: float, colour: Any, lift: float = LIFT) -> Shapes:
-    """Return lines along ``segments`` (s, 2, 3); half their ``width`` and the ``lift`` are shares of the half width."""
-    half = drawing.camera.half[0]
-    return lines(segments[:, 0], segments[:, 1], width * half, lift * half, colour)

@@ -110,13 +110,18 @@ def check_look(look: Look) -> None:
 
 
 def render(solution: SolutionRecord, look: Look) -> tuple[Any, str]:
-    """Return the picture (rows, columns, 3) of a solution as bytes, and the description of its camera."""
-    if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
-        return _sheet(solution, look)
+    """Return the picture (rows, columns, 3) of a solution or of all modes, as bytes, and its camera's description."""
     mesh = solution.display_mesh()
-    values, bar = shown_values(solution, mesh, look)
-    drawing = make_drawing(solution, mesh, look, bar)
-    image = shade(drawing, mesh, values, bar, look)
+    bar: Bar | None
+    if isinstance(solution, EigenRecord) and look.channel is None and look.field != "error":
+        bar, columns, plain = mode_bar(mesh, look), min(3, solution.channels), replace(look, vectors=False)
+        drawing = make_drawing(solution, mesh, look, bar, columns)
+        tiles = [shade(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
+        image = picture_sheet(tiles, solution.titles, columns)
+    else:
+        values, bar = shown_values(solution, mesh, look)
+        drawing = make_drawing(solution, mesh, look, bar)
+        image = shade(drawing, mesh, values, bar, look)
     return compose(image, bar, look.title, look.width), drawing.camera.description
 
 
@@ -190,16 +195,6 @@ def check_channels(look: Look, channels: int, dim: int) -> None:
         raise InputError(f"vectors have as many channels as coordinates, {dim}, got {channels}.")
     if look.isolines and not look.vectors and look.channel is None and channels == 3:
         raise InputError("isolines are those of one channel; give channel=.")
-
-
-def _sheet(solution: EigenRecord, look: Look) -> tuple[Any, str]:
-    """Return the picture of all modes in the same colours, each under its eigenvalue, and the camera's description."""
-    mesh = solution.display_mesh()
-    bar, columns, plain = mode_bar(mesh, look), min(3, solution.channels), replace(look, vectors=False)
-    drawing = make_drawing(solution, mesh, look, bar, columns)
-    tiles = [shade(drawing, mesh, mesh.values[:, k : k + 1], bar, plain) for k in range(solution.channels)]
-    sheet = picture_sheet(tiles, solution.titles, columns)
-    return compose(sheet, bar, look.title, look.width), drawing.camera.description
 
 
 def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **options: Unpack[LookKeywords]) -> Path:

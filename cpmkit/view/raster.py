@@ -124,16 +124,17 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
     paint = np.ascontiguousarray(np.clip(paint, 0, 1)[drawing.owner])
     table = np.zeros((1, 3)) if bar is None else bar.table
     none = np.zeros((0, 3))
-    normals = drawing.normals if drawing.lit else none
-    signs = facing_signs(drawing.points, drawing.triangles, normals) if drawing.lit else none
+    normals, signs = none, none
+    if drawing.lit:  # both sides are shaded equally, and normals need not be oriented, as on a Moebius strip
+        normals = drawing.normals
+        a, b, c = (drawing.points[drawing.triangles[:, k]] for k in range(3))
+        face = np.cross(b - a, c - a)
+        face *= np.where(face[:, 2:] < 0, -1.0, 1.0)
+        signs = np.where(np.einsum("tkd,td->tk", normals[drawing.triangles], face) < 0, -1.0, 1.0)
     columns, rows = (SAMPLES * drawing.camera.pixels).tolist()
     scale = columns / (2 * drawing.camera.half[0])
     origin = np.array([columns / 2, rows / 2, 0.0])
-
-    def to_pixels(points: Floats) -> Floats:
-        return np.asarray(points * [scale, -scale, scale] + origin)
-
-    corners, over = to_pixels(drawing.points), to_pixels(ink.points)
+    corners, over = (points * [scale, -scale, scale] + origin for points in (drawing.points, ink.points))
     picture = np.empty((rows // SAMPLES, columns // SAMPLES, 3))
 
     def strip(start: int, stop: int) -> None:
@@ -147,15 +148,3 @@ def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Fl
 
     run_parcels(strip, len(picture), 48)
     return picture
-
-
-def facing_signs(points: Floats, triangles: Ints, normals: Floats) -> Floats:
-    """Return signs (t, 3) that turn the normals (v, 3) at corners of triangles (t, 3) to the side that is visible.
-
-    Points are in the camera's axes and seen from +z. Both sides of a surface are shaded equally, and its normals need
-    not be oriented, as on a Moebius strip.
-    """
-    a, b, c = (points[triangles[:, k]] for k in range(3))
-    face = np.cross(b - a, c - a)
-    face *= np.where(face[:, 2:] < 0, -1.0, 1.0)
-    return np.where(np.einsum("tkd,td->tk", normals[triangles], face) < 0, -1.0, 1.0)

@@ -150,7 +150,8 @@ def show(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> Page:
         If no browser can be opened; the message names the file of the page.
     """
     html = page_of(solution, **options)
-    if in_notebook():
+    shell = sys.modules.get("IPython")
+    if shell is not None and type(shell.get_ipython()).__name__ == "ZMQInteractiveShell":  # the kernel of a notebook
         return Page(html)
     with tempfile.NamedTemporaryFile("w", suffix=".html", prefix="cpmkit-", delete=False, encoding="utf-8") as file:
         file.write(html)
@@ -173,13 +174,6 @@ def plot(solution: SolutionRecord, axes: Any = None, **options: Unpack[LookKeywo
     axes.imshow(image)
     axes.set_axis_off()
     return axes
-
-
-def in_notebook() -> bool:
-    """Return whether this process is the kernel of a notebook."""
-    shell = sys.modules.get("IPython")
-    running = shell.get_ipython() if shell is not None else None
-    return type(running).__name__ == "ZMQInteractiveShell"
 
 
 def thumbnail(solution: SolutionRecord) -> bytes | None:

@@ -10,7 +10,6 @@ import pytest
 
 import cpmkit as ck
 from cpmkit.applications import logarithmic_map, transport_vector, vector_field
-from cpmkit.applications.result import arrow_triangles
 
 SPHERE = ck.source("analytic.sphere")
 POLAR, TURN = np.random.default_rng(0).uniform([[0.05], [0]], [[2.4], [2 * np.pi]], (2, 500))
@@ -62,9 +61,12 @@ def test_bad_vectors_are_reported(function: Any, given: tuple[Any, ...], words: 
 
 
 def test_arrows_lie_beside_the_surface() -> None:
-    vertices, faces, normals = arrow_triangles(SPHERE, POINTS[:20], EXACT[:20], 0.1)
-    np.testing.assert_allclose(np.abs(np.linalg.norm(vertices, axis=1) - 1), 0.008, atol=1e-4)
-    assert faces.max() < len(vertices) == len(normals)
+    field = vector_field(SPHERE, [(ck.source("analytic.circle", normal=[0, 0, 1]), "tangent")], spacing=0.4)
+    plain, mesh = field.solution.display_mesh(), field.drawable(length=0.1).display_mesh()
+    corners = mesh.points[len(plain.points) :]
+    np.testing.assert_allclose(np.abs(np.linalg.norm(corners, axis=1) - 1), 0.008, atol=1e-4)
+    assert len(corners)
+    assert mesh.cells.max() < len(mesh.points) == len(mesh.normals)
 
 
 def test_a_field_is_drawn(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import warnings
+from dataclasses import asdict
 from importlib.metadata import PackageNotFoundError
 
 import pytest
@@ -24,7 +25,7 @@ def test_what_is_installed_is_reported(monkeypatch):
     assert found.scene is None
     for said in ("numpy", "analytic.circle", "/somewhere"):
         assert said in str(found)
-    assert json.loads(json.dumps(found.as_dict()))["versions"] == found.versions
+    assert json.loads(json.dumps(asdict(found)))["versions"] == found.versions
 
 
 def test_what_is_absent_is_said_with_the_way_to_add_it(monkeypatch):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.applications.origins import origins_of
+from cpmkit.applications.heat import origins_of
 
 VERTICES, FACES = ck.source("analytic.sphere").mesh(0.4)
 MESH = ck.source("mesh.triangles", vertices=VERTICES, faces=FACES)

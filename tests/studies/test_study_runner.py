@@ -9,10 +9,9 @@ from click.testing import CliRunner
 import cpmkit as ck
 from cpmkit.cli import main
 from cpmkit.errors import InputError, ResolutionError, SceneError
-from cpmkit.studies import figures
-from cpmkit.studies.baselines import solve_by_fixed_nodes
+from cpmkit.studies import report
 from cpmkit.studies.records import append_record, drop_unfinished_line, gather, read_records
-from cpmkit.studies.reference_values import sample_points
+from cpmkit.studies.reference_values import sample_points, solve_by_fixed_nodes
 from cpmkit.studies.report import write_report
 from cpmkit.studies.run_one import at_spacing, run_study
 from cpmkit.studies.studyfile import expand_all, expand_names, load_study
@@ -271,7 +270,7 @@ def test_fitted_orders_are_the_slopes_of_the_records():
 
 def test_figures_hold_the_records_and_reference_slopes():
     series = gather([*made_up(order=1, slope=1.0), *made_up(slope=2.0)])
-    (axes,) = figures.convergence_figure(series, "Made up").axes
+    (axes,) = report.convergence_figure(series, "Made up").axes
     drawn = {line.get_label(): line for line in axes.lines}
     second = drawn["order 2 (fitted order 2.00)"]
     assert np.allclose(second.get_xydata(), [(h, h**2) for h in (0.2, 0.1, 0.05)])
@@ -280,7 +279,7 @@ def test_figures_hold_the_records_and_reference_slopes():
     assert np.allclose(slopes, [1, 2])
     solid = [line for line in axes.lines if line not in dotted]
     assert len({line.get_linestyle() for line in solid}) == len({line.get_color() for line in solid}) == 2
-    left, right = figures.work_figure(series, "Made up").axes
+    left, right = report.work_figure(series, "Made up").axes
     assert np.allclose(left.lines[0].get_xdata(), [1.2, 1.1, 1.05])
     assert np.allclose(right.lines[1].get_xydata()[-1], [2000, 0.05**2])
 
