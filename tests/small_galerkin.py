@@ -11,8 +11,7 @@ from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, con
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
-from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space, derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import cut_corners, half_facets
 from cpmkit.mesh.cell_quadrature import Samples, quadrature

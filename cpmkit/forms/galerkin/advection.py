@@ -26,7 +26,7 @@ from cpmkit.forms.galerkin.space.energy import (
     kernel_arguments,
     stabilisation_data,
 )
-from cpmkit.forms.galerkin.space.pattern_kernels import sort_columns
+from cpmkit.forms.galerkin.space.pattern_kernels import scatter
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
 from cpmkit.forms.galerkin.space.sample_kernels import row_length, second_of, slope_of, value_of
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace
@@ -99,24 +99,6 @@ def advection_forms(
 
 
 @compiled
-def scatter_unsymmetric(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats) -> None:
-    """Add a dense ``block``, whose rows have the length ``room``, to the entries ``data`` of a sparse matrix.
-
-    Rows and columns of the block belong to the unknowns ``columns`` (k,); ``indptr`` and ``indices`` are the matrix's
-    pattern.
-    """
-    width = len(columns)
-    rank, ascending = np.empty(width, dtype=np.int64), np.empty(width, dtype=indices.dtype)
-    sort_columns(columns, rank, ascending)
-    for i in range(width):
-        to: Any = np.uint64(indptr[columns[i]])  # unsigned, so that no index is tested for its sign
-        for m in range(width):
-            while indices[to] < ascending[m]:
-                to += np.uint64(1)
-            data[to] += block[i * room + rank[m]]
-
-
-@compiled
 def add_advection(
     unknowns: Ints,
     spacing: float,
@@ -162,6 +144,7 @@ def add_advection(
     d = places.shape[1]
     kind, width, room = d - 2, unknowns.shape[1], row_length(splines)
     forms, block = np.zeros(3 * room), np.zeros(room * room)
+    standing = np.empty(len(indptr) - 1, dtype=np.uint32)
     t, v, g, normals = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros((directions.shape[1], d))
     for p in range(len(unknowns)):
         block[:] = 0.0
@@ -185,7 +168,7 @@ def add_advection(
                 row = block[i * room : (i + 1) * room]
                 for j in range(room):
                     row[j] += forth * D[j] + through * R[j] - back * N[j]
-        scatter_unsymmetric(block, room, unknowns[p], indptr, indices, data)
+        scatter(block, room, unknowns[p], indptr, indices, data, standing, False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,12 +210,6 @@ class Advection:
         advection = (0.0, 1.0) if self.conservative else (1.0, 0.0)
         _add_terms(space, self.velocity, self.upstream, data, advection, self.a, self.gradient_of_a, self.c)
         return space.matrix(data)
-
-    def rate_matrix(self) -> csr_array | None:
-        """Return the integrals (n, n) of tau (v . grad phi) u, which multiply du/dt; None if tau is zero."""
-        if not self.upstream.any():
-            return None
-        return convection_matrix(self.space, self.upstream[:, None] * self.velocity)
 
     def add_to_levels(self, levels: Sequence[Level], share: float) -> list[Level]:
         """Return multigrid ``levels`` with the upwinding that their spacings need, for ``share`` times these terms.

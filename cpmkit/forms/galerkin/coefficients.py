@@ -17,9 +17,8 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
 from cpmkit.forms.galerkin.patch_locator import CellSides
 from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
-from cpmkit.forms.galerkin.space.function_space import FunctionSpace
+from cpmkit.forms.galerkin.space.energy import gradients_at_samples
 from cpmkit.manifold.vector_algebra import dots, norms
-from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.data import evaluate_data
 from cpmkit.scene.diffusivities import evaluate_diffusivity, principal_values
 from cpmkit.scene.equations import Terms
@@ -32,28 +31,8 @@ NEAR_CHORD_SPACINGS = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class SampleCoefficients:
-    """Coefficients at the p samples of the manifold, or at all q samples, those on boundaries included.
-
-    Attributes
-    ----------
-    reader : PointReader
-        The evaluation at points, which contains the samples and the function space.
-    """
-
-    reader: PointReader
-
-    __getstate__ = state_without_cached
-
-    @property
-    def sampled(self) -> SampledScene:
-        """The manifold and its boundaries."""
-        return self.reader.sampled
-
-    @property
-    def space(self) -> FunctionSpace:
-        """The function space."""
-        return self.reader.space
+class SampleCoefficients(PointReader):
+    """Coefficients at the p samples of the manifold, or at all q samples, those on boundaries included."""
 
     # Data
 
@@ -71,8 +50,8 @@ class SampleCoefficients:
         if not any(map(callable, parts)):  # numbers are the same everywhere
             return np.broadcast_to(np.zeros(1), (self.sampled.interior, self.sampled.lattice.dim))
         if any(isinstance(part, Field) for part in parts):
-            return self.reader.points
-        points = self.reader.points.copy()  # functions of the user may write to it
+            return self.points
+        points = self.points.copy()  # functions of the user may write to it
         if self.sampled.oriented:
             rows, places = self._samples_past_boundary
             points[rows] = places
@@ -81,7 +60,7 @@ class SampleCoefficients:
     @cached_property
     def _samples_past_boundary(self) -> tuple[Ints, Floats]:
         """The samples past the boundary beside their cell, and their mirror images, for :meth:`_reading_points`."""
-        return _samples_past_boundary(self.sampled, self.reader.locator.sides)
+        return _samples_past_boundary(self.sampled, self.locator.sides)
 
     def at_all_samples(self, data: Any, label: str) -> Floats:
         """Return a coefficient (q,) at all samples, or (1,) if ``data`` are a number."""
@@ -123,7 +102,7 @@ class SampleCoefficients:
         if self.space.size > self.space.spline_count:
             raise InputError("tips='singular' takes a diffusivity that is a number, got a tensor; use 'extended'.")
         normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
-        return self.append_boundary_samples(check_tensor(a, normals, self.reader.points))
+        return self.append_boundary_samples(check_tensor(a, normals, self.points))
 
     def penalty_scale(self, data: Any) -> Floats | None:
         """Return the coefficient (q,) that penalties are proportional to; None if it is the diffusivity ``data``."""
@@ -135,7 +114,7 @@ class SampleCoefficients:
         """Return the values (p, ...) of a coefficient that depends on u at the samples of the manifold."""
         values = self.space.values_at_samples(state.u)[:, 0]
         gradients = self.space.gradients_at_samples(state.u)[:, 0]
-        return np.asarray(state.coefficient(values, gradients, self.reader.points.copy()))
+        return np.asarray(state.coefficient(values, gradients, self.points.copy()))
 
     def beside_boundaries(self, state: StateDependentCoefficient) -> Callable[[Floats], Floats]:
         """Return a coefficient that depends on u as a function of ``points`` (b, d), one beside each boundary sample.
@@ -144,7 +123,8 @@ class SampleCoefficients:
         """
         u = state.u[: self.space.spline_count]
         values = np.asarray(self.boundary_rows[0] @ u)[:, 0]
-        gradients = self.space.gradients_beside_boundaries(u)[:, 0]
+        on_boundaries = slice(self.sampled.interior, None)
+        gradients = gradients_at_samples(self.space.splines, self.space.to_coefficients(u), on_boundaries)[:, 0]
         return lambda points: state.coefficient(values, gradients, points)
 
     @cached_property

@@ -19,14 +19,12 @@ from cpmkit.forms.galerkin.scene_sampling import (
     InsertedScene,
     insert_scene,
     sample_inserted,
-    sample_scene,
 )
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
-from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-from cpmkit.forms.galerkin.space.splines import spline_slopes, spline_values
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space, spline_slopes, spline_values
 from cpmkit.forms.options import Options
 from cpmkit.linear.constant_functions import ConstantFunctions
 from cpmkit.linear.operators import Bordered
@@ -64,9 +62,14 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     """
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()
+    progress("samples", 0.0)
+    inserted = insert_scene(scene, options)
     if options.own.refine == "auto":
-        return refine_adaptively(scene, options, progress)
-    sampled = sample_scene(scene, options, progress)
+        return refine_adaptively(scene, options, inserted, progress)
+    progress("samples", 0.5)
+    sampled = sample_inserted(scene, options, inserted)
+    del inserted
+    progress("samples", 1.0)
     progress("space", 0.0)
     samples: Any = sampled.samples
     degree = options.own.degree
@@ -82,16 +85,16 @@ def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progre
     return form
 
 
-def refine_adaptively(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
+def refine_adaptively(
+    scene: Scene, options: Options[GalerkinOptions], inserted: InsertedScene, progress: Progress
+) -> Galerkin:
     """Return the discretisation of a scene on splines that are finer where its solution needs them.
 
     The scene is solved, patches with large residuals are marked, and those are subdivided. This ends at the first solve
     if refinement is expected to save too few unknowns; later if most of the marked residual is on the finest level, or
     too many patches are marked.
     """
-    progress("samples", 0.0)
-    inserted, most = insert_scene(scene, options), options.own.refine_levels
-    regions = Regions(options.spacing, scene.surface.dim)
+    regions, most = Regions(options.spacing, scene.surface.dim), options.own.refine_levels
     progress("refinement", 0.0)
     form = discretize_in_regions(scene, options, inserted, regions)
     gain, solves = 0.0, 0
@@ -154,7 +157,10 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
     a = evaluate_data(terms.diffusivity, points, 1, "the diffusivity")
     residual = f + a * _laplacian(form, u) - c * form.at_points(u)
     if callable(terms.diffusivity):
-        gradient = _difference_gradient(terms.diffusivity, points, SLOPE_STEP_SHARE * form.spacing)
+        step = SLOPE_STEP_SHARE * form.spacing * np.eye(points.shape[1])
+        values = [evaluate_data(terms.diffusivity, points + shift, 1, "the diffusivity") for shift in (*step, *-step)]
+        ahead, behind = np.split(np.concatenate(values, axis=1), 2, axis=1)
+        gradient = (ahead - behind) / (2 * SLOPE_STEP_SHARE * form.spacing)
         residual += np.einsum("pd,pcd->pc", gradient, form.gradient(u))
     squares = residual**2
     sums = form.point_weights @ squares
@@ -164,13 +170,6 @@ def residual_squares(form: Galerkin, u: Floats) -> Floats:
     return (
         np.bincount(dof_map.patch[: len(shares)], shares, minlength=len(patches)) / dof_map.magnification(patches) ** 4
     )
-
-
-def _difference_gradient(a: Any, points: Floats, step: float) -> Floats:
-    """Return (p, d) the gradient of the function ``a`` at ``points`` (p, d), by central differences over a ``step``."""
-    shifts = [sign * step * axis for axis in np.eye(points.shape[1]) for sign in (1, -1)]
-    values = [evaluate_data(a, points + shift, 1, "the diffusivity")[:, 0] for shift in shifts]
-    return np.stack([(values[k] - values[k + 1]) / (2 * step) for k in range(0, len(values), 2)], axis=1)
 
 
 def _laplacian(form: Galerkin, u: Floats) -> Floats:

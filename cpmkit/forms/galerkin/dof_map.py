@@ -102,26 +102,32 @@ def build_dof_map(points: Floats, contacts: Any, spacing: float, cell: Any = Non
     the cell of each sample, by default its own number. Points are relative to the origin of the lattice. A connected
     piece of the manifold smaller than `ISOLATED_SPACINGS` has one unknown, which all of its patches read.
     """
-    contacts = np.ascontiguousarray(contacts)
     points = np.ascontiguousarray(points, dtype=np.float64)
-    cell = np.ascontiguousarray(np.arange(len(points)) if cell is None else cell, dtype=np.int32)
-    code = cell_codes(points, spacing)
-    root, first, after, holder = join_samples(code, contacts, cell, int(contacts.max()) + 1)
-    roots = np.flatnonzero(root == np.arange(len(root)))
-    roots = roots[np.argsort(code[roots], kind="stable")]
+    cell = np.arange(len(points)) if cell is None else cell
+    patch, roots, touching = build_patches(cell_codes(points, spacing), contacts, cell)
     cells = np.floor(points[roots] / spacing + 0.5).astype(np.int64)
-    del code  # at a million unknowns each of these arrays has a hundred megabytes: they are released early
-    numbers = np.empty(len(points), dtype=np.int32)
-    numbers[roots] = np.arange(len(roots))
-    patch = numbers[root]
-    del numbers, root
-    touching = touching_patches(patch, len(roots), first, after, holder)
     count, piece = components(len(roots), touching)
-    del first, after, holder
     extent = piece_extents(points, patch, piece, count)
-    size = norms(extent) if contacts.shape[1] == 2 else extent.max(axis=1)
+    size = norms(extent) if np.shape(contacts)[1] == 2 else extent.max(axis=1)
     isolated = size < ISOLATED_SPACINGS * spacing
     return dof_map_from_patches(spacing, cells, touching, patch, isolated[piece], degree)
+
+
+def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
+    """Return the patch (s,) of each sample, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
+
+    ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
+    the vertices of the mesh cells.
+    """
+    cell = np.ascontiguousarray(cell, dtype=np.int32)
+    root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
+    roots = np.flatnonzero(root == np.arange(len(root)))
+    roots = roots[np.argsort(code[roots], kind="stable")]
+    numbers = np.empty(len(root), dtype=np.int32)
+    numbers[roots] = np.arange(len(roots))
+    patch = numbers[root]
+    del code, numbers, root  # at a million unknowns each of these arrays has a hundred megabytes: released early
+    return patch, roots, touching_patches(patch, len(roots), first, after, holder)
 
 
 def dof_map_from_patches(

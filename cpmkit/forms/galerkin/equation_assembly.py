@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from weakref import WeakKeyDictionary
 
@@ -16,10 +16,9 @@ from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
-from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.space.energy import mean_coefficient
-from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
+from cpmkit.linear.protocols import Stiffness
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.data import Data
 from cpmkit.scene.diffusivities import StateDiffusivity
@@ -31,7 +30,7 @@ from cpmkit.types import Floats, Side
 
 @dataclass(frozen=True, eq=False)
 class EquationAssembly:
-    """Assembly of the equation of a scene, and of other equations with the same conditions.
+    """The part of the form that assembles the equation of a scene, and other equations with the same conditions.
 
     Attributes
     ----------
@@ -45,19 +44,9 @@ class EquationAssembly:
 
     scene: Scene
     conditions: tuple[ImposedCondition, ...]
-    coefficients: SampleCoefficients
+    coefficients: SampleCoefficients = field(repr=False)
 
     __getstate__ = state_without_cached
-
-    @property
-    def sampled(self) -> SampledScene:
-        """The manifold and its boundaries."""
-        return self.coefficients.sampled
-
-    @property
-    def space(self) -> FunctionSpace:
-        """The function space."""
-        return self.coefficients.space
 
     # Matrices
 
@@ -69,7 +58,7 @@ class EquationAssembly:
         InputError
             If the diffusivity is not positive, or not definite on tangents.
         """
-        space, coefficients = self.space, self.coefficients
+        space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)
         c = coefficients.at_all_samples(terms.c, "the factor c") if callable(terms.c) or terms.c else None
         scale = coefficients.penalty_scale(terms.diffusivity)
@@ -90,29 +79,31 @@ class EquationAssembly:
     @cached_property
     def mass_in_time(self) -> CsrOperator:
         """M + h^2 S with the upwinding of du/dt; M is the mass matrix, S the stabilisation."""
-        upstream = None if self.advection is None else self.advection.rate_matrix()
-        matrix = self.space.projection.matrix
-        return CsrOperator(matrix, True) if upstream is None else CsrOperator((matrix + upstream).tocsr())
+        matrix, advection = self.coefficients.space.projection_matrix, self.scene_advection
+        if advection is None or not advection.upstream.any():
+            return CsrOperator(matrix, True)
+        upwinding = convection_matrix(advection.space, advection.upstream[:, None] * advection.velocity)
+        return CsrOperator((matrix + upwinding).tocsr())
 
-    def state_advection(self, field: StateDependentCoefficient) -> CsrOperator:
+    def advection(self, field: StateDependentCoefficient) -> CsrOperator:
         """Return the matrix (n, n) of the integrals of u (w . grad v), w (p, d) the value of ``field`` at the samples.
 
         The integrals of u (w . b) v over boundaries with a given slope, b the conormal, are subtracted: the flux there
         changes with u as it does inside.
         """
-        matrix = convection_matrix(self.space.splines, self.coefficients.evaluate_at_state(field))
+        matrix = convection_matrix(self.coefficients.space.splines, self.coefficients.evaluate_at_state(field))
         slope_rows = [condition.rows for condition in conditions_with_law(self.conditions, Flux, Mixed)]
         if slope_rows:
             rows = np.concatenate(slope_rows)
-            boundary = self.sampled.boundary
-            w = self.coefficients.beside_boundaries(field)(self.sampled.lattice.to_scene(boundary.points))
+            boundary = self.coefficients.sampled.boundary
+            w = self.coefficients.beside_boundaries(field)(self.coefficients.sampled.lattice.to_scene(boundary.points))
             through = boundary.weights * np.einsum("bd,bd->b", w, boundary.conormals)
             values = self.coefficients.boundary_rows[0][rows]
             matrix = (matrix - values.T @ (values * through[rows, None])).tocsr()
-        return CsrOperator(self.space.extend_matrix(matrix, None, None))
+        return CsrOperator(self.coefficients.space.extend_matrix(matrix, None, None))
 
     @cached_property
-    def advection(self) -> Advection | None:
+    def scene_advection(self) -> Advection | None:
         """The advection of the scene's own equation; None without a velocity."""
         terms = self.scene.problem.terms()
         return None if terms.velocity is None else self.coefficients.advection(terms)
@@ -122,7 +113,7 @@ class EquationAssembly:
         scene_terms = self.scene.problem.terms()
         names = "velocity", "diffusivity", "c", "conservative"
         if all(getattr(terms, name) is getattr(scene_terms, name) for name in names):
-            return self.advection
+            return self.scene_advection
         return None if terms.velocity is None else self.coefficients.advection(terms)
 
     # Conditions
@@ -133,7 +124,7 @@ class EquationAssembly:
         ``a`` is the diffusivity at all samples, (q,), (q, d, d) or (1,), by default 1; ``scale`` (q,) the coefficient
         that penalties are proportional to, by default ``a``.
         """
-        sampled, space, diffusivity, along = self.sampled, self.space, terms.diffusivity, None
+        sampled, space, diffusivity, along = self.coefficients.sampled, self.coefficients.space, terms.diffusivity, None
         logarithms = np.zeros(len(space.areas))
         patch = space.dof_map.patch[sampled.interior :]
         if a is not None:
@@ -155,9 +146,10 @@ class EquationAssembly:
             made = replace(made, widths=made.widths * made.a / scaled.a)
         return space.extend_conditions(made)
 
-    def terms_with_scene_data(self, stiffness: GalerkinOperator) -> ConditionTerms:
+    def terms_with_scene_data(self, stiffness: Stiffness) -> ConditionTerms:
         """Return the condition terms of an operator, which may be made for another scene, with this scene's data."""
         cache = self._terms_by_operator
+        assert isinstance(stiffness, GalerkinOperator)
         if stiffness not in cache:
             assert stiffness.conditions is not None
             same = stiffness.conditions.conditions is self.conditions
@@ -190,34 +182,36 @@ class EquationAssembly:
         They follow from the residual of the weak form; None for rims without samples. Where the diffusivity A is a
         tensor, du/db stands for the derivative along A b / (b . A b), b the conormal.
         """
-        sampled, samples = self.sampled, self.sampled.boundary
-        names = [boundary.name for boundary in self.coefficients.reader.boundaries]
+        sampled, samples = self.coefficients.sampled, self.coefficients.sampled.boundary
+        names = [boundary.name for boundary in self.coefficients.boundaries]
         if boundary in names:
-            self.coefficients.reader.sides({str(boundary): side})  # type: ignore[dict-item]
+            self.coefficients.sides({str(boundary): side})  # type: ignore[dict-item]
             number = names.index(str(boundary))
             chosen = (samples.owner == number) & ~samples.beyond_tip & (sampled.left == (side == "left"))
         else:
             chosen = (samples.owner < 0) & (samples.half >= 0)
             if isinstance(boundary, int):
                 rows = np.flatnonzero(chosen)
-                chosen[rows] = rim_loops(samples.take(rows), sampled.surface, self.space.spacing) == boundary
+                chosen[rows] = (
+                    rim_loops(samples.take(rows), sampled.surface, self.coefficients.space.spacing) == boundary
+                )
             if not chosen.any():  # nothing flows out of a rim without a condition
                 return np.zeros(u.shape[1]) if self.scene.has_tensor else None
         return self.terms_of_solution(u).flux(u, chosen, time)
 
     # Loads
 
-    def load(self, f: Data, time: float | None, channels: int) -> Floats:
+    def load_with_upwinding(self, f: Data, time: float | None) -> Floats:
         """Return the integrals (n, channels) of f times each function, plus the upwinding where there is a velocity."""
-        values = self.coefficients.at_points(f, "the right-hand side f", time, channels)
-        loads = self.space.load(values)
-        if self.advection is not None:
-            self.advection.add_load(values, loads)
+        values = self.coefficients.at_points(f, "the right-hand side f", time, self.scene.channels)
+        loads = self.coefficients.space.load(values)
+        if self.scene_advection is not None:
+            self.scene_advection.add_load(values, loads)
         return loads
 
     # Constants
 
-    def free_constants(self, stiffness: GalerkinOperator) -> Border | None:
+    def free_constants(self, stiffness: Stiffness) -> Border | None:
         """Return the pieces of the manifold on which a constant is free, with means over them; None if there are none.
 
         Raises
@@ -225,7 +219,8 @@ class EquationAssembly:
         SceneError
             If, under a conservative velocity, a solution other than a constant is free.
         """
-        space = self.space
+        space = self.coefficients.space
+        assert isinstance(stiffness, GalerkinOperator)
         if stiffness.advection is not None and stiffness.advection.conservative:
             transposed = CsrOperator(stiffness.to_csr().T.tocsr())
             if free_pieces(transposed, lambda: space.mass, space.spline_count) is not None:

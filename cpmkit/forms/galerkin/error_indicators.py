@@ -62,14 +62,9 @@ def difference_order(
     """
     # at orders 3 and 4 differences are 7 and 15 times the error; of eigenvalues, at order 4, 13 to 17 times (measured)
     smooth = {1: 2.4, 2: 12.0 if eigenvalues else 6.0, 3: 12.0}[degree]
-    return order_of_divisor(_divisor(resolution, smooth, coarser, difference), ratio)
-
-
-def order_of_divisor(divisor: float, ratio: float) -> float:
-    """Return the order p with ``r^p - 1`` equal to the ``divisor`` at r = 2, and to one of its own at the root of two.
-
-    The order is interpolated in the logarithm of r = ``ratio`` between these two, and constant beyond.
-    """
+    divisor = _divisor(resolution, smooth, coarser, difference)
+    # r^p - 1 is the divisor at r = 2, and has a value of its own at the root of two; between these two the order is
+    # interpolated in the logarithm of r, and beyond it is constant
     from_root = float(np.interp(divisor, (0.65, 1.0, 2.5, 6.0, 12.0), (0.42, 0.59, 1.25, 1.8, 2.8)))
     at_root = math.log(1 + from_root) / math.log(math.sqrt(2))
     at_two = math.log2(1 + divisor)
@@ -84,7 +79,7 @@ def _divisor(resolution: Resolution, smooth: float, coarser: Resolution | None, 
     spread = resolution.normal_spread
     coarser_share = 0.0 if coarser is None else coarser.normal_spread.unresolved_share
     persists = spread.unresolved_share > FOLDED_SHARE if coarser is None else resolution.folds_persist(coarser)
-    if resolution.sampled.geometry != "closest_point":
+    if resolution.coefficients.sampled.geometry != "closest_point":
         folded = spread.unresolved_share > PERSISTING_AREA or coarser_share > FOLDED_SHARE
         return SLOW_DIVISOR if persists else min(smooth, FOLDED_DIVISOR if folded else MESH_DIVISOR)
     if persists and spread.unresolved_share > THIN_SHARE:
@@ -135,10 +130,10 @@ def single_solution_estimate(resolution: Resolution, u: Floats) -> ExpectedError
     third = highest_differences(dof_map, u) if dof_map.degree == 2 else u[:0]
     if not len(third):
         return None
-    geometry = resolution.sampled.geometry
+    geometry = resolution.coefficients.sampled.geometry
     if geometry == "normals":
         ratios = _rough_ratios(RESOLVED, (spread.unresolved_share, (0.003, 0.01)))
-    elif resolution.sampled.mesh.beyond_tip.any():
+    elif resolution.coefficients.sampled.mesh.beyond_tip.any():
         ratios = ENDING
     elif geometry == "flat":
         ratios = FLAT

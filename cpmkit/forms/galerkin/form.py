@@ -1,7 +1,7 @@
 """The Galerkin form: the contract of a form by a function space over quadrature samples, with conditions.
 
 Its parts, in the order of the method: the sampled scene (mesh and quadrature), the function space (dof map, splines,
-energy), the conditions, and over these the reader, the coefficients, the assembly of equations, and the resolution.
+energy), the conditions, and over these the reader and the coefficients, the assembly of equations, and the resolution.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.forms.contract import Discretized, spread_rows
-from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateDependentCoefficient, StateFlux
+from cpmkit.forms.form_records import Diagnosis, ExpectedError, FormTraits, StateFlux
 from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.boundary_sides import side_moments
-from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, impose_conditions
+from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions
 from cpmkit.forms.galerkin.equation_assembly import EquationAssembly
 from cpmkit.forms.galerkin.error_indicators import (
     difference_order,
@@ -28,7 +28,6 @@ from cpmkit.forms.galerkin.error_indicators import (
 )
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, multigrid_applies
 from cpmkit.forms.galerkin.options import GalerkinOptions, check
-from cpmkit.forms.galerkin.point_reading import PointReader
 from cpmkit.forms.galerkin.resolution import LatticeResolution, Resolution
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.solution_warnings import crossing_warnings, outflow_layer_warnings, tip_warnings
@@ -37,11 +36,11 @@ from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.options import Options
 from cpmkit.forms.unresolved_data import DataAtPoints, unresolved_data
 from cpmkit.linear.multigrid.cycle import Level
-from cpmkit.linear.operators import Border, Bordered, CsrOperator
+from cpmkit.linear.operators import Bordered, CsrOperator
 from cpmkit.linear.protocols import Operator, Stiffness
 from cpmkit.manifold.abilities import integral_floor_of
 from cpmkit.meshing.mesh_warnings import NOISE_FACTOR
-from cpmkit.runtime.memory import release_memory, state_without_cached
+from cpmkit.runtime.memory import release_memory
 from cpmkit.scene.data import Data, Functional
 from cpmkit.scene.equations import Terms
 from cpmkit.scene.scene import Scene
@@ -57,25 +56,19 @@ UNRESOLVED_SHARE = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class Galerkin(Discretized):
+class Galerkin(EquationAssembly, Discretized):
     """A scene discretised on a function space; the unknowns are coefficients, which only the form interprets.
 
     Attributes
     ----------
-    scene : Scene
-        The scene.
     options : Options
         The options of the discretisation.
     sampled : SampledScene
         The manifold as a mesh with quadrature samples, and its boundaries as facets of the cells.
     space : FunctionSpace
         The functions whose coefficients are the unknowns: splines of one spacing, refined or enriched splines.
-    conditions : tuple of ImposedCondition
-        The conditions of the scene, with the samples at which each is imposed.
-    coefficients : SampleCoefficients
-        Evaluates data at the samples; contains the reader of points. Shared by all scenes on the same space.
     lattice_resolution : LatticeResolution
-        How the lattice resolves the manifold. It is shared likewise.
+        How the lattice resolves the manifold. It is shared by all scenes on the same space.
     """
 
     form: ClassVar[str] = "galerkin"
@@ -83,15 +76,10 @@ class Galerkin(Discretized):
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
-    scene: Scene
     options: Options[GalerkinOptions]
     sampled: SampledScene
     space: FunctionSpace
-    conditions: tuple[ImposedCondition, ...]
-    coefficients: SampleCoefficients = field(repr=False)
     lattice_resolution: LatticeResolution = field(repr=False)
-
-    __getstate__ = state_without_cached
 
     # Operators
 
@@ -148,37 +136,15 @@ class Galerkin(Discretized):
         """M, the integrals of products of functions; singular, as some splines are zero at all samples."""
         return self.space.mass
 
-    @property
-    def mass_in_time(self) -> CsrOperator:
-        """M + h^2 S, with S the stabilisation: with M alone short time steps have a condition number of h^2 / dt.
-
-        S vanishes on constants, so that totals are those of M. The errors of heat and waves are the same, measured.
-        """
-        return self.assembly.mass_in_time
-
-    @cached_property
-    def assembly(self) -> EquationAssembly:
-        """The assembly of the scene's equation and conditions."""
-        return EquationAssembly(self.scene, self.conditions, self.coefficients)
-
-    def stiffness(self, terms: Terms) -> GalerkinOperator:
-        """Return A: the energy with its stabilisation, c u v, the advection, and the terms of the conditions."""
-        return self.assembly.stiffness(terms)
-
-    def advection(self, field: StateDependentCoefficient) -> CsrOperator:
-        """Return the integrals of u (w . grad v), w = ``field``, less the terms of boundaries with a given slope.
-
-        These are the integrals of u (w . b) v over such boundaries, b the conormal.
-        """
-        return self.assembly.state_advection(field)
-
     def weighted_mass(self, values: Floats) -> csr_array:
         """Return the integrals (n, n) of c u v, with the ``values`` (p,) of c at the samples."""
         return self.space.weighted_mass(self.coefficients.append_boundary_samples(values))
 
     def boundary_mass(self, stiffness: Stiffness) -> CsrOperator | None:
         """Return the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
-        matrix = _own(stiffness).boundary_mass
+        assert isinstance(stiffness, GalerkinOperator)
+        assert stiffness.conditions is not None
+        matrix = stiffness.conditions.boundary_mass
         return None if matrix is None else CsrOperator(matrix, symmetric=True)
 
     def levels(self, operator: Operator) -> Sequence[Level]:
@@ -189,7 +155,7 @@ class Galerkin(Discretized):
 
     def load(self, f: Data, time: float | None = None) -> Floats:
         """Return the integrals (n, channels) of ``f`` times each function."""
-        return f.loads(self, time) if isinstance(f, Functional) else self.assembly.load(f, time, self.scene.channels)
+        return f.loads(self, time) if isinstance(f, Functional) else self.load_with_upwinding(f, time)
 
     def gradient_load(self, values: Floats) -> Floats:
         """Return the integrals (n,) of vectors (p, d) at the samples times the tangential gradient of each function."""
@@ -197,7 +163,7 @@ class Galerkin(Discretized):
 
     def condition_load(self, stiffness: Stiffness, time: float | None = None, of: str = "value") -> Floats:
         """Return the load (n, channels) of the conditions' data for u, or with ``of="laplacian"`` for -Lap u."""
-        terms = self.assembly.terms_with_scene_data(_own(stiffness))
+        terms = self.terms_with_scene_data(stiffness)
         if not terms.conditions:
             return np.zeros((self.size, self.scene.channels))
         if of == "laplacian":
@@ -207,23 +173,19 @@ class Galerkin(Discretized):
     @property
     def state_fluxes(self) -> Sequence[StateFlux]:
         """The samples on boundaries at which the flux of a condition depends on u, for each such condition."""
-        return self.assembly.condition_terms(Terms()).state_fluxes
+        return self.condition_terms(Terms()).state_fluxes
 
     def linearise(self, seen: Sequence[Floats]) -> Galerkin:
         """Return the form with each state-dependent flux replaced by its tangent at the values ``seen`` (k,) of u."""
-        terms = self.assembly.condition_terms(Terms()).linearise(seen)
+        terms = self.condition_terms(Terms()).linearise(seen)
         return replace(self, conditions=terms.conditions)
-
-    def free_constants(self, stiffness: Stiffness) -> Border | None:
-        """Return the pieces of the manifold on which a constant is free, with means over them; None without any."""
-        return self.assembly.free_constants(_own(stiffness))
 
     # Values
 
     @property
     def points(self) -> Floats:
         """(p, d) the samples of the manifold in the scene's coordinates, read-only, cached while in use."""
-        return self.coefficients.reader.points
+        return self.coefficients.points
 
     @property
     def point_weights(self) -> Floats:
@@ -261,7 +223,7 @@ class Galerkin(Discretized):
         """
         values = self.data_at_points(data, label, time, self.scene.channels)
         loads = self.space.load(values)
-        u = self.space.projection.solve(loads)
+        u = self.space.solve_projection(loads)
         if not in_range:
             return u
         off, areas = np.abs(self.at_points(u) - values).max(axis=0, initial=0.0), self.space.areas
@@ -277,30 +239,23 @@ class Galerkin(Discretized):
 
     def rows(self, points: Any, side: Sides = None) -> csr_array:
         """Return the matrix (k, n) that evaluates u at the manifold's points nearest to ``points`` (k, d)."""
-        return self.coefficients.reader.rows(points, side)
+        return self.coefficients.rows(points, side)
 
     def gradient(self, u: Floats, points: Any = None, side: Sides = None) -> Floats:
         """Return the tangential gradient (k, channels, d) at points, projected, or at the samples, not projected."""
         if points is None:
             return self.space.gradients_at_samples(u)
-        return self.coefficients.reader.gradient(u, points, side)
+        return self.coefficients.gradient(u, points, side)
 
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None = None, side: Side | None = None
     ) -> Floats:
         """Return du/db (k, channels), b outwards, at points of a boundary's side or of the manifold's edge."""
-        return self.coefficients.reader.conormal_derivative(u, points, boundary, side, self.scene)
-
-    def flux(self, u: Floats, boundary: str | int, side: Side | None, time: float | None) -> Floats | None:
-        """Return the integrals (channels,) of du/db over a boundary's side or a rim, by the residual of the weak form.
-
-        None on rims without samples.
-        """
-        return self.assembly.flux(u, boundary, side, time)
+        return self.coefficients.conormal_derivative(u, points, boundary, side, self.scene)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
         """Return the distances (k,) of ``points`` from a boundary, positive on its left, NaN past its ends."""
-        return self.coefficients.reader.signed_distance(name, points)
+        return self.coefficients.signed_distance(name, points)
 
     # Diagnosis
 
@@ -329,7 +284,7 @@ class Galerkin(Discretized):
             *crossing_warnings(self.scene, mesh, lattice),
             *tip_warnings(self.scene, mesh, lattice),
             *resolved,
-            *(outflow_layer_warnings(self.assembly.terms_of_scene) if self.assembly.advection is not None else ()),
+            *(outflow_layer_warnings(self.terms_of_scene) if self.scene_advection is not None else ()),
             *self.resolution.tensor_layer_warnings(),
             *unresolved_data(self, data, self.space.finest_spacing),
         )
@@ -354,7 +309,8 @@ class Galerkin(Discretized):
 
     def estimate(self, u: Floats) -> ExpectedError | None:
         """Return an estimate of the error of u from third differences of coefficients; None for refined splines."""
-        return single_solution_estimate(self.resolution, u) if self.space.has_one_level else None
+        is_refined = self.space.dof_map is not self.space.base_dof_map
+        return None if is_refined else single_solution_estimate(self.resolution, u)
 
     def source_error(self, difference: float | None = None) -> float:
         """Return the error that the source leaves: in integrals, by noise, or by curving a mesh without support."""
@@ -405,14 +361,8 @@ class Galerkin(Discretized):
         return self.space.differs_from(saved)
 
 
-def _own(stiffness: Stiffness) -> GalerkinOperator:
-    """Return a stiffness of this form with its own type."""
-    assert isinstance(stiffness, GalerkinOperator)
-    return stiffness
-
-
 def galerkin(scene: Scene, options: Options[GalerkinOptions], sampled: SampledScene, space: FunctionSpace) -> Galerkin:
     """Return the Galerkin form of a ``sampled`` scene on a function space."""
-    coefficients = SampleCoefficients(PointReader(sampled, space))
+    coefficients = SampleCoefficients(sampled, space)
     resolution = LatticeResolution(sampled, space)
-    return Galerkin(scene, options, sampled, space, sampled.conditions, coefficients, resolution)
+    return Galerkin(scene, sampled.conditions, coefficients, options, sampled, space, resolution)

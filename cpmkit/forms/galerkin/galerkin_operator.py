@@ -78,12 +78,6 @@ class GalerkinOperator(CsrOperator):
             lowest=lowest,
         )
 
-    @property
-    def boundary_mass(self) -> Any:
-        """The matrix of the integrals of u v over boundaries with du/db = lambda u; None if there are none."""
-        assert self.conditions is not None
-        return self.conditions.boundary_mass
-
     def usable_levels(self, levels: Sequence[Level], spacing: float) -> Sequence[Level]:
         """Return the ``levels``, the first of which has twice the ``spacing``, up to the last that resolves the waves.
 

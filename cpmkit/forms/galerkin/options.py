@@ -10,7 +10,7 @@ import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.forms.galerkin.space.energy import STABILISATIONS
-from cpmkit.forms.galerkin.space.splines import DEGREES
+from cpmkit.forms.galerkin.space.spline_space import DEGREES
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
@@ -106,18 +106,35 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:
         raise SceneError(f"the form {options.form!r} does not yet solve {problem.kind!r}; use form='collocation'.")
-    if problem.terms().velocity is not None and options.own.tips == "singular":
+    terms = problem.terms()
+    if terms.velocity is not None and options.own.tips == "singular":
         raise SceneError(
             "tips='singular' takes no velocity: what u is like at the end of a boundary that is flown past is not "
             "known; use tips='extended'."
         )
-    if problem.terms().velocity is not None and scene.has_tensor:
+    if terms.velocity is not None and scene.has_tensor:
         raise SceneError(
             f"the form {options.form!r} takes no velocity beside a diffusivity that is a tensor; give one that is a "
             "number or a function that returns numbers."
         )
     if options.own.refine == "auto":
-        check_refined(scene, options)
+        reasons = {
+            "no channels that are tied to each other": problem.family == "coupled",
+            f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family
+            != "steady",
+            "surfaces, got a curve: a smaller spacing costs little there": surface.manifold_dim == 1,
+            "no velocity: upwinding goes by one spacing": terms.velocity is not None,
+            "no diffusivity that is a tensor or depends on u": scene.has_tensor
+            or isinstance(terms.diffusivity, StateDiffusivity),
+            "no conditions that depend on u": any(
+                isinstance(condition.law, Nonlinear) for condition in scene.conditions
+            ),
+            f"splines of degree 2, got degree={options.own.degree}": options.own.degree != 2,
+            "tips='extended' alone: the ends of boundaries are refined": options.own.tips == "singular",
+        }
+        for reason, holds in reasons.items():
+            if holds:
+                raise SceneError(f"refine='auto' takes {reason}; use refine='off'.")
     orders = [condition.order for condition in scene.conditions if condition.order is not None]
     if orders:
         raise SceneError(
@@ -134,28 +151,3 @@ def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
             f"the form {options.form!r} integrates over the manifold, and closest points on this one are single "
             "samples; fit a surface to them, or use form='collocation'."
         )
-
-
-def check_refined(scene: Scene, options: Options[GalerkinOptions]) -> None:
-    """Raise if a scene cannot be discretised on refined splines.
-
-    Raises
-    ------
-    SceneError
-        If it cannot; the message has the reason and the advice to use ``refine='off'``.
-    """
-    problem, terms = scene.problem, scene.problem.terms()
-    reasons = {
-        "no channels that are tied to each other": problem.family == "coupled",
-        f"steady problems, got {problem.kind!r}: others move what asks for finer splines": problem.family != "steady",
-        "surfaces, got a curve: a smaller spacing costs little there": scene.surface.manifold_dim == 1,
-        "no velocity: upwinding goes by one spacing": terms.velocity is not None,
-        "no diffusivity that is a tensor or depends on u": scene.has_tensor
-        or isinstance(terms.diffusivity, StateDiffusivity),
-        "no conditions that depend on u": any(isinstance(condition.law, Nonlinear) for condition in scene.conditions),
-        f"splines of degree 2, got degree={options.own.degree}": options.own.degree != 2,
-        "tips='extended' alone: the ends of boundaries are refined": options.own.tips == "singular",
-    }
-    for reason, holds in reasons.items():
-        if holds:
-            raise SceneError(f"refine='auto' takes {reason}; use refine='off'.")

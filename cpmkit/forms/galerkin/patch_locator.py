@@ -66,17 +66,6 @@ class CellSides:
 
     def of_boundary(self, number: int) -> Ints:
         """Return the side (m,) of each cell: 1 on the left of boundary ``number``, -1 on its right, 0 if unknown."""
-        if number not in self._cached_sides:
-            self._cached_sides[number] = self._propagate(number)
-        return self._cached_sides[number]
-
-    @cached_property
-    def _cached_sides(self) -> dict[int, Ints]:
-        """The sides (m,) of cells by the number of the boundary."""
-        return {}
-
-    def _propagate(self, number: int) -> Ints:
-        """Return the sides (m,) of cells near boundary ``number``, as :meth:`of_boundary` does; 0 for all others."""
         from scipy.spatial import cKDTree
 
         sides, rows = np.zeros(len(self.corners), dtype=np.int64), np.flatnonzero(self.owner == number)
@@ -161,12 +150,19 @@ class PatchLocator:
     def _choose_patch(self, points: Floats, samples: Ints, scores: Floats, first: Ints) -> tuple[Ints, Bools]:
         """Return the patches (k,) for ``points``, and whether (k,) patches near a point do not touch its patch.
 
+        A patch is that of the best sample whose lattice cell has the point, of those that touch the nearest patch.
         ``first`` (k,) is the one of the ``samples`` (k, q) that has the least of the ``scores`` (k, q).
         """
         patch, candidates = self.dof_map.patch[first], self.dof_map.patch[samples]
-        touch = (candidates == patch[:, None]) | self._touch(candidates, patch[:, None])
+        low, high = np.minimum(candidates, patch[:, None]), np.maximum(candidates, patch[:, None])
+        codes = low.astype(np.int64) * len(self.dof_map.cells) + high
+        touch = (low == high) | (find_codes(self._touching_codes, codes) >= 0)
         usable = np.where(touch & np.isfinite(scores), scores, np.inf)
-        return self._patch_of_cell(points, candidates, usable, patch), ~touch.all(axis=1)
+        magnified = self.dof_map.magnify(candidates, points[:, None])
+        cells = np.floor(magnified / self.lattice.spacing + 0.5).astype(np.int64)
+        contains = (self.dof_map.cells[candidates] == cells).all(axis=2) & np.isfinite(usable)
+        rows, best = np.arange(len(points)), np.where(contains, usable, np.inf).argmin(axis=1)
+        return np.where(contains[rows, best], candidates[rows, best], patch), ~touch.all(axis=1)
 
     def _on_own_sheet(
         self, sheets: SheetSeparation, points: Floats, element: Ints, side_of: Mapping[int, Side]
@@ -221,7 +217,7 @@ class PatchLocator:
 
         It is computed only if both sides of the boundary are among the samples, or the point is ``near_boundary``.
         """
-        signs = self.sides.of_boundary(number)[self.samples.cell_at(samples)]
+        signs = self._sides_by_boundary[number][self.samples.cell_at(samples)]
         across = np.zeros(samples.shape, dtype=bool)
         first, second = np.any(signs > 0, axis=1), np.any(signs < 0, axis=1)
         rows = np.flatnonzero(np.where(near_boundary, first | second, first & second))
@@ -232,22 +228,10 @@ class PatchLocator:
             across[rows] = signs[rows] * np.nan_to_num(signed)[:, None] < 0
         return across
 
-    def _patch_of_cell(self, points: Floats, candidates: Ints, scores: Floats, patch: Ints) -> Ints:
-        """Return (k,) the best of the ``candidates`` (k, q) whose lattice cell has the point, or ``patch`` (k,).
-
-        The best candidate has the least of the ``scores`` (k, q).
-        """
-        magnified = self.dof_map.magnify(candidates, points[:, None])
-        cells = np.floor(magnified / self.lattice.spacing + 0.5).astype(np.int64)
-        contains = (self.dof_map.cells[candidates] == cells).all(axis=2) & np.isfinite(scores)
-        best = np.where(contains, scores, np.inf).argmin(axis=1)
-        rows = np.arange(len(points))
-        return np.where(contains[rows, best], candidates[rows, best], patch)
-
-    def _touch(self, first: Ints, second: Ints) -> Bools:
-        """Return whether samples of the patches ``first`` and ``second``, two arrays that broadcast, touch."""
-        codes = np.minimum(first, second).astype(np.int64) * len(self.dof_map.cells) + np.maximum(first, second)
-        return np.asarray(find_codes(self._touching_codes, codes) >= 0)
+    @cached_property
+    def _sides_by_boundary(self) -> list[Ints]:
+        """The sides (m,) of cells for each boundary."""
+        return [self.sides.of_boundary(number) for number in range(len(self.boundaries))]
 
     @cached_property
     def _touching_codes(self) -> Ints:

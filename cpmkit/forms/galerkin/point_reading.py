@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import InputError
-from cpmkit.forms.galerkin.conditions.boundary_coefficients import READ_INSIDE_WIDTHS
-from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS
+from cpmkit.forms.galerkin.conditions.boundary_sides import DIFFERENCE_SPACINGS, READ_INSIDE_WIDTHS
 from cpmkit.forms.galerkin.patch_locator import CellSides, PatchLocator
 from cpmkit.forms.galerkin.scene_sampling import SampledScene
 from cpmkit.forms.galerkin.sheet_separation import SheetSeparation
@@ -108,7 +107,8 @@ class PointReader:
         InputError
             If a point is farther away than three spacings.
         """
-        feet = self.sampled.surface.closest_point(self._local(points))
+        at = as_points(points, self.sampled.lattice.dim)
+        feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))
         worst, radius = float(feet.distance.max(initial=0.0)), READING_SPACINGS * self.space.spacing
         if worst > radius:
             raise InputError(
@@ -116,10 +116,6 @@ class PointReader:
                 f"the farthest is {worst:.3g} away; take their closest points first."
             )
         return feet
-
-    def _local(self, points: Any) -> Floats:
-        """Return ``points`` (k, d) relative to the lattice's origin."""
-        return self.sampled.lattice.to_local(as_points(points, self.sampled.lattice.dim))
 
     def sides(self, side: Sides) -> dict[int, Side]:
         """Return the side that is read of each boundary, by the boundary's number; see :func:`named_sides`."""
@@ -141,7 +137,10 @@ class PointReader:
         space = self.space
         feet, patch, cells = self._located(points, side)
         rows = space.value_rows(patch, feet.points, cells)
-        gradient = np.asarray(rows @ self._projected_gradient(u)).reshape(-1, u.shape[1], space.dof_map.dim)
+        if self._last_gradient.get("u") is not u:
+            at_samples = space.spline_gradients_at_samples(u)
+            self._last_gradient.update(u=u, projected=space.project(at_samples.reshape(len(at_samples), -1)))
+        gradient = np.asarray(rows @ self._last_gradient["projected"]).reshape(-1, u.shape[1], space.dof_map.dim)
         further = [matrix @ u[space.spline_count :] for matrix in space.further_gradient_rows(feet.points, cells)]
         if further:
             gradient = gradient + np.stack(further, axis=-1)
@@ -150,40 +149,10 @@ class PointReader:
         channels = [project_tangent(surface, feet, vectors, step) for vectors in gradient.transpose(1, 0, 2)]
         return np.stack(channels, axis=1) if channels else gradient
 
-    def _projected_gradient(self, u: Floats) -> Floats:
-        """Return the unknowns (n, channels d) of the projection of the gradient of u's splines onto the splines.
-
-        They are cached for the last u.
-        """
-        if self._last_gradient.get("u") is not u:
-            self._last_gradient.update(u=u, projected=self.space.project_gradients(u))
-        return self._last_gradient["projected"]
-
     @cached_property
     def _last_gradient(self) -> dict[str, Floats]:
         """The last u, and the unknowns of its projected gradient."""
         return {}
-
-    # Conormals
-
-    def boundary_conormals(self, boundary: str, side: Side, points: Any) -> tuple[Floats, Floats]:
-        """Return the points (k, d) of a boundary nearest to ``points`` (k, d), and conormals (k, d) out of ``side``.
-
-        All coordinates are the scene's.
-        """
-        ((number, _),) = self.sides({boundary: side}).items()
-        oriented, lattice = self.sampled.oriented[number], self.sampled.lattice
-        at = as_points(points, lattice.dim) - oriented.left.origin
-        feet, on_boundary = oriented.feet(at)
-        leftward = oriented.leftward(feet, on_boundary, DIFFERENCE_SPACINGS * lattice.spacing)
-        return on_boundary.points + oriented.left.origin, -leftward if side == "left" else leftward
-
-    def rim_conormals(self, points: Any) -> tuple[Floats, Floats]:
-        """Return the points (k, d) of the manifold's edge nearest to ``points``, and its outward conormals (k, d)."""
-        lattice, surface = self.sampled.lattice, self.sampled.surface
-        on_rim = surface.closest_point(self._local(points))
-        outward = outward_conormals(surface, on_rim, DIFFERENCE_SPACINGS * lattice.spacing)
-        return lattice.to_scene(on_rim.points), outward
 
     def conormal_derivative(
         self, u: Floats, points: Any, boundary: str | None, side: Side | None, scene: Scene
@@ -192,11 +161,18 @@ class PointReader:
 
         Where the diffusivity A of the scene is a tensor, the derivative is along A b / (b . A b).
         """
+        lattice, surface = self.sampled.lattice, self.sampled.surface
+        at, step = as_points(points, lattice.dim), DIFFERENCE_SPACINGS * lattice.spacing
         if boundary is None or side is None:
-            where, b = self.rim_conormals(points)
+            on_rim = surface.closest_point(lattice.to_local(at))
+            where, b = lattice.to_scene(on_rim.points), outward_conormals(surface, on_rim, step)
             gradient = self.gradient(u, points)
         else:
-            where, b = self.boundary_conormals(boundary, side, points)
+            ((number, _),) = self.sides({boundary: side}).items()
+            oriented = self.sampled.oriented[number]
+            feet, on_boundary = oriented.feet(at - oriented.left.origin)
+            where, leftward = on_boundary.points + oriented.left.origin, oriented.leftward(feet, on_boundary, step)
+            b = -leftward if side == "left" else leftward
             gradient = self.gradient(u, where, {boundary: side})
         if scene.has_tensor:
             inside = where - READ_INSIDE_WIDTHS * self.space.spacing * b

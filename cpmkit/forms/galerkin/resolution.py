@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
@@ -16,10 +15,8 @@ from cpmkit.forms.galerkin.solution_warnings import FOLDED_SHARE, fold_warnings,
 from cpmkit.forms.galerkin.space.energy import load
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE
-from cpmkit.forms.galerkin.space.spline_space import SplineSpace
 from cpmkit.manifold.abilities import warnings_of
 from cpmkit.manifold.vector_algebra import norms, unit
-from cpmkit.mesh.mesh import Mesh
 from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.diffusivities import StateDiffusivity, evaluate_diffusivity, principal_values
 from cpmkit.scene.scene import Scene
@@ -56,33 +53,6 @@ class NormalSpread:
     bending_share: float
 
 
-def normal_spread(space: SplineSpace, mesh: Mesh, winding: Any) -> NormalSpread:
-    """Return the share of the manifold under splines N with |sum w N n| < .6 sum w N, n the normals at samples.
-
-    On curves n are the tangents. They are oriented consistently over common facets of cells by the ``winding`` (m,) of
-    the mesh. On one-sided components this is impossible: splines near a facet where two cells disagree have NaN in
-    place of the normal, and count as resolved.
-    """
-    samples, cells = space.samples, space.samples.cell
-    signs = np.where(winding == 0, np.nan, winding)
-    integrals, ends = np.zeros((space.dof_map.size, 1 + mesh.dim)), mesh.vertices[mesh.cells]
-    for start in range(0, len(samples), SAMPLES_AT_ONCE):
-        rows = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
-        some = cells[rows]
-        across = samples.normals_at(rows)[:, 0] if mesh.manifold_dim == 2 else unit(ends[some, 1] - ends[some, 0])
-        values = np.ones((len(some), 1 + mesh.dim))
-        values[:, 1:] = across * signs[some, None]
-        integrals += load(space, values, rows)
-    area, length = integrals[:, 0], norms(integrals[:, 1:])
-    is_unresolved = length < ALIGNED_LENGTH * area  # false where the normal is NaN
-    bending = float(area[length < BENDING_LENGTH * area].sum() / area.sum())
-    if not is_unresolved.any():
-        return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bending)
-    heavy = np.flatnonzero(is_unresolved & (area >= np.median(area[is_unresolved])))
-    worst = heavy[np.argmin(length[heavy] / area[heavy])]
-    return NormalSpread(float(area[is_unresolved].sum() / area.sum()), space.dof_map.places[worst], bending)
-
-
 @dataclass(frozen=True, eq=False)
 class LatticeResolution:
     """How the lattice resolves the manifold, whatever the equation.
@@ -102,8 +72,31 @@ class LatticeResolution:
 
     @cached_property
     def normal_spread(self) -> NormalSpread:
-        """The share of the manifold that is thin, folded or creased on this lattice."""
-        return normal_spread(self.space.splines, self.sampled.mesh, self.sampled.winding)
+        """The share of the manifold under splines N with |sum w N n| < .6 sum w N, n the normals at samples.
+
+        On curves n are the tangents. They are oriented consistently over common facets of cells by the winding of the
+        mesh. On one-sided components this is impossible: splines near a facet where two cells disagree have NaN in
+        place of the normal, and count as resolved.
+        """
+        space, mesh = self.space.splines, self.sampled.mesh
+        samples, cells = space.samples, space.samples.cell
+        signs = np.where(self.sampled.winding == 0, np.nan, self.sampled.winding)
+        integrals, ends = np.zeros((space.dof_map.size, 1 + mesh.dim)), mesh.vertices[mesh.cells]
+        for start in range(0, len(samples), SAMPLES_AT_ONCE):
+            rows = slice(start, min(start + SAMPLES_AT_ONCE, len(samples)))
+            some = cells[rows]
+            across = samples.normals_at(rows)[:, 0] if mesh.manifold_dim == 2 else unit(ends[some, 1] - ends[some, 0])
+            values = np.ones((len(some), 1 + mesh.dim))
+            values[:, 1:] = across * signs[some, None]
+            integrals += load(space, values, rows)
+        area, length = integrals[:, 0], norms(integrals[:, 1:])
+        is_unresolved = length < ALIGNED_LENGTH * area  # false where the normal is NaN
+        bending = float(area[length < BENDING_LENGTH * area].sum() / area.sum())
+        if not is_unresolved.any():
+            return NormalSpread(0.0, np.full(space.dof_map.dim, np.nan), bending)
+        heavy = np.flatnonzero(is_unresolved & (area >= np.median(area[is_unresolved])))
+        worst = heavy[np.argmin(length[heavy] / area[heavy])]
+        return NormalSpread(float(area[is_unresolved].sum() / area.sum()), space.dof_map.places[worst], bending)
 
     @cached_property
     def unresolved_share(self) -> float:
@@ -150,11 +143,6 @@ class Resolution:
     __getstate__ = state_without_cached
 
     @property
-    def sampled(self) -> SampledScene:
-        """The manifold and its boundaries."""
-        return self.coefficients.sampled
-
-    @property
     def spacing(self) -> float:
         """Spacing h of the lattice."""
         return self.coefficients.space.spacing
@@ -186,9 +174,9 @@ class Resolution:
 
     def _tensor_layer(self, c: float) -> float:
         """Return the width of the thinnest layer for a tensor diffusivity and the largest factor ``c`` of u."""
-        points = self.coefficients.reader.points
+        points = self.coefficients.points
         tensors = evaluate_diffusivity(self.scene.problem.terms().diffusivity, points, "the diffusivity")
-        normals = self.sampled.samples.normals_at(slice(self.sampled.interior))
+        normals = self.coefficients.sampled.samples.normals_at(slice(self.coefficients.sampled.interior))
         least, largest = principal_values(tensors, normals)
         radius = 0.5 * float(np.ptp(np.asarray(self.scene.surface.bounds), axis=0).max())
         least = np.maximum(least, 0.0)  # a tensor with a negative eigenvalue is refused by the assembly
@@ -207,7 +195,7 @@ class Resolution:
 
     def end_or_layer_reason(self) -> str:
         """Return in words that a boundary ends inside the surface or a layer is not resolved; else an empty string."""
-        if bool(self.sampled.mesh.beyond_tip.any()) and not self.sampled.singular:
+        if bool(self.coefficients.sampled.mesh.beyond_tip.any()) and not self.coefficients.sampled.singular:
             return "boundaries end inside the surface; the error may fall slowly"
         if self.layer_spacings < LAYER_SPACINGS:
             where = "along the direction that conducts worst" if self.scene.has_tensor else "beside conditions"

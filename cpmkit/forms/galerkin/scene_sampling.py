@@ -14,8 +14,8 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
     impose_conditions,
+    needs_rims,
     point_warnings,
-    reads_rims,
 )
 from cpmkit.forms.galerkin.enrichment.singular_functions import SingularFunction, singular_functions
 from cpmkit.forms.galerkin.options import GalerkinOptions
@@ -54,7 +54,7 @@ from cpmkit.scene.boundary import Boundary
 from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.scene.scene import Scene
-from cpmkit.types import SIDES, Bools, Ints, Progress
+from cpmkit.types import SIDES, Bools, Ints
 
 #: A boundary farther from the manifold than so many spacings is refused.
 AWAY_SPACINGS = 3.0
@@ -139,31 +139,13 @@ class SampledScene(InsertedScene):
         return sum(sources.values())
 
 
-def sample_scene(scene: Scene, options: Options[GalerkinOptions], progress: Progress) -> SampledScene:
-    """Return the samples of a scene at the spacing of the options.
-
-    ``progress`` receives the name of the stage and the share that is done.
-
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
-    """
-    progress("samples", 0.0)
-    inserted = insert_scene(scene, options)
-    progress("samples", 0.5)
-    sampled = sample_inserted(scene, options, inserted)
-    progress("samples", 1.0)
-    return sampled
-
-
 def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     """Return a mesh of a scene's manifold with the boundaries inserted.
 
     Raises
     ------
     InputError, SceneError, ResolutionError
-        As :func:`sample_scene` does.
+        If the lattice's origin, a boundary or the spacing does not fit.
     """
     spacing = options.spacing
     lattice = lattice_of(scene.surface, spacing, options.origin)
@@ -188,7 +170,7 @@ def sample_inserted(
     Raises
     ------
     InputError, SceneError, ResolutionError
-        As :func:`sample_scene` does.
+        As :func:`insert_scene` does.
     """
     spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
     lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
@@ -202,7 +184,9 @@ def sample_inserted(
     corners = mesh.cells if is_uncut else cut_corners(mesh)
     half, winding = half_facets(mesh), mesh.winding
     warnings += tuple(seam_warnings(seam_midpoints(mesh, half), surface, geometry))
-    boundary = boundary_samples(mesh, half, corners, reads_rims(scene), inserted.points)
+    terms = scene.problem.terms()
+    flows_out = terms.conservative and terms.velocity is not None  # what leaves through rims is read at samples
+    boundary = boundary_samples(mesh, half, corners, needs_rims(scene) or flows_out, inserted.points)
     left = left_of_boundaries(mesh, half, corners, boundary, oriented, lattice)
     conditions = impose_conditions(scene, boundary, left, surface, lattice)
     singular: tuple[SingularFunction, ...] = ()

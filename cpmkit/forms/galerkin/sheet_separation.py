@@ -52,22 +52,16 @@ class SheetSeparation:
         the ``cells`` (k, q) near it to the corners of the source's own triangle or segment ``element`` (k,) that
         contains the point. Groups are numbered; -1 stands for cells that are left out.
         """
-        ends = self._corners_of(element)
+        size = float(np.ptp(self.mesh.vertices, axis=0).max())
+        bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)
+        corners = self.given_vertices[self.given_cells[element]]
+        distance, at = self._tree.query(corners, distance_upper_bound=bound)
+        ends = np.where(np.isfinite(distance), at, -1)  # -1 at corners where the mesh has no vertex
         offsets = self.mesh.vertices[ends] - points[:, None]
         farthest = np.where(ends >= 0, np.sqrt((offsets**2).sum(axis=2)), 0.0).max(axis=1)
         reach = PATH_FACTOR * (farthest + self.spacing)
         graph, arguments = self._vertex_graph, (points, self.mesh.cells[cells], group, ends, reach, self.mesh.vertices)
         return path_lengths_to_corners(*arguments, graph.indptr, graph.indices), LONGER_SPACINGS * self.spacing
-
-    def _corners_of(self, element: Ints) -> Ints:
-        """Return the vertices (k, c) of the mesh at the corners of the source's own cells ``element`` (k,), as numbers.
-
-        -1 stands for a corner at which the mesh has no vertex.
-        """
-        size = float(np.ptp(self.mesh.vertices, axis=0).max())
-        bound = max(SAME_SIZE_SHARE * size, np.finfo(float).tiny)
-        distance, at = self._tree.query(self.given_vertices[self.given_cells[element]], distance_upper_bound=bound)
-        return np.where(np.isfinite(distance), at, -1)
 
     @cached_property
     def _tree(self) -> Any:

@@ -41,12 +41,16 @@ def crossing_warnings(scene: Scene, mesh: Mesh, lattice: Lattice) -> Iterator[st
     """
     if mesh.manifold_dim == 1 or not len(mesh.cut):
         return
-    jumps = [
-        (pair, where, jump)
-        for pair, where in _meetings(mesh, lattice)
-        if (jump := _largest_jump(scene, pair, where)) > 0
-        and jump > DIFFERENT_SHARE * max(_scale(scene, mesh, lattice, k) for k in pair)
-    ]
+    jumps = []
+    for pair in combinations(np.unique(mesh.owner[~mesh.beyond_tip]).tolist(), 2):
+        shared = np.intersect1d(_vertices_of(mesh, pair[0]), _vertices_of(mesh, pair[1]))[:1]
+        if not len(shared):
+            continue
+        where = lattice.to_scene(mesh.vertices[shared])
+        first, second = (_values(scene, k, where) for k in pair)
+        jump = max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
+        if jump > DIFFERENT_SHARE * max(_scale(scene, mesh, lattice, k) for k in pair):
+            jumps.append((pair, where[0], jump))
     if jumps:
         pair, where, jump = jumps[0]
         first, second = (scene.boundaries[k].name for k in pair)
@@ -101,20 +105,6 @@ def _scale(scene: Scene, mesh: Mesh, lattice: Lattice, number: int) -> float:
     """Return the largest magnitude, at the vertices of a boundary, of the values given on it."""
     where = lattice.to_scene(mesh.vertices[_vertices_of(mesh, number)])
     return max(map(_largest_magnitude, _values(scene, number, where)), default=0.0)
-
-
-def _meetings(mesh: Mesh, lattice: Lattice) -> Iterator[tuple[tuple[int, int], Floats]]:
-    """Yield each pair of boundaries with a common vertex, and such a vertex (d,) in the scene's coordinates."""
-    for pair in combinations(np.unique(mesh.owner[~mesh.beyond_tip]).tolist(), 2):
-        shared = np.intersect1d(_vertices_of(mesh, pair[0]), _vertices_of(mesh, pair[1]))
-        if len(shared):
-            yield pair, lattice.to_scene(mesh.vertices[shared[:1]])[0]
-
-
-def _largest_jump(scene: Scene, pair: tuple[int, int], where: Floats) -> float:
-    """Return the largest difference between values given on one and on the other of two boundaries at a point (d,)."""
-    first, second = (_values(scene, k, where[None]) for k in pair)
-    return max((_largest_magnitude(a - b) for a, b in product(first, second)), default=0.0)
 
 
 def _values(scene: Scene, number: int, where: Floats) -> list[Floats]:

@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 
 import cpmkit as ck
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.space.spline_space import derivative_rows, value_rows
 
 SPHERE = ck.source("analytic.sphere")
 POINTS = np.random.default_rng(4).normal(size=(500, 3))

@@ -118,7 +118,10 @@ def points_on_edges(mesh: Mesh, corners: Ints, cell: Ints, facet: Ints, reversed
     tail, head = (facet + 1) % 3, (facet + 2) % 3
     tail, head = np.where(reversed_, head, tail), np.where(reversed_, tail, head)
     vertices = mesh.vertices[mesh.cells[cell]]
-    mid = _midpoints(mesh, vertices, cell)
+    if mesh.midpoints is None:
+        mid: Floats = 0.5 * (np.roll(vertices, -1, axis=1) + np.roll(vertices, -2, axis=1))
+    else:
+        mid = mesh.midpoints[cell]
     p, q, opposite = (_select_corner(vertices, which) for which in (tail, head, facet))
     m, beside_tail, beside_head = (_select_corner(mid, which) for which in (facet, head, tail))
     gauss, weights = np.polynomial.legendre.leggauss(POINTS_OF_EDGE)
@@ -145,13 +148,6 @@ def ends_of_segments(mesh: Mesh, _corners: Ints, cell: Ints, facet: Ints, _rever
     mid = 0.5 * (end + other) if mesh.midpoints is None else mesh.midpoints[cell]
     tangent = unit(3 * end - 4 * mid + other)
     return end, np.ones(end.shape[:2]), tangent, normal_frames(tangent[:, 0])[:, None]
-
-
-def _midpoints(mesh: Mesh, vertices: Floats, cell: Ints) -> Floats:
-    """Return the edge midpoints (n, 3, d) of triangles ``cell`` (n,), opposite to their ``vertices`` (n, 3, d)."""
-    if mesh.midpoints is not None:
-        return mesh.midpoints[cell]
-    return np.asarray(0.5 * (np.roll(vertices, -1, axis=1) + np.roll(vertices, -2, axis=1)))
 
 
 def _select_corner(values: Floats, which: Ints) -> Floats:

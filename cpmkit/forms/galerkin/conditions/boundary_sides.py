@@ -1,4 +1,4 @@
-"""Which cells beside a boundary are on its left.
+"""Which cells beside a boundary are on its left, and coefficients on each side: widths and jumping diffusivities.
 
 In the mesh, which is cut along boundaries, half facets (facets seen from one cell) are on the same side of a boundary
 if they share a corner of the cut mesh between two facets of the boundary. The scene defines which side is left
@@ -8,17 +8,27 @@ boundary, since they may be wrong at single samples where the boundary is not on
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from cpmkit.errors import InputError, SceneError, place
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
 from cpmkit.forms.galerkin.dof_map import components
+from cpmkit.forms.galerkin.space.energy import mean_over_tangents
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import HalfFacets
 from cpmkit.mesh.mesh import Mesh
+from cpmkit.scene.data import Data, evaluate_data
+from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.oriented import OrientedBoundary
 from cpmkit.types import Bools, Floats, Ints
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_array
+
 
 #: Step of finite differences, in spacings, for normals and tangents of sources that do not provide them.
 DIFFERENCE_SPACINGS = 0.5
@@ -142,3 +152,179 @@ def _has_cell_beyond(half: HalfFacets) -> Bools:
     twice = np.zeros(len(half.cut), dtype=bool)
     twice[on] = count[half.cut[on]] > 1
     return twice
+
+
+#: Ratio of area to boundary length, weighted with the splines at a sample, in spacings, where the manifold is wide.
+WIDE_SHARE = 0.89
+#: Data are evaluated at this distance from the boundary inside their side, in widths, and at twice this distance: a
+#: boundary that was moved to the surface is nearer than that to the interface of materials.
+READ_INSIDE_WIDTHS = 0.25
+#: Two values whose logarithms differ by less belong to the same material, and are extrapolated to the boundary.
+SAME_MATERIAL_LOG_RATIO = 0.4
+#: A value whose logarithm differs by more from the mean nearby belongs to another zone: both values may do so in a
+#: sliver that a boundary cuts off beside an edge of the mesh.
+OTHER_ZONE_LOG_RATIO = 2.0
+#: A prescribed conductivity may differ by this share from the problem's diffusivity, and by more at this share of the
+#: points of a boundary: near other boundaries it may be evaluated in the wrong zone.
+DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
+
+
+def local_widths(
+    values: csr_array, areas: Floats, samples: BoundarySamples, sides: Sequence[Bools], spacing: Floats
+) -> Floats:
+    """Return the width (b,) of the manifold beside boundary samples, at most h; penalties are proportional to 1 / w.
+
+    ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, with A_j and L_j the integrals of spline j over the
+    manifold and over its side of the boundary.
+
+    Parameters
+    ----------
+    values : csr_array (b, n)
+        Evaluates the splines N_j at the samples.
+    areas : (n,) float64
+        A_j.
+    samples : BoundarySamples
+        The samples.
+    sides : sequence of (b,) bool
+        Disjoint sets of samples, such as those on one side of a boundary. L_j is summed over each set by itself;
+        samples in no set have the width h.
+    spacing : (b,) float64
+        The spacing h of the splines at the samples.
+    """
+    width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
+    lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
+    row, side = np.nonzero(measured)
+    width[row] = np.minimum(width[row], (values @ areas)[row] / lengths[row, side] / WIDE_SHARE)
+    return width
+
+
+@dataclass(frozen=True, eq=False)
+class OneSidedLimits:
+    """Limits of coefficients at boundary samples, on the side of their cells; coefficients may jump at boundaries.
+
+    Attributes
+    ----------
+    samples : BoundarySamples
+        The b samples.
+    widths : (b,) float64
+        The local width of the manifold, see :func:`local_widths`.
+    around : (b,) float64
+        The mean of the logarithm of the coefficient near each sample.
+    lattice : Lattice
+        The coordinates of samples are relative to its origin.
+    """
+
+    samples: BoundarySamples
+    widths: Floats
+    around: Floats
+    lattice: Lattice
+
+    def value(self, data: Data, label: str) -> Floats:
+        """Return the limits (b,) of positive ``data``, which have the name ``label`` in error messages.
+
+        Raises
+        ------
+        InputError
+            If the data are not positive where they are evaluated.
+        """
+        return self._extrapolated(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
+
+    def conormal_flux(self, tensors: Callable[[Floats], Floats]) -> tuple[Floats, Floats]:
+        """Return the conormal flux b . A grad u for ``tensors`` A, a function of points (b, d) that returns (b, d, d).
+
+        With s = b . A b and the direction A b / s, whose component along b is 1, the flux is s times the derivative
+        along that direction: all conditions hold unchanged with s as diffusivity and this derivative as du/db. The mean
+        of A over tangents is extrapolated as in :meth:`value`. The tensor divided by this mean is evaluated at the same
+        two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point,
+        which is then used.
+
+        Returns
+        -------
+        a : (b,) float64
+            s; at points of a surface, which have no conormal, the mean of A over tangents.
+        directions : (b, d) float64
+            A b / s, tangent to the manifold.
+        """
+        label, normals, b = "the diffusivity", self.samples.normals, self.samples.conormals
+
+        def mean(points: Floats) -> Floats:
+            return mean_over_tangents(evaluate_diffusivity(tensors, points, label), normals)
+
+        value, along = self._extrapolated(mean, label)
+        step = np.where(along[:, None], *self._inward_steps)
+        places = [self.lattice.to_scene(self.samples.points + k * step) for k in (1, 2)]
+        near, far = (evaluate_diffusivity(tensors, at, label) / mean(at)[:, None, None] for at in places)
+        limit = 2 * near - far
+        definite = np.einsum("bi,bij,bj->b", b, limit, b) > 0.5 * np.einsum("bi,bij,bj->b", b, near, b)
+        direction = np.einsum("bij,bj->bi", np.where(definite[:, None, None], limit, near), b)
+        direction -= np.einsum("bci,bc->bi", normals, np.einsum("bci,bi->bc", normals, direction))
+        share = np.einsum("bi,bi->b", b, direction)
+        share = np.where(share > 0, share, 1.0)
+        return value * share, direction / share[:, None]
+
+    @property
+    def _inward_steps(self) -> tuple[Floats, Floats]:
+        """Steps (b, d) from the samples into their side: against the conormal, and halfway to the cell's centre."""
+        samples = self.samples
+        against = -READ_INSIDE_WIDTHS * self.widths[:, None] * samples.conormals
+        return against, 0.5 * (samples.centres - samples.points)
+
+    def _extrapolated(self, data: Data, label: str) -> tuple[Floats, Bools]:
+        """Return the limits of a positive function, and how each was evaluated.
+
+        The logarithm of the function is evaluated at one and two steps against the conormal, and at one and two steps
+        towards the centre of the cell, and each pair is extrapolated linearly to the sample. The first pair of points
+        may lie in another zone where boundaries meet, the second pair beyond an interface of materials that is not
+        exactly on the boundary: the limit that is nearer to :attr:`around` is taken. On rims, and where the function is
+        smooth across the boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is
+        at most its second: then a jump would be a smaller error than the extrapolation.
+
+        Returns
+        -------
+        values : (b,) float64
+            The limits.
+        along : (b,) bool
+            Whether the function was evaluated against the conormal or at the sample, not towards the cell's centre.
+        """
+
+        def logarithm(step: Floats | float) -> Floats:
+            return np.log(self._positive_values(data, step, label))
+
+        inward, into_cell = self._inward_steps
+        here, pairs = logarithm(0.0), [(logarithm(step), logarithm(2 * step)) for step in (inward, into_cell)]
+        limits = [np.where(np.abs(near - far) < SAME_MATERIAL_LOG_RATIO, 2 * near - far, np.inf) for near, far in pairs]
+        off = [np.abs(limit - self.around) for limit in limits]
+        by_conormal = off[0] <= off[1] + SAME_MATERIAL_LOG_RATIO
+        value = np.where(by_conormal, *limits)
+        value = np.where(np.abs(value - self.around) < OTHER_ZONE_LOG_RATIO, value, self.around)
+        rim = self.samples.owner < 0  # nothing is beyond
+        (near, far), beyond = pairs[0], logarithm(np.where(rim[:, None], 0.0, -inward))
+        smooth = np.abs(far - 3 * near + 3 * here - beyond) <= np.abs(far - 2 * near + here)
+        smooth = rim | (smooth & (np.abs(here - self.around) < OTHER_ZONE_LOG_RATIO))
+        return np.exp(np.where(smooth, here, value)), smooth | by_conormal
+
+    def _positive_values(self, data: Data, step: Floats | float, label: str) -> Floats:
+        """Return the values (b,) of ``data`` at ``step`` from the samples; raise InputError if one is not positive."""
+        values = evaluate_data(data, self.lattice.to_scene(self.samples.points + step), 1, label)[:, 0]
+        if np.any(values <= 0):
+            raise InputError(f"{label} must be above zero, got {values.min():g}.")
+        return values
+
+    def conductivity(self, data: Data, label: str, side: str) -> Floats:
+        """Return the conductivity (b,) prescribed on one ``side`` of the boundary called ``label``.
+
+        Raises
+        ------
+        SceneError
+            If the conductivity differs from the problem's diffusivity, whose logarithm is :attr:`around`.
+        """
+        prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
+        off = np.abs(prescribed / a - 1)
+        if np.mean(off > DIFFUSIVITY_MISMATCH_SHARE) > MISREAD_POINTS_SHARE:
+            worst = int(off.argmax())
+            where = place(self.lattice.to_scene(self.samples.points[[worst]])[0])
+            raise SceneError(
+                f"{label} gives the conductivity {prescribed[worst]:.4g} on its {side} near {where}, where the "
+                f"problem's diffusivity is {a[worst]:.4g}; leave `{side}` out, or give the problem that diffusivity."
+            )
+        return prescribed

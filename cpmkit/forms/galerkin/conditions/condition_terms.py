@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.conditions.boundary_coefficients import OneSidedLimits, local_widths
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
+from cpmkit.forms.galerkin.conditions.boundary_sides import OneSidedLimits, local_widths
 from cpmkit.forms.galerkin.conditions.imposed_conditions import (
     ImposedCondition,
     StateFluxSamples,
@@ -22,16 +22,15 @@ from cpmkit.forms.galerkin.conditions.imposed_conditions import (
 from cpmkit.forms.galerkin.conditions.nitsche import (
     COUPLING_PENALTY,
     TIP_PENALTY,
-    advection_jump_forms,
     form_rows,
-    inflow_forms,
     interface_products,
     one_sided_products,
+    side_factors,
     symmetric_sum,
 )
 from cpmkit.grid.lattice import Lattice
 from cpmkit.scene.data import Data, evaluate_data
-from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value
+from cpmkit.scene.laws import Flux, Interface, Mixed, Nonlinear, Spectral, Value, beta_at
 from cpmkit.types import SIDES, Bools, Floats, Ints
 
 if TYPE_CHECKING:
@@ -204,8 +203,8 @@ class ConditionTerms:
         if self.outward_speed is not None:
             coupled = [each for each in conditions_with_law(self.conditions, Interface) if each.law.resistance == 0]
             kinds += [
-                (self._inflow, conditions_with_law(self.conditions, Value)),
-                (self._advection_jump, coupled),  # with a resistance u may jump, and nothing is added
+                (self._upwinding, conditions_with_law(self.conditions, Value)),
+                (self._upwinding, coupled),  # with a resistance u may jump, and nothing is added
             ]
         return [terms(conditions) for terms, conditions in kinds if conditions]
 
@@ -213,7 +212,7 @@ class ConditionTerms:
         """Return the terms of values, fluxes and Robin conditions on one side of a boundary."""
         rows = np.concatenate([each.rows for each in conditions])
         alpha = joined(conditions, lambda each: each.law.alpha)
-        beta = joined(conditions, lambda each: each.beta(self._scene_points(each)))
+        beta = joined(conditions, lambda each: beta_at(each.law, self._scene_points(each), each.label))
         widths = np.where(self.samples.half[rows] >= 0, self.widths[rows], 1.0)  # no width at points
         products, factors = one_sided_products(alpha, beta, self.a[rows], self.samples.weights[rows], widths)
         matrix = symmetric_sum([(self._forms(x, rows), self._forms(y, rows)) for x, y in products])
@@ -232,22 +231,22 @@ class ConditionTerms:
         load = vstack([self._forms(each, left, right) for each in factors]).T.tocsr()
         return AddedTerms(matrix, load, self._data(conditions, "jump") + self._data(conditions, "flux"))
 
-    def _inflow(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
-        """Return the terms of advection at inflow where values are prescribed."""
-        assert self.outward_speed is not None
-        rows = np.concatenate([each.rows for each in conditions])
-        value, tested = inflow_forms(self.outward_speed[rows], self.samples.weights[rows])
-        load = self._forms(tested, rows).T.tocsr()
-        return AddedTerms(load @ self._forms(value, rows), load, self._data(conditions, "datum"))
+    def _upwinding(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
+        """Return the terms of advection at inflow where values are given, or across boundaries where u has a jump.
 
-    def _advection_jump(self, conditions: Sequence[ImposedCondition]) -> AddedTerms:
-        """Return the terms of advection, with upwinding, across boundaries at which u is continuous up to a jump."""
+        The jump, which may be zero, is u on the left less u on the right.
+        """
         assert self.outward_speed is not None
-        rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2)]
-        speeds = [self.outward_speed[side] for side in rows]
-        jump, tested = advection_jump_forms(speeds, self.samples.weights[rows[0]])
+        couples = conditions[0].law.couples
+        rows = [np.concatenate([each.sides[k] for each in conditions]) for k in range(2 if couples else 1)]
+        zero, weights = np.zeros(len(rows[0])), self.samples.weights[rows[0]]
+        inflow = [weights * np.maximum(-self.outward_speed[side], 0.0) for side in rows]
+        signs = (1.0, -1.0)[: len(rows)]
+        value = side_factors(*(factor for sign in signs for factor in (zero + sign, zero)))
+        tested = side_factors(*(f for sign, flow in zip(signs, inflow, strict=True) for f in (sign * flow, zero)))
         load = self._forms(tested, *rows).T.tocsr()
-        return AddedTerms(load @ self._forms(jump, *rows), load, self._data(conditions, "jump"))
+        data = self._data(conditions, "jump" if couples else "datum")
+        return AddedTerms(load @ self._forms(value, *rows), load, data)
 
     def _forms(self, factors: Floats, *rows: Ints) -> csr_array:
         """Return the matrix (k, n) of the linear forms ``factors`` (k, s, 2) at the samples ``rows``, s times (k,)."""

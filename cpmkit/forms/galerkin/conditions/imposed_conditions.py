@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from cpmkit.grid.lattice import Lattice
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.arrays import whole
-from cpmkit.scene.conditions import Condition, same_condition
+from cpmkit.scene.conditions import same_condition
 from cpmkit.scene.edge_conditions import check_parts_used, conditions_along
 from cpmkit.scene.laws import Flux, Interface, Mixed, Value, beta_at
 from cpmkit.scene.point_values import point_value_warnings, short_curve_warnings
@@ -75,10 +76,6 @@ class ImposedCondition:
         """The samples on one side or on both, (k,) or (2 k,)."""
         return np.concatenate(self.sides)
 
-    def beta(self, points: Floats) -> Floats:
-        """Return the factor beta (k,) of u in a law on one side at ``points`` (k, d), in the scene's coordinates."""
-        return beta_at(self.law, points, self.label)
-
 
 def conditions_with_law(conditions: Iterable[ImposedCondition], *kinds: type) -> list[ImposedCondition]:
     """Return those ``conditions`` whose law is of one of these ``kinds``."""
@@ -95,12 +92,6 @@ def needs_rims(scene: Scene) -> bool:
     return (isinstance(scene.edge, Mapping) and bool(scene.edge)) or not all(
         one.law.is_zero_flux for one in scene.edge_conditions
     )
-
-
-def reads_rims(scene: Scene) -> bool:
-    """Return whether samples on rims are needed: for conditions, or for the outflow in conservative advection."""
-    terms = scene.problem.terms()
-    return needs_rims(scene) or (terms.conservative and terms.velocity is not None)
 
 
 def impose_conditions(
@@ -133,7 +124,7 @@ def impose_conditions(
     conditions += _tip_continuations(samples)
     for condition in conditions_with_law(conditions, Mixed):
         points = lattice.to_scene(samples.points[condition.rows])
-        if not np.any(condition.beta(points)):
+        if not np.any(beta_at(condition.law, points, condition.label)):
             raise InputError(
                 f"beta of {condition.kind.capitalize()} of {condition.label} is zero at all {len(points)} points; use "
                 "Neumann."
@@ -150,8 +141,13 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
         first, second = (boundary.condition(side) for side in SIDES)
         if not np.any(on_boundary):
             continue
-        if np.any(samples.half[on_boundary] < 0):
-            _check_point_conditions(label, [first, second])
+        kinds = {condition.kind for condition in (first, second) if not isinstance(condition.law, Value)}
+        if kinds and np.any(samples.half[on_boundary] < 0):
+            raise SceneError(
+                f"{label}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
+                "through so little vanishes with the spacing; if a point source is meant, let f be a narrow bump with "
+                "its strength as the integral, or use a small circle."
+            )
         if first.couples:
             pairs = _paired_samples(label, samples, left, on_boundary, lattice)
             yield ImposedCondition(first.law, label, *pairs, kind=first.kind)
@@ -162,23 +158,6 @@ def _on_boundaries(scene: Scene, samples: BoundarySamples, left: Bools, lattice:
                 yield ImposedCondition(
                     condition.law, label, np.flatnonzero(on_boundary & side), none, kind=condition.kind
                 )
-
-
-def _check_point_conditions(label: str, conditions: list[Condition]) -> None:
-    """Raise if a condition at a point of a surface does not prescribe a value.
-
-    Raises
-    ------
-    SceneError
-        If the law of one of the ``conditions`` is not `Value`.
-    """
-    kinds = {condition.kind for condition in conditions if not isinstance(condition.law, Value)}
-    if kinds:
-        raise SceneError(
-            f"{label}: a {' or '.join(sorted(kinds))} condition at a point of a surface has no effect: what flows "
-            "through so little vanishes with the spacing; if a point source is meant, let f be a narrow bump with its "
-            "strength as the integral, or use a small circle."
-        )
 
 
 def _paired_samples(
@@ -251,21 +230,18 @@ def rim_loops(samples: BoundarySamples, surface: LocalSource, spacing: float) ->
     return np.asarray(loops, dtype=np.int64)
 
 
-def _tip_continuations(samples: BoundarySamples) -> list[ImposedCondition]:
-    """Return a list with the condition that couples the cells across continuations of boundaries past their tips.
+def _tip_continuations(samples: BoundarySamples) -> Iterator[ImposedCondition]:
+    """Yield the condition that couples the cells across continuations of boundaries past their tips.
 
-    Samples at the same point are coupled in pairs, each to the next. The list is empty without continuations.
+    Samples at the same point are coupled in pairs, each to the next. Without continuations nothing is yielded.
     """
     rows = np.flatnonzero(samples.beyond_tip)
     key = POINTS_OF_EDGE * samples.facet[rows] + samples.place[rows]
     order = np.argsort(key, kind="stable")
     same = np.flatnonzero(key[order[1:]] == key[order[:-1]])
     first, second = rows[order[same]], rows[order[same + 1]]
-    return (
-        [ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, beyond_tip=True)]
-        if len(first)
-        else []
-    )
+    if len(first):
+        yield ImposedCondition(Interface(0.0, 0.0), "the continuation past a tip", first, second, beyond_tip=True)
 
 
 def point_warnings(
@@ -323,17 +299,11 @@ class StateFluxSamples:
     def linearise(self, seen: Floats) -> ImposedCondition:
         """Return the condition ``du/db = j(v) + j'(v) (u - v)``, v = ``seen`` (k,); a flux if j' is zero."""
         slope = self.condition.law.slope_at(seen, self.points)
-        datum = KnownValues(self.condition.law.flux_at(seen, self.points) - slope * seen)
-        law = Mixed(1.0, KnownValues(-slope), datum) if self.grows(seen) else Flux(datum)
+        datum = partial(_known_values, self.condition.law.flux_at(seen, self.points) - slope * seen)
+        law = Mixed(1.0, partial(_known_values, -slope), datum) if self.grows(seen) else Flux(datum)
         return replace(self.condition, law=law)
 
 
-@dataclass(frozen=True, eq=False)
-class KnownValues:
-    """Data given by their values (k,) at k samples; they can be evaluated only there."""
-
-    values: Floats
-
-    def __call__(self, _points: Floats) -> Floats:
-        """Return the values (k,) at the k samples; the points are not used."""
-        return self.values
+def _known_values(values: Floats, _points: Floats) -> Floats:
+    """Return ``values`` (k,) at k samples: with the values bound, data that can be evaluated only there."""
+    return values

@@ -112,25 +112,6 @@ def interface_products(
     return [(jump, with_jump), (flux, with_flux)], [by_jump, by_flux]
 
 
-def inflow_forms(outward_speed: Floats, weights: Floats) -> tuple[Floats, Floats]:
-    """Return the forms (k, 1, 2) of advection where values are prescribed: u, and the form that it is multiplied by.
-
-    ``outward_speed`` (k,) is v . b, with b the conormal out of the side, and ``weights`` (k,) are those of the samples.
-    """
-    zero = np.zeros(len(weights))
-    return side_factors(zero + 1, zero), side_factors(weights * np.maximum(-outward_speed, 0.0), zero)
-
-
-def advection_jump_forms(outward_speeds: Sequence[Floats], weights: Floats) -> tuple[Floats, Floats]:
-    """Return the forms (k, 2, 2) of advection across a boundary: the jump of u, and the form that it is multiplied by.
-
-    The jump is u on the left less u on the right. ``outward_speeds`` are two (k,): v . b with b out of the left side,
-    and out of the right side; ``weights`` (k,) are those of the samples.
-    """
-    zero, (left, right) = np.zeros(len(weights)), (weights * np.maximum(-speed, 0.0) for speed in outward_speeds)
-    return side_factors(zero + 1, zero, zero - 1, zero), side_factors(left, zero, -right, zero)
-
-
 def side_factors(*factors: Floats) -> Floats:
     """Return the array (k, sides, 2) of ``factors`` (k,), given for u and du/db on one side after the other."""
     return np.stack(factors, axis=1).reshape(len(factors[0]), -1, 2)

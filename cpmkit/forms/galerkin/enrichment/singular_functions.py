@@ -119,8 +119,11 @@ class TipDiscFinder:
         cells = np.flatnonzero(~self._is_tilted(frame))
         piece = self._pieces(cells)
         cells = cells[np.isin(piece, piece[(self.mesh.cells[cells] == tip).any(axis=1)])]
-        ends = self._nearest_end(frame, cells, boundary), self._boundary_end(frame, boundary, tip)
-        radius = RADIUS_SHARE * min(ends)
+        edges, count = np.unique(self.mesh.edges.of_cells[cells], return_counts=True)
+        owner = self._owner[edges]  # edges on the boundary of the tip itself do not end the disc
+        ends = self.mesh.edges.ends[edges[(owner != boundary) & ((count == 1) | (owner >= 0))]]
+        nearest = float(frame.distance(self.mesh.vertices[ends.ravel()]).min(initial=np.inf))
+        radius = RADIUS_SHARE * min(nearest, self._boundary_end(frame, boundary, tip))
         inside = np.sort(cells[frame.distance(self.mesh.vertices[self.mesh.cells[cells]]).min(axis=1) < radius])
         return replace(frame, radius=radius, cells=inside, sides=self._sides(frame, inside))
 
@@ -169,16 +172,6 @@ class TipDiscFinder:
         size = len(cells) + len(self.mesh.edges.ends)
         graph = coo_array((np.ones(len(row)), (row, len(cells) + edges[row, column])), shape=(size, size))
         return np.asarray(connected_components(graph, directed=False)[1][: len(cells)])
-
-    def _nearest_end(self, frame: TipDisc, cells: Ints, boundary: int) -> float:
-        """Return the distance from a tip to the nearest edge at which the region of ``cells`` ends.
-
-        Edges on the boundary of the tip itself do not count.
-        """
-        edges, count = np.unique(self.mesh.edges.of_cells[cells], return_counts=True)
-        owner = self._owner[edges]
-        ends = edges[(owner != boundary) & ((count == 1) | (owner >= 0))]
-        return float(frame.distance(self.mesh.vertices[self.mesh.edges.ends[ends].ravel()]).min(initial=np.inf))
 
     def _boundary_end(self, frame: TipDisc, boundary: int, tip: int) -> float:
         """Return the distance from a tip at which its boundary ends, turns back, or leaves its parabola."""
@@ -282,7 +275,8 @@ def singular_functions(
         if disc.radius < LEAST_RADIUS_SPACINGS * lattice.spacing:
             narrow.append(disc)
             continue
-        left, right = (_kind_on(side, disc, number, boundary, kinds) for side in (1, -1))
+        sides = np.where((boundary.owner == number) & ~boundary.beyond_tip, disc.side_of(boundary.cell)[1], 0)
+        left, right = (np.bincount(kinds[sides == side], minlength=1).argmax() for side in (1, -1))  # the most frequent
         if THROUGH not in (left, right):
             functions += [SingularFunction(disc, *wave) for wave in WAVES[left == VALUE, right == VALUE]]
     return tuple(functions), tuple(_narrow_disc_warnings(narrow, lattice))
@@ -297,13 +291,6 @@ def _kinds(boundary: BoundarySamples, conditions: Sequence[ImposedCondition]) ->
         if condition.law.resistance == 0:
             kinds[condition.all_rows] = THROUGH
     return kinds
-
-
-def _kind_on(side: int, disc: TipDisc, number: int, boundary: BoundarySamples, kinds: Ints) -> int:
-    """Return the kind of condition (FLUX, VALUE or THROUGH) that is most frequent on a boundary's side in a disc."""
-    inside, sides = disc.side_of(boundary.cell)
-    rows = np.flatnonzero(inside & (sides == side) & (boundary.owner == number) & ~boundary.beyond_tip)
-    return int(np.bincount(kinds[rows], minlength=1).argmax())
 
 
 def _narrow_disc_warnings(narrow: Sequence[TipDisc], lattice: Lattice) -> Iterator[str]:

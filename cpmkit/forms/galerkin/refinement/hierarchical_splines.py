@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap, dof_map_from_patches
+from cpmkit.forms.galerkin.dof_map import DofMap, build_patches, dof_map_from_patches
 from cpmkit.forms.galerkin.refinement.regions import Regions, codes_of_cells, is_among
 from cpmkit.forms.galerkin.space.levels import two_scale, two_scale_shares
 from cpmkit.types import Bools, Floats, Ints
@@ -56,11 +56,6 @@ class LevelSplines:
     prolongation: csr_array | None
 
     @property
-    def size(self) -> int:
-        """Number n of splines."""
-        return self.dof_map.size
-
-    @property
     def candidates(self) -> Bools:
         """(n,) whether all patches that read a spline lie in the region of this level."""
         return ~self.is_read_by(~self.inside)
@@ -72,7 +67,7 @@ class LevelSplines:
 
     def is_read_by(self, patches: Bools) -> Bools:
         """Return (n,) whether each spline is read by one of the ``patches`` (p,) that are marked."""
-        is_read = np.zeros(self.size, dtype=bool)
+        is_read = np.zeros(self.dof_map.size, dtype=bool)
         is_read[self.dof_map.unknowns[patches]] = True
         return is_read
 
@@ -123,27 +118,9 @@ def _finer_level(
     fine = cells, dof_map.unknowns, dof_map.size
     coarser = coarse.dof_map.cells, coarse.dof_map.unknowns, two_scale_shares(dof_map.degree)
     starts, columns, weights = two_scale(*fine, parent.astype(np.int64), *coarser)
-    shape = dof_map.size, coarse.size
+    shape = dof_map.size, coarse.dof_map.size
     prolongation = csr_array((weights.astype(np.float64), columns, starts), shape=shape)
     return LevelSplines(dof_map, rows, inside, _is_subdivided(cells, inside, regions, number), prolongation)
-
-
-def build_patches(code: Ints, corners: Any, cell: Any) -> tuple[Any, Ints, Any]:
-    """Return the patch (s,) of each sample, one sample (p,) of each patch, and the pairs (t, 2) of patches that touch.
-
-    ``code`` (s,) is the code of the lattice cell, ``cell`` (s,) the mesh cell of each sample; ``corners`` (m, k) are
-    the vertices of the mesh cells.
-    """
-    from cpmkit.forms.galerkin.dof_map import join_samples, touching_patches
-
-    cell = np.ascontiguousarray(cell, dtype=np.int32)
-    root, first, after, holder = join_samples(code, np.ascontiguousarray(corners), cell, int(corners.max()) + 1)
-    roots = np.flatnonzero(root == np.arange(len(root)))
-    roots = roots[np.argsort(code[roots], kind="stable")]
-    numbers = np.empty(len(code), dtype=np.int32)
-    numbers[roots] = np.arange(len(roots))
-    patch = numbers[root]
-    return patch, roots, touching_patches(patch, len(roots), first, after, holder)
 
 
 def _is_subdivided(cells: Ints, inside: Bools, regions: Regions, level: int) -> Bools:
@@ -163,7 +140,7 @@ def representations(levels: Sequence[LevelSplines], cap: int) -> list[csr_array]
     for level, active, start in zip(levels, actives, starts, strict=False):
         rows: Ints = np.flatnonzero(active)
         entries = np.ones(len(rows)), (rows, start + np.arange(len(rows)))
-        matrix = csr_array(entries, shape=(level.size, starts[-1]))
+        matrix = csr_array(entries, shape=(level.dof_map.size, starts[-1]))
         if level.prolongation is not None:
             matrix = matrix + diags_array(1.0 - level.candidates) @ (level.prolongation @ matrices[-1])
         matrices.append(matrix.tocsr())

@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.errors import SceneError
-from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.forms.galerkin.dof_map import DofMap, build_patches
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import (
     LevelSplines,
-    build_patches,
     prolongation_to,
     representations,
 )
@@ -115,11 +114,6 @@ class RefinedSpace(FunctionSpace):
     def finest_spacing(self) -> float:
         """The spacing of the finest level."""
         return float(self.spacing / 2**self.regions.finest)
-
-    @property
-    def has_one_level(self) -> bool:
-        """Whether all splines have the spacing of the lattice; False, even where no cell is subdivided."""
-        return False
 
     @property
     def spline_count(self) -> int:

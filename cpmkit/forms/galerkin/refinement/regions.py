@@ -50,27 +50,19 @@ class Regions:
         """Return (q, d) the cells of a level that contain ``points`` (q, d), given relative to the lattice's origin."""
         return np.floor(2.0**level * (points / self.spacing + 0.5)).astype(np.int64)
 
-    def levels(self, points: Floats) -> Ints:
-        """Return (q,) the level of the splines at ``points`` (q, d), given relative to the lattice's origin."""
-        level_of_point = np.zeros(len(points), dtype=np.int64)
-        rows = np.arange(len(points))
-        for level, codes in enumerate(self.subdivided):
-            rows = rows[is_among(codes_of_cells(self.cells(points[rows], level)), codes)]
-            level_of_point[rows] = level + 1
-        return level_of_point
+    def levels(self, points: Floats, around: float = 0.0) -> Ints:
+        """Return (q,) the finest level of the splines at or around each of the ``points`` (q, d).
 
-    def levels_around(self, points: Floats) -> Ints:
-        """Return (q,) the finest level of the splines around each of the ``points`` (q, d).
-
-        Around means displaced along all axes by a quarter of the spacing of the level before, with any signs.
+        Points are relative to the lattice's origin. Around means displaced along all axes, with any signs, by the share
+        ``around`` of the spacing of the level before.
         """
-        level_of_point = np.zeros(len(points), dtype=np.int64)
-        corners = np.indices((2,) * self.dim).reshape(self.dim, -1).T - 0.5
+        level_of_point, rows = np.zeros(len(points), dtype=np.int64), np.arange(len(points))
+        signs = 2 * np.indices((2,) * self.dim).reshape(self.dim, -1).T - 1 if around else np.zeros((1, self.dim))
         for level, codes in enumerate(self.subdivided):
-            rows = np.flatnonzero(level_of_point == level)
-            reach = 0.5 * self.spacing / 2**level
-            around = [codes_of_cells(self.cells(points[rows] + reach * corner, level)) for corner in corners]
-            level_of_point[rows[np.any([is_among(near, codes) for near in around], axis=0)]] = level + 1
+            steps = around * self.spacing / 2**level * signs
+            near = [codes_of_cells(self.cells(points[rows] + step, level)) for step in steps]
+            rows = rows[np.any([is_among(displaced, codes) for displaced in near], axis=0)]
+            level_of_point[rows] = level + 1
         return level_of_point
 
     def with_subdivided(self, levels: Ints, cells: Ints, most: int) -> Regions:
@@ -155,7 +147,7 @@ def _is_long(mesh: Mesh, regions: Regions, near_codes: Ints, spacings: float) ->
     first, second = vertices[np.sort(ends[rows], axis=1)].transpose(1, 0, 2)
     level = np.zeros(len(rows), dtype=np.int64)
     for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        level = np.maximum(level, regions.levels_around((1 - share) * first + share * second))
+        level = np.maximum(level, regions.levels((1 - share) * first + share * second, 0.25))
     long[:] = False
     long[rows] = lengths[rows] > longest * 0.5**level
     return long

@@ -290,7 +290,7 @@ def add_energy(
                         third_form(forms[2 * room * count :], splines, kind, x, y, z, n, weight * e3 * own)
                         count += 1
         _add_gathered(forms, splines, count, width, block)
-        scatter(block, room, unknowns[p], indptr, indices, data, standing)
+        scatter(block, room, unknowns[p], indptr, indices, data, standing, True)
 
 
 @compiled

@@ -13,8 +13,7 @@ from cpmkit.forms.galerkin.dof_map import DofMap
 from cpmkit.forms.galerkin.space import energy
 from cpmkit.forms.galerkin.space.energy import Stabilisation
 from cpmkit.forms.galerkin.space.levels import coarser_levels
-from cpmkit.forms.galerkin.space.spline_space import SplineSpace
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.space.spline_space import SplineSpace, derivative_rows, value_rows
 from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
@@ -27,47 +26,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
     from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms
-
-
-@dataclass(frozen=True, eq=False)
-class Projection:
-    """Projection of values at samples onto the functions of a space: the solver of systems with M + h^2 S.
-
-    The mass matrix M alone is singular, for some splines are zero at all samples; the stabilisation S determines them.
-    The condition number stays below about 200 at any spacing, so that conjugate gradients preconditioned by the
-    diagonal are faster than a factorisation.
-
-    Attributes
-    ----------
-    matrix : csr_array (n, n)
-        M + h^2 S, symmetric and positive definite.
-    """
-
-    matrix: csr_array
-
-    __getstate__ = state_without_cached
-
-    def solve(self, loads: Floats) -> Floats:
-        """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
-
-        The ``loads`` (n, k) are integrals of k functions times each function of the space.
-        """
-        u, inverse_diagonal = np.zeros_like(loads), 1 / self.matrix.diagonal()[:, None]
-        columns = np.flatnonzero(np.any(loads != 0, axis=0))
-        if len(columns):
-            b, apply = np.ascontiguousarray(loads[:, columns]), self._compiled.apply
-            target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual
-            u[:, columns], steps = conjugate_gradients(
-                apply, lambda r: inverse_diagonal * r, b, target, most, no_progress
-            )
-            if steps == most:
-                u[:, columns] = factorize_matrix(self.matrix, symmetric_pattern=True).solve(b)
-        return u
-
-    @cached_property
-    def _compiled(self) -> UnsignedCsr:
-        """The matrix in the format whose product with vectors is compiled."""
-        return UnsignedCsr.of(self.matrix)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,11 +73,6 @@ class FunctionSpace:
     def finest_spacing(self) -> float:
         """The smallest spacing of the splines in the space."""
         return self.spacing
-
-    @property
-    def has_one_level(self) -> bool:
-        """Whether all splines have the spacing of the lattice."""
-        return True
 
     @property
     def spline_count(self) -> int:
@@ -189,10 +142,6 @@ class FunctionSpace:
         """Return the tangential gradients (p, channels, d) of u at the samples on the manifold."""
         return self.spline_gradients_at_samples(u)
 
-    def gradients_beside_boundaries(self, u: Floats) -> Floats:
-        """Return the tangential gradients (b, channels, d) of the spline part of u at the samples on boundaries."""
-        return energy.gradients_at_samples(self.splines, self.to_coefficients(u), slice(self.interior, None))
-
     # Integrals
 
     @cached_property
@@ -251,22 +200,44 @@ class FunctionSpace:
     # Projection
 
     @cached_property
-    def projection(self) -> Projection:
-        """The solver of systems with M + h^2 S, S the stabilisation for the diffusivity 1; with h_l on a level l."""
+    def projection_matrix(self) -> csr_array:
+        """(n, n) M + h^2 S, positive definite, with S the stabilisation for the diffusivity 1; h_l on a level l.
+
+        The mass matrix M alone is singular, for some splines are zero at all samples; S determines them.
+        """
         data = energy.stabilisation_data(self.splines, 1.0, self.stabilisation)
         smaller = self.dof_map.magnification(self.dof_map.patch) ** -2.0  # (h_l / h)^2
         energy.add_ghosts(self.splines, smaller, self.stabilisation, data)
         penalty = self.extend_matrix(self.restrict_matrix(self.splines.matrix(data)), None, None)
-        return Projection((self.mass.matrix + self.spacing**2 * penalty).tocsr())
+        return (self.mass.matrix + self.spacing**2 * penalty).tocsr()
+
+    @cached_property
+    def _compiled_projection(self) -> UnsignedCsr:
+        """The projection matrix in the format whose product with vectors is compiled."""
+        return UnsignedCsr.of(self.projection_matrix)
+
+    def solve_projection(self, loads: Floats) -> Floats:
+        """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
+
+        The ``loads`` (n, k) are integrals of k functions times each function of the space. The condition number stays
+        below about 200 at any spacing, so that conjugate gradients preconditioned by the diagonal are faster than a
+        factorisation.
+        """
+        u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]
+        columns = np.flatnonzero(np.any(loads != 0, axis=0))
+        if len(columns):
+            b, apply = np.ascontiguousarray(loads[:, columns]), self._compiled_projection.apply
+            target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual
+            u[:, columns], steps = conjugate_gradients(
+                apply, lambda r: inverse_diagonal * r, b, target, most, no_progress
+            )
+            if steps == most:
+                u[:, columns] = factorize_matrix(self.projection_matrix, symmetric_pattern=True).solve(b)
+        return u
 
     def project(self, values: Floats) -> Floats:
         """Return the unknowns (n, k) of the L2 projections of ``values`` (p, k) at the samples on the manifold."""
-        return self.projection.solve(self.load(values))
-
-    def project_gradients(self, u: Floats) -> Floats:
-        """Return the unknowns (n, channels d) of the L2 projection of the tangential gradient of the splines in u."""
-        gradients = self.spline_gradients_at_samples(u)
-        return self.project(gradients.reshape(len(gradients), -1))
+        return self.solve_projection(self.load(values))
 
     # Coarser levels
 

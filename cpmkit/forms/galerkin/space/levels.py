@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from cpmkit.forms.galerkin.dof_map import DofMap, components, dof_map_from_patches
+from cpmkit.forms.galerkin.dof_map import DofMap, components, dof_map_from_patches, piece_extents
 from cpmkit.linear.multigrid.cycle import Level
 from cpmkit.runtime.compilation import compiled
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
@@ -127,7 +127,9 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
     pairs = np.sort(label[dof_map.touching[~inside]], axis=1)
     codes = np.unique(pairs[:, 0].astype(np.int64) * count + pairs[:, 1])
     touching = np.stack([codes // count, codes % count], axis=1)
-    isolated = _is_isolated(cells, touching)
+    pieces, piece = components(count, touching)
+    extents = piece_extents(cells.astype(np.float64), np.arange(count), piece, pieces)
+    isolated = (extents.max(axis=1) < ISOLATED_CELLS)[piece]
     patch = label[dof_map.patch]
     coarse = dof_map_from_patches(2 * dof_map.spacing, cells, touching, patch, isolated, dof_map.degree)
     fine = dof_map.cells, dof_map.unknowns, dof_map.size
@@ -138,19 +140,6 @@ def coarsen(dof_map: DofMap) -> tuple[DofMap, csr_array]:
 def two_scale_shares(degree: int) -> Floats:
     """Return the coefficients (degree + 2,) of a spline of spacing 2h in splines of spacing h, along an axis."""
     return np.array([comb(degree + 1, k) for k in range(degree + 2)]) / 2.0**degree
-
-
-def _is_isolated(cells: Ints, touching: Ints) -> Bools:
-    """Return whether each patch (p,) belongs to a connected piece of the manifold that is small enough for one unknown.
-
-    ``cells`` (p, d) are the lattice cells of the patches, ``touching`` (t, 2) the pairs of patches that touch.
-    """
-    from cpmkit.forms.galerkin.dof_map import piece_extents
-
-    pieces, label = components(len(cells), touching)
-    each = np.arange(len(cells), dtype=np.int32)
-    small: Bools = piece_extents(cells.astype(np.float64), each, label, pieces).max(axis=1) < ISOLATED_CELLS
-    return small[label]
 
 
 #: A level of at most so many unknowns is the coarsest: its systems are solved by a factorisation.

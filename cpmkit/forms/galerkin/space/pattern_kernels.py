@@ -147,19 +147,10 @@ def add_squares(runs: Ints, starts: Ints, places: Any, stencil: Floats, factors:
 
 
 @compiled
-def sort_columns(columns: Ints, order: Ints, ascending: Any) -> None:
-    """Fill ``ascending`` (k,) with ``columns`` (k,) sorted, and ``rank`` (k,) with the index of each in ``columns``."""
-    for i in range(len(columns)):
-        at = i
-        while at > 0 and ascending[at - 1] > columns[i]:
-            ascending[at], order[at] = ascending[at - 1], order[at - 1]
-            at -= 1
-        ascending[at], order[at] = columns[i], i
-
-
-@compiled
-def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any) -> None:
-    """Add a dense symmetric ``block``, of which the upper half is filled, to a sparse matrix in CSR format.
+def scatter(
+    block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, data: Floats, standing: Any, symmetric: bool
+) -> None:
+    """Add a dense ``block`` to a sparse matrix in CSR format; of a ``symmetric`` one only the upper half is filled.
 
     ``columns`` (k,) are the unknowns of its rows and columns, ``room`` is the length of its rows. ``standing`` (n,) is
     work space for the position of each column in a row of the matrix.
@@ -170,7 +161,8 @@ def scatter(block: Floats, room: int, columns: Ints, indptr: Any, indices: Any, 
         row = indices[first : indptr[columns[i] + 1]]
         for k in range(len(row)):
             standing[row[k]] = k
-        for j in range(i):
+        filled = i if symmetric else 0
+        for j in range(filled):
             data[first + np.uint64(standing[columns[j]])] += block[j * room + i]
-        for j in range(i, width):
+        for j in range(filled, width):
             data[first + np.uint64(standing[columns[j]])] += block[i * room + j]

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.space.levels import coarsen, coarser_levels
-from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.forms.galerkin.space.spline_space import value_rows
 
 H = 0.05
 UP = np.cross(*np.linalg.qr(np.random.default_rng(3).normal(size=(3, 2)))[0].T)

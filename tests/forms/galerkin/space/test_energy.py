@@ -14,8 +14,7 @@ from cpmkit.forms.galerkin.space.energy import (
     stiffness_with_floor,
     values_at_samples,
 )
-from cpmkit.forms.galerkin.space.spline_space import build_spline_space
-from cpmkit.forms.galerkin.space.splines import value_rows
+from cpmkit.forms.galerkin.space.spline_space import build_spline_space, value_rows
 from cpmkit.mesh.cell_quadrature import Samples
 
 H = 0.4

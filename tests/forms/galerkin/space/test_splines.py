@@ -5,7 +5,7 @@ import pytest
 from galerkin_scenes import plane_circle, space_circle, sphere
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.space.splines import derivative_rows, value_rows
+from cpmkit.forms.galerkin.space.spline_space import derivative_rows, value_rows
 
 H = 0.1
 
