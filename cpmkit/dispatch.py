@@ -66,32 +66,18 @@ def solve_discretized(
     chosen = solver_of(form, options.solver)
     steps = form.scene.problem.family == "time"
     solver = make_step_solver(options, chosen) if steps else make_solver(chosen, options.further)
-    return _solve_family(
-        SolveContext(
-            form,
-            solver,
-            chosen,
-            options.residual,
-            progress,
-            started,
-            checkpointing,
-            guess,
-            cache,
-            default_tolerance=options.solver_tolerance is None,
-        )
+    default_tolerance = options.solver_tolerance is None
+    context = SolveContext(
+        form, solver, chosen, options.residual, progress, started, checkpointing, guess, cache, default_tolerance
     )
-
-
-def _solve_family(context: SolveContext) -> SolutionRecord:
-    """Solve by the family of the scene's equation, with Newton's method around it if fluxes depend on the solution."""
-    if context.scene.has_tensor:
-        require(context.discretized, "diffusivity that is a tensor")
-    module, function = FAMILIES[context.scene.problem.family]
+    if form.scene.has_tensor:
+        require(form, "diffusivity that is a tensor")
+    module, function = FAMILIES[form.scene.problem.family]
     solve_family: Callable[[SolveContext], SolutionRecord] = getattr(import_module(module), function)
-    if isinstance(context.scene.problem, QuasilinearEquation):
+    if isinstance(form.scene.problem, QuasilinearEquation):
         solve_family = solve_quasilinear
-    if any(isinstance(condition.law, Nonlinear) for condition in context.scene.conditions):
-        return solve_nonlinear(context, solve_family)
+    if any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions):
+        return solve_nonlinear(context, solve_family)  # Newton's method around the family's solver
     return solve_family(context)
 
 
@@ -111,7 +97,15 @@ def resolve_options(
         If no installed plugin offers the back end.
     """
     if backend != "cpm":
-        return (*_resolve_plugin_options(backend, scene, spacing, progress, options), None)
+        label = f"the back end {backend!r}"
+        plugin: Backend = call(factory(backend, "cpmkit_backends"), label, {})
+        of_plugin = {name: value for name, value in options.items() if takes(plugin.discretize, name)}
+        rest = {name: value for name, value in options.items() if name not in of_plugin}
+        built_in = options.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
+        of_solver = (*declared_options(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
+        check_keys(plugin.discretize, label, options, (*declared_options(Checkpointing), *of_solver))
+        table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
+        return lambda: call(plugin.discretize, label, table), SolverOptions.of(rest), None
     target, rest = options_of(scene, spacing, options)
     solver = SolverOptions.of(
         rest, (*every_option(), *declared_options(AccuracyTarget), *declared_options(Checkpointing))
@@ -119,26 +113,3 @@ def resolve_options(
     form = module_of(target.form)
     form.check(scene, target)
     return lambda: form.discretize(scene, target, progress), solver, target
-
-
-def _resolve_plugin_options(
-    backend: str, scene: Scene, spacing: float | None, progress: Progress, options: Mapping[str, Any]
-) -> tuple[Callable[[], Discretized], SolverOptions]:
-    """Return the function that discretises by a plugin's back end, and the options of the linear solver.
-
-    Raises
-    ------
-    InputError
-        If the plugin does not take an option.
-    PluginError
-        If no installed plugin offers the back end.
-    """
-    label = f"the back end {backend!r}"
-    plugin: Backend = call(factory(backend, "cpmkit_backends"), label, {})
-    of_plugin = {name: value for name, value in options.items() if takes(plugin.discretize, name)}
-    rest = {name: value for name, value in options.items() if name not in of_plugin}
-    built_in = options.get("solver", "auto") in list(SOLVER_OPTIONS)  # a plugin's solver checks its options itself
-    of_solver = (*declared_options(SolverOptions), *(SOLVER_OPTIONS["auto"] if built_in else rest))
-    check_keys(plugin.discretize, label, options, (*declared_options(Checkpointing), *of_solver))
-    table = {"scene": scene, "spacing": spacing, "progress": progress, **of_plugin}
-    return lambda: call(plugin.discretize, label, table), SolverOptions.of(rest)

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
 
 #: Largest number of characters of a given value that a message repeats.
 ECHOED_CHARACTERS = 200
-#: Largest number of entries of an array that a message repeats.
-SHOWN_ENTRIES = 12
 
 
 class CpmkitError(Exception):
@@ -74,7 +72,7 @@ def shown(value: object) -> str:
     'ndarray of shape (5, 3)'
     """
     shape = getattr(value, "shape", None)
-    if isinstance(shape, tuple) and all(isinstance(size, int) for size in shape) and math.prod(shape) > SHOWN_ENTRIES:
+    if isinstance(shape, tuple) and all(isinstance(size, int) for size in shape) and math.prod(shape) > 12:
         return f"{type(value).__name__} of shape {shape}"
     try:
         text = repr(value)

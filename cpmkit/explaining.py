@@ -25,8 +25,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Progress
 
-#: Approximate unknowns of the finer of the two timed solves.
-TIMED_UNKNOWNS = 8_000
 #: Ratio of the spacings of the two timed solves, and least ratio of the finer of them to the given one.
 TIMED_RATIO = 2.0
 
@@ -144,9 +142,10 @@ def extrapolated_cost(
 
     None if the scene cannot be solved on coarse lattices. The coarser solve is made twice, as the first includes the
     cost of compiling and reading, which later solves do not have. ``solve`` returns the solution at a spacing and its
-    cost; ``spacing`` is that of the solve with ``unknowns``, and ``m`` the dimension of the manifold.
+    cost; ``spacing`` is that of the solve with ``unknowns`` (the finer coarse
+    solve has about 8000), and ``m`` the dimension of the manifold.
     """
-    fine = spacing * max((unknowns / TIMED_UNKNOWNS) ** (1 / max(m, 1)), TIMED_RATIO)
+    fine = spacing * max((unknowns / 8_000) ** (1 / max(m, 1)), TIMED_RATIO)
     try:
         solve(TIMED_RATIO * fine)
         pairs = [solve(width) for width in (TIMED_RATIO * fine, fine)]

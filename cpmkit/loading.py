@@ -20,9 +20,6 @@ from cpmkit.saving.saved_solutions import check_same_scene, other_scene_error, r
 from cpmkit.scene.scene import Scene
 from cpmkit.types import Floats, Ints
 
-#: Largest distance of a band's inner nodes from the bounds of the surface, in spacings.
-MOST_BAND_SPACINGS = 12
-
 
 @dataclass(frozen=True, eq=False)
 class SavedSolution:
@@ -126,7 +123,11 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
     check_same_scene(path, summary["scene"], scene)
     if lattice["origin"].shape != (scene.surface.dim,):
         raise other_scene_error(path, f"it lies in {len(lattice['origin'])} dimensions")
-    if not _is_near(lattice, scene):
+    spacing = lattice["spacing"]
+    with np.errstate(over="ignore", invalid="ignore"):
+        nodes = lattice["origin"] + spacing * lattice["nodes"]
+        beyond = np.abs(nodes - np.clip(nodes, *np.asarray(scene.surface.bounds, dtype=np.float64)))
+    if not (spacing > 0 and len(nodes) and np.all(beyond <= 12 * spacing)):  # before the scene is discretised
         raise other_scene_error(path, "its nodes are elsewhere")
     values = {
         RENAMED_OPTIONS.get(name, name): array.item() if array.ndim == 0 else array for name, array in lattice.items()
@@ -153,14 +154,4 @@ def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], 
         imbalances=tuple(
             record_from_table(Imbalance, table, f"an imbalance in {where}") for table in summary.get("imbalances", ())
         ),
-    )
-
-
-def _is_near(lattice: Mapping[str, Any], scene: Scene) -> bool:
-    """Return True if the saved nodes lie around the scene's surface; checked before the scene is discretised."""
-    bounds, spacing = np.asarray(scene.surface.bounds, dtype=np.float64), lattice["spacing"]
-    with np.errstate(over="ignore", invalid="ignore"):
-        nodes = lattice["origin"] + spacing * lattice["nodes"]
-    return bool(
-        spacing > 0 and len(nodes) and np.all(np.abs(nodes - np.clip(nodes, *bounds)) <= MOST_BAND_SPACINGS * spacing)
     )

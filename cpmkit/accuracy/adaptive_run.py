@@ -29,10 +29,6 @@ from cpmkit.types import Progress, no_progress
 #: Least, best and largest ratio of the spacings of two solutions that are compared. With the estimate from the solution
 #: alone a large ratio is as accurate as a small one, and the coarse solution costs less.
 LEAST_RATIO, BEST_RATIO, MOST_RATIO = 1.3, 2.5, 2.75
-#: Largest number of first spacings that are tried, each smaller by the root of two than a spacing that was too coarse.
-MOST_TRIALS = 10
-#: Steps in time are shortened until their error is at most this share of the tolerance.
-TIME_SHARE = 0.3
 
 Purpose = Literal["pilot", "companion", "answer", "correction"]
 
@@ -200,7 +196,7 @@ class AdaptiveRun:
         return TimedSolve(purpose, *counts, error, solution, estimate, expected)
 
     def solve_first(self, spacing: float) -> TimedSolve:
-        """Solve at a spacing, or at the first smaller spacing at which the scene can be solved; return the solve.
+        """Solve at a spacing, or at the first of nine smaller ones at which the scene can be solved; return the solve.
 
         Raises
         ------
@@ -208,7 +204,7 @@ class AdaptiveRun:
             If there is no such spacing, with the reason for which the first spacing was refused.
         """
         refusal: ResolutionError | SceneError | None = None
-        trials = [spacing / math.sqrt(2) ** k for k in range(MOST_TRIALS)]
+        trials = [spacing / math.sqrt(2) ** k for k in range(10)]
         for trial in trials:
             try:
                 return self.solve("pilot", trial)
@@ -233,7 +229,7 @@ class AdaptiveRun:
         first = self.last.solution
         same = {"origin": first.discretization()["origin"]}  # on another lattice errors in space would count
         self.in_time = error_in_time(first, lambda scene, spacing: self.solve_scene(scene, spacing, **same))
-        order, most = order_in_time(problem), TIME_SHARE * (self.target.tolerance or np.inf)
+        order, most = order_in_time(problem), 0.3 * (self.target.tolerance or np.inf)
         if self.in_time <= most:
             return False
         parts = math.ceil((self.in_time / most) ** (1 / order))

@@ -16,15 +16,8 @@ from cpmkit.solution.modes import EigenRecord, compare_modes
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: Ratio of the bound of an error to its estimate.
-ERROR_SAFETY_FACTOR = 2.0
-#: Eigenvalues below this share of the largest count as zero: the unit of their errors is the first larger eigenvalue.
-ZERO_SHARE = 1e-6
 #: Largest range of a constant solution, as a share of its size: rounding.
 ROUNDING_SHARE = 1e-12
-#: The result is at least this share of the estimate from coarse solutions: the solution alone does not show the errors
-#: of quadrature.
-LEAST_OF_APART = 0.45
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +72,7 @@ class ErrorEstimate:
     @property
     def bound(self) -> Floats:
         """Twice the largest error plus that due to the source (channels,), in the solution's unit; rarely exceeded."""
-        return np.asarray(ERROR_SAFETY_FACTOR * self.error + self.floor * self.unit)
+        return np.asarray(2.0 * self.error + self.floor * self.unit)
 
     @property
     def coarse(self) -> SolutionRecord:
@@ -167,7 +160,8 @@ def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
         modes = cast("EigenRecord", fine)
         differences, pointwise = compare_modes(modes, cast("EigenRecord", coarse), points)
         size = np.abs(modes.eigenvalues)
-        unit = np.maximum(size, size[size > ZERO_SHARE * size.max()].min(initial=size.max()) or 1.0)
+        # the unit of the error of eigenvalues that count as zero is the first larger eigenvalue
+        unit = np.maximum(size, size[size > 1e-6 * size.max()].min(initial=size.max()) or 1.0)
         at = points[int(pointwise.max(axis=1).argmax())]
         return Difference(np.stack([differences, differences]) / unit, unit, at, ratio)
     pointwise = np.abs(values - coarse.evaluate(points).reshape(len(points), -1))
@@ -265,5 +259,6 @@ def _combine(errors: Floats, alone: ExpectedError, unit: Floats) -> Floats:
     # less where it is the larger one: a coarse lattice that does not resolve the solution makes differences large
     weight = np.where(errors > expected, 0.35, 0.5)
     mean = errors**weight * np.maximum(expected, np.finfo(float).tiny) ** (1 - weight)
+    # at least .45 of the errors from coarse solutions: the solution alone does not show the errors of quadrature;
     # where a solution is hardly resolved, estimates are too small by a factor of 1.7 (measured)
-    return np.asarray(np.maximum(mean, LEAST_OF_APART * errors) * (1.7 if alone.unresolved else 1.0))
+    return np.asarray(np.maximum(mean, 0.45 * errors) * (1.7 if alone.unresolved else 1.0))

@@ -31,8 +31,6 @@ from cpmkit.types import Floats
 RATIOS = {False: (2.0,), True: (math.sqrt(2), 2.0)}
 #: Shift of coarser lattices, in units of their spacing: the same nodes would have the same errors.
 SHIFT = (0.37, 0.59, 0.43)
-#: An error of the source below this share of the solution's error is not computed more accurately.
-FLOOR_SHARE = 0.5
 
 #: Solves a scene at a spacing, on a shifted lattice, with all other options unchanged.
 SolveAt = Callable[[Scene, float], SolutionRecord]
@@ -55,7 +53,7 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     coarsest = coarse_solutions[-1]
     in_time = error_in_time(coarsest, solve_at)
     estimate = estimate_from(solution, coarse_solutions, in_time, alone=estimate_alone(solution))
-    negligible = FLOOR_SHARE * estimate.of("rms")
+    negligible = 0.5 * estimate.of("rms")
     floor = measured_source_error(coarsest, lambda scene: solve_at(scene, coarsest.spacing), negligible)
     return replace(estimate, floor=np.full(len(estimate.unit), floor))
 

@@ -109,7 +109,8 @@ def solve_to_target(
     _check(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}
     if target.tolerance is not None:
-        given = {"solver_tolerance": algebraic_tolerance(target.tolerance), **given}
+        # the error that it causes is below 1/20 of the tolerance (measured: tests/accuracy/test_tolerance.py)
+        given = {"solver_tolerance": min(max(1e-3 * target.tolerance, 1e-10), 1e-6), **given}
 
     def solve(scene: Scene, spacing: float, **further: Any) -> SolutionRecord:
         with collected_warnings():
@@ -221,14 +222,6 @@ def answer_of(run: AdaptiveRun) -> SolutionRecord:
     )
     warnings = (history.summary,) if status in ("floor", "not reached") or run.failure is not None else ()
     return replace(answer, estimated=estimate, solve_history=history, warnings=(*answer.warnings, *warnings))
-
-
-def algebraic_tolerance(tolerance: float) -> float:
-    """Return the relative residual to which linear systems are solved for an error of ``tolerance``.
-
-    The error that it causes is below 1/20 of the tolerance (measured: tests/accuracy/test_tolerance.py).
-    """
-    return min(max(1e-3 * tolerance, 1e-10), 1e-6)
 
 
 def _check(scene: Scene, options: Mapping[str, Any]) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from cpmkit.accuracy.adaptive_run import LEAST_RATIO, AdaptiveRun, TimedSolve
 from cpmkit.errors import CpmkitError, ResolutionError
 from cpmkit.forms.choice import cost_model
-from cpmkit.forms.cost_model import Growth, fitting_unknowns, line_through, rising_growth
+from cpmkit.forms.cost_model import fitting_unknowns, line_through, rising_growth
 from cpmkit.forms.options import lattice_options
 from cpmkit.grid.lattice import COARSEST_SPACING_SHARE
 from cpmkit.grid.spacings import unknowns_at_unit_spacing
@@ -26,8 +26,6 @@ from cpmkit.scene.scene import Scene
 #: Share of the tolerance that is aimed at. With this and the factors below, benchmarks/trade.py had answers nearer to
 #: the target, for less time in addition to the last solve, than with other values.
 AIMED_SHARE = 0.55
-#: Factor of accepted errors where errors may fall slowly: estimates of slits with exact solutions were down to .49.
-SLOW_SHARE = 0.55
 #: Largest order at which errors are assumed to fall where they may fall slowly.
 MOST_SLOW_ORDER = 1.3
 #: Ratios of consecutive spacings: the least, as a smaller one shows little and costs nearly as much again; the
@@ -36,13 +34,6 @@ MOST_SLOW_ORDER = 1.3
 LEAST_FACTOR, MOST_FACTOR, WORTH_COMPANION = 1.38, 2.45, 3.3
 #: The largest ratio from the cheap first solve to the second, and the ratio without an estimate of the first.
 FIRST_MOST_FACTOR, UNTOLD_FACTOR = 2.48, 2.2
-#: Largest number of finer answers after the first.
-MOST_CORRECTIONS = 2
-#: Ratio of the error of linear solves, as a share of the range, to their relative residual: at most about this
-#: (measured: tests/accuracy/test_tolerance.py).
-RESIDUAL_FACTOR = 50.0
-#: Factor by which a solve may take longer than expected; share of the memory that is used.
-LONGER, PLANNED_SHARE = 1.25, 0.8
 #: The error below which cubic splines take less time than quadratic ones: the mean over a sphere and a torus, by the
 #: two finest solves of each degree in docs/tables/knobs.md, between which time is a power of the error.
 CUBIC_ERROR = 5.8e-6
@@ -109,9 +100,13 @@ def _refine(run: AdaptiveRun) -> None:
         for solve in run.solves[-2:]:
             run.solve("pilot", solve.spacing)
     answers = 0
-    while not _is_accepted(run, aim) and answers <= MOST_CORRECTIONS and not errors_stay(run):
-        growth, here = _growth(run), run.last.spacing
-        limit = growth.spacing_with(min(_most_in_memory(run), _most_in_time(run)))
+    while not _is_accepted(run, aim) and answers <= 2 and not errors_stay(run):
+        here = run.last.spacing
+        coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
+        growth = rising_growth(fine, coarse, max(largest_dim(run.scene.surface), 1))
+        room = 0.8 * min(run.target.memory or np.inf, memory.available_bytes())
+        most_in_memory = fitting_unknowns(room, lambda unknowns: predicted_bytes(run, unknowns), fine[1])
+        limit = growth.spacing_with(min(most_in_memory, _most_in_time(run)))
         goal, farthest = max(_goal_spacing(run, aim), limit), max(here / MOST_FACTOR, limit)
         start, slope = _seconds_line(run)
         if here / goal > WORTH_COMPANION:
@@ -158,7 +153,7 @@ def _is_accepted(run: AdaptiveRun, aim: float) -> bool:
     # largest errors vary more, and with one coarser solution it is not known whether errors fall at their order already
     accepted = aim * (0.93 if first else 0.97) if run.target.norm == "rms" else aim * (0.75 if first else 0.87)
     if last.estimate is not None and last.estimate.slow:
-        accepted *= SLOW_SHARE
+        accepted *= 0.55  # estimates of slits with exact solutions were down to .49
     if not math.isnan(last.expected_error):
         return last.error <= accepted
     prior = _prior_order(run)
@@ -177,7 +172,8 @@ def errors_stay(run: AdaptiveRun) -> bool:
     errors = [solve.error for solve in known]
     if len(known) < 2 or known[-1] is not run.last or known[-2].spacing < LEAST_RATIO * known[-1].spacing:
         return False
-    algebraic = RESIDUAL_FACTOR * run.last.solution.report.residual
+    # at most about this share of the range is the error of linear solves (measured: tests/accuracy/test_tolerance.py)
+    algebraic = 50.0 * run.last.solution.report.residual
     stay = len(known) == 4 and errors[0] <= min(errors) and errors[1] <= errors[3]
     return errors[-2] <= errors[-1] <= algebraic or stay
 
@@ -274,12 +270,6 @@ def check_memory(run: AdaptiveRun) -> None:
         )
 
 
-def _growth(run: AdaptiveRun) -> Growth:
-    """Return the number of unknowns as a function of the spacing, through the last two solves."""
-    coarse, fine = ((float(solve.spacing), float(solve.unknowns)) for solve in _last_two(run))
-    return rising_growth(fine, coarse, max(largest_dim(run.scene.surface), 1))
-
-
 def _last_two(run: AdaptiveRun) -> tuple[TimedSolve, TimedSolve]:
     """Return the next coarser solve than the last, and the last solve."""
     fine = run.last
@@ -301,12 +291,6 @@ def _most_in_time(run: AdaptiveRun) -> float:
         return np.inf
     start, slope = _seconds_line(run)
     m = max(largest_dim(run.scene.surface), 1)
-    remaining = (run.target.seconds - run.elapsed) / LONGER
+    remaining = (run.target.seconds - run.elapsed) / 1.25  # a solve may take longer than expected
     coarse_share = 0.0 if run.last.purpose == "companion" else 0.5**m
     return max((remaining - start * (1 + (coarse_share > 0))) / (slope * (1 + coarse_share)), 1.0)
-
-
-def _most_in_memory(run: AdaptiveRun) -> float:
-    """Return the number of unknowns for which the memory suffices."""
-    limit = PLANNED_SHARE * min(run.target.memory or np.inf, memory.available_bytes())
-    return fitting_unknowns(limit, lambda unknowns: predicted_bytes(run, unknowns), float(run.last.unknowns))

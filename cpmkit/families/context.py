@@ -31,14 +31,6 @@ from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats, Progress, no_progress
 
 
-class SolverKeywords(TypedDict, total=False):
-    """Keyword arguments for the linear solver; see :class:`cpmkit.linear.choice.SolverOptions`."""
-
-    solver: str
-    solver_tolerance: float | None
-    max_iterations: int
-
-
 class DiscretizingKeywords(TypedDict, total=False):
     """Keyword arguments for the discretisation: options of all forms and of single forms."""
 
@@ -79,8 +71,12 @@ class TargetKeywords(TypedDict, total=False):
     estimate: bool | Literal["tight"] | None
 
 
-class PreparingKeywords(DiscretizingKeywords, SolverKeywords, total=False):
-    """Keyword arguments of ``prepare``, ``explain`` and ``estimate_error``."""
+class PreparingKeywords(DiscretizingKeywords, total=False):
+    """Keyword arguments of ``prepare``, ``explain`` and ``estimate_error``, with those for the linear solver."""
+
+    solver: str
+    solver_tolerance: float | None
+    max_iterations: int
 
 
 class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, total=False):
@@ -219,6 +215,11 @@ def with_border(form: Discretized, stiffness: Stiffness) -> Operator:
     """Return the operator A, bordered if there are pieces on which no condition or term determines a constant."""
     free = form.free_constants(stiffness)
     return stiffness if free is None else Bordered(stiffness, free)
+
+
+def times_mass(form: Discretized, u: Floats) -> Floats:
+    """Return M u for u (n, k), with the mass matrix M of the form; u itself if the form has none."""
+    return u if form.mass is None else form.mass.apply(u)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import ConvergenceError, ResolutionError
-from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, with_border
+from cpmkit.families.context import PreparedSystem, SolveContext, operator_key, surely_positive, times_mass, with_border
 from cpmkit.forms.contract import Discretized
 from cpmkit.linear.operators import LinearSystem
 from cpmkit.linear.preconditioned import stop_by_preconditioned_residual
@@ -140,48 +140,40 @@ def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     return [sentence]
 
 
-def may_resonate(form: Discretized) -> bool:
-    """Return True if the operator of a steady linear problem may have an eigenvalue near zero.
-
-    This is possible if c or a condition may make the energy negative.
-    """
-    terms = form.scene.problem.terms()
-    linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
-    linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
-    return form.scene.problem.family == "steady" and terms.velocity is None and linear and not surely_positive(form)
-
-
 def nearest_resonance(context: SolveContext, solver: PreparedSolver, u: Floats) -> tuple[list[str], Resonance | None]:
     """Return warnings, and the eigenvalue nearest to zero or None if it is not computed.
 
     There is a warning if the error of the eigenvalue may determine the solution u (n, channels). The eigenvalue is
-    computed by inverse iteration from plane waves; one more step from u gives the part of u in its modes.
+    computed by inverse iteration from plane waves; one more step from u gives the part of u in its modes. It is not
+    computed where c and the conditions cannot make the energy negative.
     """
     form = context.discretized
-    terms, mass = context.scene.problem.terms(), form.mass
+    terms = context.scene.problem.terms()
     square = squared_wavenumber(terms)
-    if not may_resonate(form) or (not square and "gradients" in form.cannot):
+    linear = not any(isinstance(condition.law, Nonlinear) for condition in form.scene.conditions)
+    linear = linear and not isinstance(terms.diffusivity, StateDiffusivity)
+    steady = linear and form.scene.problem.family == "steady" and terms.velocity is None
+    if not steady or surely_positive(form) or (not square and "gradients" in form.cannot):
         return [], None
     tolerance = max(context.tolerance, ROUGH_RESIDUAL)
-
-    def times_mass(values: Floats) -> Floats:
-        return values if mass is None else mass.apply(values)
-
     try:
         b, gap, mode = form.load(_plane_waves(form))[:, :1], np.inf, u[:, :1]
         for _ in range(3):  # then the nearest mode is the largest part where it matters
             mode, _ = solver.solve(b, tolerance)
-            size = float(np.sum(mode * times_mass(mode)))
+            size = float(np.sum(mode * times_mass(form, mode)))
             gap = float(np.sum(mode * b)) / size
-            b = times_mass(mode) / np.sqrt(size)
-        step, _ = solver.solve(times_mass(u), tolerance)
+            b = times_mass(form, mode) / np.sqrt(size)
+        step, _ = solver.solve(times_mass(form, u), tolerance)
     except ConvergenceError:
         return [
             "Whether an eigenvalue of the operator lies near zero, as at a resonance, could not be determined: the "
             "solver did not converge on it."
         ], None
-    a = mean_diffusivity(terms.diffusivity, form.some_points(500)[1])
-    resonance = _resonance(form, gap / a, square or _squared_wavenumber_of(form, mode), gap * step, u)
+    rows, points = form.some_points(500)
+    a = mean_diffusivity(terms.diffusivity, points)
+    if not square:  # that of the mode: the mean of |grad u|^2 over the mean of u^2
+        square_of_mode = float(np.sum(form.gradient(mode, points) ** 2) / np.sum(form.at_points(mode, rows) ** 2))
+    resonance = _resonance(form, gap / a, square or square_of_mode, gap * step, u)
     if not resonance.is_undetermined:
         return [], resonance
     where = f"k^2={square:.6g}" if square else "zero, to which conditions or c bring it,"
@@ -224,10 +216,3 @@ def _plane_waves(form: Discretized) -> Callable[[Floats], Any]:
         return np.repeat(summed[:, None], form.scene.channels, axis=1)
 
     return waves
-
-
-def _squared_wavenumber_of(form: Discretized, mode: Floats) -> float:
-    """Return the squared wavenumber of a ``mode`` (n, 1): the mean of |grad u|^2 over the mean of u^2."""
-    rows, points = form.some_points(500)
-    values, slopes = form.at_points(mode, rows), form.gradient(mode, points)
-    return float(np.sum(slopes**2) / np.sum(values**2))

@@ -54,7 +54,7 @@ class RowGroups:
 
     def sums(self, rows: Any) -> Any:
         """Return the sums (groups, ...) of ``rows`` (n, ...) by group."""
-        return self._reduced(np.add, rows)
+        return self.reduced(np.add, rows)
 
     def products(self, left: Any, right: Any) -> Any:
         """Return ``left' right`` (groups, k, m) for the rows of each group of ``left`` (n, k) and ``right`` (n, m)."""
@@ -66,15 +66,7 @@ class RowGroups:
         """Return the Euclidean norms (groups, m) of the columns of ``rows`` (n, m), by group."""
         return np.asarray(np.sqrt(self.sums(np.abs(rows) ** 2)))
 
-    def largest(self, rows: Any) -> Floats:
-        """Return the largest absolute values (groups, m) in the columns of ``rows`` (n, m), by group."""
-        return np.asarray(self._reduced(np.maximum, np.abs(rows)))
-
-    def ranges(self, rows: Floats) -> Floats:
-        """Return the largest minus the smallest values (groups, m) in the columns of ``rows`` (n, m), by group."""
-        return np.asarray(self._reduced(np.maximum, rows) - self._reduced(np.minimum, rows))
-
-    def _reduced(self, operation: np.ufunc, rows: Any) -> Any:
+    def reduced(self, operation: np.ufunc, rows: Any) -> Any:
         """Return ``rows`` (n, ...) reduced by ``operation`` over each group, (groups, ...)."""
         return operation.reduceat(rows[self.order], self.starts, axis=0)
 
@@ -138,8 +130,8 @@ class ConstantFunctions:
         """
         each, at = self.pieces, self.pieces.at
         # By powers of two, so that squares of b neither overflow nor vanish.
-        exponent = np.clip(np.frexp(each.largest(b))[1], -1000, 1000)
-        b = b * at(_powers(-exponent))
+        exponent = np.clip(np.frexp(each.reduced(np.maximum, np.abs(b)))[1], -1000, 1000)
+        b = b * at(np.ldexp(1.0, -exponent))
         size = each.norms(b)
         shares, rest = self._separate(b)
         remaining = each.norms(rest)
@@ -152,7 +144,7 @@ class ConstantFunctions:
         allowed = np.where(unsolved, np.maximum(tolerance * remaining, noise), 0.0)
         level = np.where(unsolved, np.frexp(allowed)[1], 0)
         level -= np.max(level, axis=0, where=unsolved, initial=np.iinfo(level.dtype).min) * unsolved
-        unit = _powers(-level)  # residuals have about the same weight in each component
+        unit = np.ldexp(1.0, -level)  # residuals have about the same weight in each component
         rest = np.where(at(unsolved), rest * at(unit), 0.0)
         some = unsolved.any(axis=0)
         sizes = (np.linalg.norm(part * unit, axis=0)[some] for part in (allowed, remaining * unsolved))
@@ -160,10 +152,10 @@ class ConstantFunctions:
         reached = max(tolerance, float(reached)) if some.any() else tolerance
         start = None
         if guess is not None:
-            start = (guess * at(_powers(-exponent)) - self._constant(shares)) * at(unit)
+            start = (guess * at(np.ldexp(1.0, -exponent)) - self._constant(shares)) * at(unit)
         v, report = prepared.solve(rest, reached, start, progress)
         report = replace(report, residual=report.residual * (tolerance / reached), tolerance=tolerance)
-        return (v * at(_powers(level)) + self._constant(shares)) * at(_powers(exponent)), report
+        return (v * at(np.ldexp(1.0, level)) + self._constant(shares)) * at(np.ldexp(1.0, exponent)), report
 
     def _constant(self, shares: Any) -> Any:
         """Return K c (n, channels) for c (pieces, c, channels)."""
@@ -192,7 +184,8 @@ class ConstantFunctions:
         sums, sizes = np.abs(each.products(self.functions, b)), each.products(np.abs(self.functions), np.abs(b))
         denominators = each.sums(self.functions * self.images)[:, :, None]
         shift = np.divide(sums, np.abs(denominators), out=np.zeros_like(sums), where=denominators != 0)
-        unknown = (np.abs(denominators) <= 1e-12 * self.sizes[:, :, None]) | (shift > each.ranges(u)[:, None])
+        ranges = each.reduced(np.maximum, u) - each.reduced(np.minimum, u)
+        unknown = (np.abs(denominators) <= 1e-12 * self.sizes[:, :, None]) | (shift > ranges[:, None])
         affected = unknown & (sums <= 1e-6 * sizes) & (sizes > 0)  # it may consist of quadrature error only
         if not affected.any():
             return ()
@@ -202,8 +195,3 @@ class ConstantFunctions:
             "size, divided by a small c: quadrature and rounding decide it, and the rest of the solution alone is "
             "right; use c=0, for a mean of zero, or a larger c.",
         )
-
-
-def _powers(exponent: Any) -> Floats:
-    """Return 2 to the power ``exponent``, entry by entry."""
-    return np.asarray(np.ldexp(1.0, exponent))

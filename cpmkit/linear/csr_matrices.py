@@ -147,28 +147,6 @@ class SymmetricCsr:
         subtract_product(self.pointers, self.columns, self.entries, np.ascontiguousarray(x.T), out)
         return np.ascontiguousarray(np.negative(out, out=out).T)
 
-    def sweep_backward(self, b: Floats, inverse: Floats, sweeps: int) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after backward Gauss-Seidel ``sweeps`` from zero.
-
-        Equations are solved from the last to the first, where ``inverse`` (n,), of the diagonal, is not zero.
-        """
-        from cpmkit.linear.csr_kernels import sweep_up
-
-        rest = np.array(b.T, order="C")
-        u = np.zeros_like(rest)
-        for _ in range(sweeps):
-            sweep_up(self.pointers, self.columns, self.entries, inverse, rest, u)
-        return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
-
-    def sweep_forward(self, x: Floats, b: Floats, inverse: Floats, sweeps: int) -> Floats:
-        """Return x (n, channels) after forward Gauss-Seidel ``sweeps``: the adjoint of :meth:`sweep_backward`."""
-        from cpmkit.linear.csr_kernels import sweep_down
-
-        u = np.array(x.T, order="C")
-        for _ in range(sweeps):
-            sweep_down(self.pointers, self.columns, self.entries, inverse, np.array(b.T, order="C"), u)
-        return np.ascontiguousarray(u.T)
-
 
 #: Number of entries of a matrix in a parcel of rows: a few milliseconds of work for a thread.
 PARCEL_ENTRIES = 1 << 19

@@ -17,9 +17,6 @@ from cpmkit.types import Floats, Progress, no_progress
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-#: Up to this many unknowns a dense matrix is factorised: for surfaces in 0.8 ms where SuperLU takes 3.7 with 342
-#: unknowns, 4 and 17 with 630, 11 and 19 with 990. A larger factor would not fit the cache in each solve.
-DENSE_UNKNOWNS = 640
 #: The diagonal entry of a symmetric matrix is the pivot unless it is below this share of the largest entry of its
 #: column: a matrix with eigenvalues of both signs, of waves or shifted between eigenvalues, may have pivots near zero.
 PIVOT_SHARE = 1e-3
@@ -50,7 +47,9 @@ def cholesky(matrix: csr_array) -> Cholesky | None:
     """
     n = matrix.shape[0]
     sparse = matrix.nnz < 0.08 * n * n  # as of curves
-    if n > DENSE_UNKNOWNS or sparse or np.iscomplexobj(matrix.data):
+    # For surfaces it takes 0.8 ms where SuperLU takes 3.7 with 342 unknowns, 4 and 17 with 630, 11 and 19 with 990. A
+    # larger factor would not fit the cache in each solve.
+    if n > 640 or sparse or np.iscomplexobj(matrix.data):
         return None
     from cpmkit.linear.csr_kernels import factorize_cholesky
 

@@ -9,7 +9,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,17 +17,6 @@ from cpmkit.errors import ConvergenceError
 from cpmkit.linear.protocols import Operator, PreparedSolver
 from cpmkit.linear.residuals import IndefiniteError, SolveReport, judge
 from cpmkit.types import Floats, Progress, no_progress
-
-
-class ApproximateInverse(Protocol):
-    """A linear approximation of the inverse of A; for conjugate gradients it is symmetric and positive."""
-
-    @property
-    def products(self) -> int:
-        """The number of products with A in one application."""
-
-    def apply(self, b: Floats, /) -> Floats:
-        """Return an approximate solution x (n, channels) of ``A x = b``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +27,9 @@ class KrylovSolver(ABC):
     ----------
     operator : Operator
         A, with its border where constants are free.
-    preconditioner : ApproximateInverse
-        The preconditioner of A; None if the iteration has none.
+    preconditioner : object with a method ``apply`` and an attribute ``products``
+        The preconditioner of A: ``apply(b)`` returns an approximate solution x (n, channels) of ``A x = b`` with so
+        many products with A; for conjugate gradients it is symmetric and positive. None if the iteration has none.
     max_iterations : int
         Most iterations of a solve.
     solver : str

@@ -201,11 +201,7 @@ class Bordered(_DerivedOperator):
     """
 
     border: Border
-
-    @property
-    def symmetric(self) -> bool:
-        """False: F W is symmetric only where W is proportional to F'."""
-        return False
+    symmetric: bool = False  # F W is symmetric only where W is proportional to F'
 
     @property
     def diagonal(self) -> float | Floats:

@@ -19,22 +19,12 @@ COMPILING_STAGE = "compile"
 logger = logging.getLogger("cpmkit")
 
 
-def compiled(function: Function) -> Function:
+def compiled(function: Function, **further: Any) -> Function:
     """Return ``function`` compiled by numba; it releases the interpreter's lock and is cached on disk where possible.
 
     The cached code is renewed when the file of ``function`` changes, but not when the file of a kernel that it calls
-    changes: touch the callers' files after a change of such a kernel.
+    changes: touch the callers' files after a change of such a kernel. ``further`` are options of numba.
     """
-    return _compile(function)
-
-
-def compiled_reordered(function: Function) -> Function:
-    """Return ``function`` compiled with sums in any order, so that scalar products use vector instructions."""
-    return _compile(function, fastmath={"reassoc", "contract", "nsz"})
-
-
-def _compile(function: Function, **further: Any) -> Function:
-    """Return ``function`` compiled by numba with ``further`` options, cached on disk where possible."""
     njit, options = _njit(), {"nogil": True, "error_model": "numpy", **further}
     try:
         kernel: Function = njit(cache=True, **options)(function)
@@ -42,6 +32,11 @@ def _compile(function: Function, **further: Any) -> Function:
         _warn_of_no_cache()
         kernel = njit(**options)(function)
     return kernel
+
+
+def compiled_reordered(function: Function) -> Function:
+    """Return ``function`` compiled with sums in any order, so that scalar products use vector instructions."""
+    return compiled(function, fastmath={"reassoc", "contract", "nsz"})
 
 
 def _njit() -> Any:

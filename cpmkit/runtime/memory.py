@@ -8,14 +8,13 @@ import gc
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache, cached_property, lru_cache
 from inspect import getattr_static
 from pathlib import Path
-from typing import Any, Generic, TypeVar
-from weakref import ReferenceType, ref
+from typing import Any
 
 #: Bytes of one entry of a sparse matrix: a float64 and an int32 index.
 ENTRY_BYTES = 12
@@ -157,27 +156,6 @@ def peak_growth_bytes(before: int | None) -> int | None:
     """Return by how many bytes the peak since :func:`reset_peak_memory` exceeds ``before``, which that returned."""
     peak = None if before is None else _status_bytes("VmHWM")
     return None if peak is None or before is None else max(peak - before, 0)
-
-
-Made = TypeVar("Made")
-
-
-@dataclass(eq=False)
-class WeakCache(Generic[Made]):
-    """A cache of one large value that is quick to compute, shared by all users and freed when none refers to it."""
-
-    _reference: ReferenceType[Any] | None = None
-
-    def get(self, make: Callable[[], Made]) -> Made:
-        """Return the cached value if any user still refers to it, else that of ``make()``, which is then cached."""
-        value: Made | None = None if self._reference is None else self._reference()
-        if value is None:
-            value = make()
-            self._reference = ref(value)
-        return value
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"_reference": None}  # a weak reference does not pickle
 
 
 def state_without_cached(instance: object) -> dict[str, Any]:

@@ -143,26 +143,19 @@ def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, An
         hints = get_type_hints(make)
     except (NameError, TypeError):  # a name that is imported for type checkers alone, or no function at all
         hints = {}
+    import numpy as np  # the list of commands starts without numpy
+
+    numbers = {int: (int, np.integer), float: (int, float, np.integer, np.floating)}
     for key, value in table.items():
-        accepted = _plain_types(hints.get(key))
-        if accepted and not any(_has_type(value, kind) for kind in accepted):
+        hint = hints.get(key)
+        accepted = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
+        if not all(isinstance(kind, type) and kind in TYPE_WORDS for kind in accepted):
+            continue
+        kinds = [bool] if isinstance(value, (bool, np.bool_)) else [kind for kind in accepted if kind is not bool]
+        if not any(kind in accepted and isinstance(value, numbers.get(kind, kind)) for kind in kinds):
             names = " or ".join(TYPE_WORDS[kind] for kind in accepted if TYPE_WORDS[kind])
             place = label[:1].lower() + label[1:]
             raise SceneError(f"{key} of {place} must be {names}, got {shown(value)}.")
-
-
-def _plain_types(hint: Any) -> tuple[type, ...]:
-    """Return the types in a hint, none if any of them is not in ``TYPE_WORDS``."""
-    kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
-    return tuple(kinds) if all(isinstance(kind, type) and kind in TYPE_WORDS for kind in kinds) else ()
-
-
-def _has_type(value: Any, kind: type) -> bool:
-    """Return whether a value is of a type; whole numbers also count as float, truth values as bool alone."""
-    import numpy as np  # the list of commands starts without numpy
-
-    accepted = {int: (int, np.integer), float: (int, float, np.integer, np.floating)}.get(kind, kind)
-    return kind is bool if isinstance(value, (bool, np.bool_)) else isinstance(value, accepted)
 
 
 def one_of(*names: str) -> Callable[[Any, str], str]:

@@ -19,12 +19,8 @@ from cpmkit.scene.conditions import Neumann
 from cpmkit.scene.equations import Laplace
 from cpmkit.scene.oriented import OrientedBoundary, orient
 from cpmkit.scene.scene import Scene
-from cpmkit.solution.fluxes import boundary_rule
+from cpmkit.solution.integrals import boundary_rule
 from cpmkit.types import Bools, Floats, Ints
-
-#: Ends of runs are one corner if their distance is at most this share of the weights there: on straight sides it is
-#: rounding, on curved ones the square of the weight over the radius.
-SAME_CORNER_SHARE = 0.25
 
 
 def join_at_corners(
@@ -45,7 +41,8 @@ def join_at_corners(
     leaving = points[first] - 0.5 * weights[first, None] * tangents[first]
     ends, scale = np.concatenate([arriving, leaving]), weights[np.concatenate([last, first])]
     apart = norms(ends[:, None] - ends[None])
-    meet = apart <= SAME_CORNER_SHARE * np.minimum(scale[:, None], scale[None])
+    # on straight sides the distance is rounding, on curved ones the square of the weight over the radius
+    meet = apart <= 0.25 * np.minimum(scale[:, None], scale[None])
     count = len(opened)
     alone = meet.sum(axis=1) == 2  # itself and one other
     follows: Bools = meet[:count, count:] & alone[:count, None] & alone[None, count:]

@@ -29,12 +29,6 @@ if TYPE_CHECKING:
 #: Longest edge in spacings: longer edges are halved, since values are shown linear between vertices.
 LONGEST_EDGE_SPACINGS = 2.0
 
-#: Number of nearest points of a cloud, a point itself included, to which its tangent plane is fitted.
-PLANE_NEIGHBOURS = 9
-
-#: A vertex of the user's mesh farther from the surface than this, in spacings, has no value; it is in no face.
-FARTHEST_VERTEX_SPACINGS = 0.5
-
 
 @dataclass(frozen=True, eq=False)
 class DisplayMesh:
@@ -124,7 +118,7 @@ def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats
 
 
 def plane_normals(points: Floats) -> Floats:
-    """Return unit normals (p, 3), of arbitrary sign, of the planes fitted to the nearest neighbours of points (p, 3).
+    """Return unit normals (p, 3), of arbitrary sign, of the planes fitted to the nine nearest of points (p, 3).
 
     They are zero where the neighbours are too few or lie on a line.
     """
@@ -132,7 +126,7 @@ def plane_normals(points: Floats) -> Floats:
 
     if len(points) < 3:
         return np.zeros_like(points)
-    around = points[cKDTree(points).query(points, k=min(PLANE_NEIGHBOURS, len(points)))[1]]
+    around = points[cKDTree(points).query(points, k=min(9, len(points)))[1]]
     offsets = around - around.mean(axis=1, keepdims=True)
     spread, axes = np.linalg.eigh(np.einsum("pki,pkj->pij", offsets, offsets))
     return np.where(spread[:, 1:2] > 1e-9 * spread[:, 2:], axes[:, :, 0], 0.0)
@@ -197,7 +191,7 @@ def values_at_vertices(solution: SolutionRecord, side: Sides) -> Floats:
     vertices, _ = given_mesh_of(surface)
     rows = np.flatnonzero(np.isfinite(vertices).all(axis=1))
     distance = surface.closest_point(np.ascontiguousarray(vertices[rows])).distance
-    rows = rows[distance <= FARTHEST_VERTEX_SPACINGS * solution.spacing]
+    rows = rows[distance <= 0.5 * solution.spacing]  # others are in no face
     read = solution.evaluate(np.ascontiguousarray(vertices[rows]), side)
     values = np.full((len(vertices), *read.shape[1:]), np.nan)
     values[rows] = read

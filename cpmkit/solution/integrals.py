@@ -1,23 +1,35 @@
-"""Integrals over the manifold, by a form's own quadrature or over the cells of a mesh cut along the boundaries."""
+"""Integrals over the manifold and over its boundaries, of a solution and of its conormal derivative.
+
+Over the manifold they are a form's own quadrature, or that over the cells of a mesh cut along the boundaries.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import gamma, pi
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.errors import InputError, shown
-from cpmkit.manifold.source import ClosestPointSource
-from cpmkit.mesh.cell_quadrature import edge_midpoints_on, limit_midpoint_shift, quadratic_rule
+from cpmkit.grid.band import surface_cells
+from cpmkit.grid.lattice import Codes
+from cpmkit.manifold.abilities import HasMesh
+from cpmkit.manifold.local_source import localize
+from cpmkit.manifold.source import ClosestPoints, ClosestPointSource
+from cpmkit.manifold.vector_algebra import unit
+from cpmkit.mesh.adjacency import rim_of_edges, rim_of_vertices
+from cpmkit.mesh.cell_quadrature import OUTWARD_EDGE_SHARE, edge_midpoints_on, limit_midpoint_shift, quadratic_rule
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions
+from cpmkit.mesh.mixed_cells import cells_of_dimension, member_dimensions, mesh_of, refine_mixed_cells, with_corners
+from cpmkit.scene.boundary import boundary_number
 from cpmkit.scene.data import evaluate_data
-from cpmkit.solution.display_mesh import evaluate_on_sides, moved_onto_boundaries
-from cpmkit.types import Floats
+from cpmkit.solution.display_mesh import LONGEST_EDGE_SPACINGS, evaluate_on_sides, moved_onto_boundaries
+from cpmkit.types import Floats, Ints, Side
 
 if TYPE_CHECKING:
     from cpmkit.solution.record import SolutionRecord
+
 
 #: An integrand: a number, or a function of points (n, d) and the solution there, (n,) or (n, channels).
 Integrand = float | Callable[[Floats, Floats], Any]
@@ -43,11 +55,6 @@ def integrate(solution: SolutionRecord, function: Integrand | None, dim: int | N
 def _one_or_each(total: Floats) -> float | Floats:
     """Return a total (channels,) as a float if it has one channel, else as it is."""
     return float(total[0]) if len(total) == 1 else total
-
-
-def mean(solution: SolutionRecord, function: Integrand | None, dim: int | None) -> float | Floats:
-    """Return the integral divided by the length, area or volume; see :meth:`SolutionRecord.mean`."""
-    return integrate(solution, function, dim) / float(integrate(solution, 1.0, dim))
 
 
 def _integrand(function: Integrand, points: Floats, values: Floats) -> Floats:
@@ -97,3 +104,133 @@ def _curved_cells(solution: SolutionRecord, dim: int) -> tuple[Mesh, Floats]:
     of_cells, at_middles = flat.edges.of_cells, evaluate_on_sides(solution, middles, shared)
     values = np.concatenate([mesh.values[corners], at_middles[of_cells]], axis=1)
     return Mesh.of(points, corners, middles[of_cells]), values
+
+
+#: Width, in spacings, of the bump function around a boundary without a mesh.
+BUMP_WIDTH_SPACINGS = 3.0
+#: The bump is (1 - r^2)^POWER, r in widths.
+BUMP_POWER = 4
+#: Points of a rim are the closest points of points this share of a spacing beyond the mesh.
+BEYOND_RIM_SPACINGS = 0.25
+
+
+def boundary_rule(source: ClosestPointSource, surface: ClosestPointSource, spacing: float) -> tuple[Floats, Floats]:
+    """Return quadrature points (n, d) on ``surface`` along a boundary, and weights (n,).
+
+    Weights are lengths or areas; 1 for points. If ``source`` has a mesh, the rule is that of its curved cells, else it
+    has closest points of lattice nodes.
+    """
+    dim = source.manifold_dim or 0
+    if not isinstance(source, HasMesh):
+        return _from_bump(source, surface, spacing, dim)
+    points, cells = source.mesh(spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    cells = with_corners(cells, dim + 1)
+    flat = Mesh.of(points, cells)
+    nodes = surface.closest_point(source.closest_point(points).points).points
+    middles = surface.closest_point(edge_midpoints_on(source, flat)).points
+    rule_points, _, weights, _ = quadratic_rule(Mesh.of(nodes, cells, middles[flat.edges.of_cells]))
+    on_source = source.closest_point(rule_points.reshape(-1, rule_points.shape[2])).points
+    return surface.closest_point(on_source).points, weights.ravel()
+
+
+def _from_bump(
+    source: ClosestPointSource, surface: ClosestPointSource, spacing: float, dim: int
+) -> tuple[Floats, Floats]:
+    """Return a quadrature rule over nodes of a lattice: ``int_C f ds = int f(cp_C(x)) bump(|x - cp_C(x)|) dx``.
+
+    The bump has integral 1 over the normal space. It is even, so that curvature changes the measure to second order in
+    the width at most. Nodes beyond the ends of an open curve are left out.
+    """
+    local = localize(source, np.zeros(source.dim))
+    cells = surface_cells(local, spacing, 3)
+    reach = int(np.ceil(BUMP_WIDTH_SPACINGS)) + 1
+    codes = Codes.around(cells, reach)
+    nodes = np.unique(codes.encode(cells))
+    for axis in range(source.dim):
+        nodes = codes.dilate(nodes, axis, range(-reach, reach + 1))
+    feet = source.closest_point(np.asarray(codes.decode(nodes) * spacing, dtype=np.float64))
+    feet = feet.take((feet.distance < BUMP_WIDTH_SPACINGS * spacing) & (feet.edge < 0))
+    normal, width = source.dim - dim, BUMP_WIDTH_SPACINGS * spacing
+    volume = pi ** (normal / 2) * gamma(BUMP_POWER + 1) / gamma(BUMP_POWER + 1 + normal / 2) * width**normal
+    weights = (1 - (feet.distance / width) ** 2) ** BUMP_POWER * spacing**source.dim / volume
+    return surface.closest_point(feet.points).points, weights
+
+
+def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
+    """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
+
+    Raises
+    ------
+    InputError
+        If the surface has no mesh or no such edge, or is a solid in space.
+    """
+    points, cells = mesh_of(surface)(spacing)
+    points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)
+    if surface.dim == 3 and surface.manifold_dim == 3:
+        raise InputError("The flux through the surface of a solid in space is not offered; compute that of a boundary.")
+    parts = [_rim_of_triangles(surface, points, with_corners(cells, 3), spacing)]
+    rim = rim_of_vertices(Mesh.of(points, with_corners(cells, 2)))  # the ends of segments, each with weight 1
+    beyond = points[rim.rows] + BEYOND_RIM_SPACINGS * spacing * unit(rim.outward)
+    parts.append((surface.closest_point(beyond), np.ones(len(beyond))))
+    feet = ClosestPoints.join([part for part, _ in parts])
+    weights = np.concatenate([weight for _, weight in parts])
+    on_loop = feet.edge >= 0 if loop is None else feet.edge == loop
+    if not on_loop.any():
+        loops = np.unique(feet.edge[feet.edge >= 0]).tolist()
+        raise InputError(
+            f"The manifold has no edge{'' if loop is None else f' {loop}'} with a flux; "
+            + (f"its edges are {', '.join(map(str, loops))}." if loops else "it is closed.")
+        )
+    return feet.take(on_loop), weights[on_loop]
+
+
+def _rim_of_triangles(
+    surface: ClosestPointSource, points: Floats, cells: Ints, spacing: float
+) -> tuple[ClosestPoints, Floats]:
+    """Return quadrature points on edges that belong to one triangle only, as closest points, and weights (n,).
+
+    The closest points are those of points slightly beyond the mesh, so that they lie on the rim and have its loop
+    number.
+    """
+    flat = Mesh.of(points, cells)
+    rim, middles = rim_of_edges(flat), edge_midpoints_on(surface, flat)
+    at, _, weights, _ = quadratic_rule(Mesh.of(points, flat.edges.ends[rim.rows], middles[rim.rows][:, None]))
+    outward = np.repeat(unit(rim.outward), at.shape[1], axis=0)
+    beyond = at.reshape(-1, points.shape[1]) + min(BEYOND_RIM_SPACINGS, OUTWARD_EDGE_SHARE) * spacing * outward
+    return surface.closest_point(beyond), weights.ravel()
+
+
+def flux_density(solution: SolutionRecord, boundary: str, side: Side | None, points: Any) -> Floats:
+    """Return du/db (n,) or (n, channels); see :meth:`SolutionRecord.flux_density`."""
+    density = solution.discretized.conormal_derivative(solution.values, points, boundary, _check_side(boundary, side))
+    return density[:, 0] if solution.channels == 1 else density
+
+
+def flux(solution: SolutionRecord, boundary: str | int, side: Side | None) -> float | Floats:
+    """Return the integral of du/db; see :meth:`SolutionRecord.flux`."""
+    scene, form = solution.scene, solution.discretized
+    names = [boundary.name for boundary in scene.boundaries]
+    if boundary not in names and (boundary == "edge" or isinstance(boundary, int)):
+        if side is not None:
+            raise InputError(f"the edge has one side only; leave side out, got {shown(side)}.")
+        feet, weights = rim_rule(scene.surface, solution.spacing, None if boundary == "edge" else int(boundary))
+        total = form.flux(solution.values, boundary, None, solution.data_time)
+        if total is None:
+            total = weights @ form.conormal_derivative(solution.values, feet.points)
+    else:
+        checked, name = _check_side(str(boundary), side), str(boundary)
+        number = boundary_number(scene.boundaries, name)
+        total = form.flux(solution.values, name, checked, solution.data_time)
+        if total is None:
+            source = scene.boundaries[number].source
+            points, weights = boundary_rule(source, scene.surface, solution.spacing)
+            total = weights @ form.conormal_derivative(solution.values, points, name, checked)
+    return float(total[0]) if solution.channels == 1 else np.asarray(total)
+
+
+def _check_side(boundary: str, side: Side | None) -> Side:
+    """Return ``side``; raise InputError if it is None."""
+    if side is None:
+        raise InputError(f"side of {boundary!r} must be 'left' or 'right': a flux leaves one side, got None.")
+    return side

@@ -11,9 +11,6 @@ from cpmkit.scene.scene import Scene
 from cpmkit.solution.record import SolutionRecord
 from cpmkit.types import Floats
 
-#: An eigenvalue below this share of the largest is zero up to rounding.
-ZERO_EIGENVALUE_SHARE = 1e-10
-
 
 @dataclass(frozen=True, eq=False)
 class EigenRecord(SolutionRecord):
@@ -44,7 +41,7 @@ class EigenRecord(SolutionRecord):
     @property
     def titles(self) -> list[str]:
         """A title for each mode: its eigenvalue to four digits, 0 where it is zero up to rounding."""
-        zero = ZERO_EIGENVALUE_SHARE * float(np.abs(self.eigenvalues).max(initial=0.0))
+        zero = 1e-10 * float(np.abs(self.eigenvalues).max(initial=0.0))
         return [f"\N{GREEK SMALL LETTER LAMDA} = {value if abs(value) > zero else 0:.4g}" for value in self.eigenvalues]
 
     def arrays(self) -> dict[str, Any]:
@@ -64,24 +61,19 @@ class EigenRecord(SolutionRecord):
         return [*super()._figures(), ("eigenvalues", ", ".join(f"{value:.6g}" for value in self.eigenvalues))]
 
 
-#: Number of additional modes at twice the spacing, where the modes may be in another order.
-FURTHER_MODES = 6
-#: A mode is recovered at twice the spacing if at least this share of its mean square lies in the modes there.
-RECOVERED_SHARE = 0.5
-
-
 def with_further_modes(scene: Scene) -> Scene:
     """Return the scene for coarser solutions; an eigenvalue problem with further modes, whose order may differ."""
     problem: Any = scene.problem
     if problem.family != "eigen":
         return scene
-    return replace(scene, problem=replace(problem, count=problem.count + FURTHER_MODES))
+    return replace(scene, problem=replace(problem, count=problem.count + 6))
 
 
 def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tuple[Floats, Floats]:
     """Return the differences of the eigenvalues (count,) and of the eigenfunctions (n, count) of two solutions.
 
-    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode.
+    The difference of an eigenvalue is infinite if the coarse solution does not recover its mode: half of the mean
+    square of the function or more is outside of the functions of the coarse solution.
 
     Each function of the finer solution is approximated by least squares in the functions of the coarser one, which also
     works for multiplets, whose basis is arbitrary. Its eigenvalue is compared with the mean of the coarse eigenvalues,
@@ -95,7 +87,7 @@ def compare_modes(fine: EigenRecord, coarse: EigenRecord, points: Floats) -> tup
     recovered = 1 - np.mean(remainder**2, axis=0) / np.mean(of_fine**2, axis=0)
     shares = weights**2 / np.sum(weights**2, axis=0)
     differences = np.abs(fine.eigenvalues - coarse.eigenvalues @ shares)
-    return np.where(recovered >= RECOVERED_SHARE, differences, np.inf), remainder
+    return np.where(recovered >= 0.5, differences, np.inf), remainder
 
 
 #: A problem is undetermined if its eigenvalue is within so many of its errors of zero; beyond the second number of

@@ -280,7 +280,7 @@ class SolutionRecord:
         >>> round(solution.flux("cut", "left"), 2), round(solution.flux("cut", "right"), 2)
         (0.95, -0.95)
         """
-        from cpmkit.solution.fluxes import flux
+        from cpmkit.solution.integrals import flux
 
         return flux(self, boundary, side)
 
@@ -289,7 +289,7 @@ class SolutionRecord:
 
         b points out of ``side``, as for :meth:`flux`.
         """
-        from cpmkit.solution.fluxes import flux_density
+        from cpmkit.solution.integrals import flux_density
 
         return flux_density(self, boundary, side, points)
 
@@ -345,9 +345,7 @@ class SolutionRecord:
 
     def mean(self, function: Integrand | None = None, *, dim: int | None = None) -> float | Floats:
         """Return the integral of :meth:`integrate` divided by the length, area or volume."""
-        from cpmkit.solution.integrals import mean
-
-        return mean(self, function, dim)
+        return self.integrate(function, dim=dim) / float(self.integrate(1.0, dim=dim))
 
     @property
     def doubled(self) -> Floats:

@@ -112,7 +112,12 @@ def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequenc
     ConvergenceError
         If an energy is not above zero.
     """
-    functions = functions / np.sqrt(_energies(iteration, functions))
+    iteration.products += functions.shape[1]
+    energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
+    if not np.all(energies > 0):
+        reason = f"there are eigenvalues below {iteration.shift:.6g}, above which the solver 'multigrid' seeks them"
+        raise iteration.failure(reason, "use solver='direct'")
+    functions = functions / np.sqrt(energies)
     for _ in range(2):
         for block in blocks:
             functions = functions - block.functions @ (block.energies.T @ functions)
@@ -121,22 +126,6 @@ def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequenc
         independent = np.diag(gram) > DEPENDENT_SHARE
         functions = functions[:, independent] @ _root_inverse(gram[np.ix_(independent, independent)])
     return functions
-
-
-def _energies(iteration: InverseIteration, functions: Floats) -> Floats:
-    """Return the energy (k,) of each function (n, k), its square in the inner product of A - sigma B.
-
-    Raises
-    ------
-    ConvergenceError
-        If an energy is not above zero.
-    """
-    iteration.products += functions.shape[1]
-    energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))
-    if not np.all(energies > 0):
-        reason = f"there are eigenvalues below {iteration.shift:.6g}, above which the solver 'multigrid' seeks them"
-        raise iteration.failure(reason, "use solver='direct'")
-    return np.asarray(energies)
 
 
 def _root_inverse(gram: Floats) -> Floats:

@@ -128,7 +128,12 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
     distance = 1.0 if problem.near is None else 0.05  # in units of a typical eigenvalue of a manifold of this size
     mass = form.boundary_mass(stiffness)
     if mass is not None:
-        _check_steklov(context, stiffness, mass)
+        free = form.free_constants(stiffness)
+        if free is not None and not mass.apply(free.indicator.toarray()).any(axis=0).all():
+            raise SceneError(
+                "The boundaries cut off a piece of the manifold on which nothing holds but Neumann conditions: there "
+                "every lambda is an eigenvalue; give it a Steklov, Dirichlet or Robin condition."
+            )
         unit, near = 1 / length, problem.near or 0.0
     else:
         mass = form.mass
@@ -175,22 +180,6 @@ def _prepare_shifted(
     return operator, context.prepare(operator)
 
 
-def _check_steklov(context: SolveContext, stiffness: Stiffness, mass: Any) -> None:
-    """Raise if a Steklov problem has a piece of the manifold with Neumann conditions alone.
-
-    Raises
-    ------
-    SceneError
-        In this case: every lambda is an eigenvalue there.
-    """
-    free = context.discretized.free_constants(stiffness)
-    if free is not None and not mass.apply(free.indicator.toarray()).any(axis=0).all():
-        raise SceneError(
-            "The boundaries cut off a piece of the manifold on which nothing holds but Neumann conditions: there every "
-            "lambda is an eigenvalue; give it a Steklov, Dirichlet or Robin condition."
-        )
-
-
 def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     """Return the ``count`` eigenpairs nearest to the shift, by ARPACK.
 
@@ -206,7 +195,6 @@ def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     start = np.random.default_rng(0).normal(size=iteration.operator.size)
 
     def matrix(product: Callable[[Floats], Floats]) -> Any:
-        """Return a function that returns products as a matrix of SciPy."""
         return LinearOperator(shape, matvec=product, dtype=np.float64)
 
     try:

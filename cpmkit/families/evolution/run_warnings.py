@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
@@ -66,29 +66,26 @@ def wave_energy(problem: SemiDiscrete, moment: Moment) -> Floats | None:
     return np.asarray(kinetic + np.sum(moment.u * force, axis=0))
 
 
-@dataclass(frozen=True)
-class GrowthBound:
-    """A bound of the norm of u: ``start + rate t`` for heat, ``start + rate t + push t^2 / 2`` for waves.
+def growth_check(plan: RunPlan) -> Callable[[Floats, float], None] | None:
+    """Return a function of u (n, channels) and the time that raises a ResolutionError if u grows without a cause.
 
-    t is the time since ``begin``. It holds if A has no eigenvalue below zero and the data do not depend on time.
+    If A has no eigenvalue below zero and the data do not depend on time, the norm of u is at most ``start + rate t``
+    for heat and ``start + rate t + push t^2 / 2`` for waves, t after the start: a larger norm proves an eigenvalue of
+    the wrong sign. None for other data and operators, and with a mass matrix, since the norm of b then does not bound
+    that of ``M^-1 b``.
     """
+    problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
+    if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
+        return None
+    if problem.depends_on_time or form.mass is not None or not surely_positive(form):
+        return None
+    first, rate, push = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady_forcing)), 0.0
+    if start.rate is not None:
+        rate, push = float(np.linalg.norm(start.rate)), rate
 
-    start: float
-    rate: float
-    push: float
-    begin: float = 0.0
-
-    def check(self, u: Floats, time: float) -> None:
-        """Raise if the norm of u (n, channels) exceeds the bound.
-
-        Raises
-        ------
-        ResolutionError
-            In this case, which proves an eigenvalue of the wrong sign.
-        """
-        elapsed = time - self.begin
-        bound = self.start + self.rate * elapsed + 0.5 * self.push * elapsed**2
-        size = float(np.linalg.norm(u))
+    def check(u: Floats, time: float) -> None:
+        elapsed = time - start.time
+        bound, size = first + rate * elapsed + 0.5 * push * elapsed**2, float(np.linalg.norm(u))
         if size > 4 * bound > 0:  # the norm is over the band, whose nodes are not equally dense everywhere
             raise ResolutionError(
                 f"The solution grows without a cause: at time {time:.4g} it is {size / bound:.3g} times as large as "
@@ -96,23 +93,7 @@ class GrowthBound:
                 'thick; use a smaller spacing, or form="galerkin".'
             )
 
-
-def growth_bound(plan: RunPlan) -> GrowthBound | None:
-    """Return the growth bound of a run; None if there is none.
-
-    There is none for data that depend on time, for an operator that may have negative eigenvalues, and with a mass
-    matrix, since the norm of b then does not bound that of ``M^-1 b``.
-    """
-    problem, evolution, start, form = plan.problem, plan.evolution, plan.start, plan.problem.form
-    if not isinstance(evolution, (Heat, Wave)) or evolution.after_step is not None:
-        return None
-    if problem.depends_on_time or form.mass is not None or not surely_positive(form):
-        return None
-    size, forcing = float(np.linalg.norm(start.u)), float(np.linalg.norm(problem.steady_forcing))
-    if isinstance(evolution, Wave):
-        rate = 0.0 if start.rate is None else float(np.linalg.norm(start.rate))
-        return GrowthBound(size, rate, forcing, start.time)
-    return GrowthBound(size, forcing, 0.0, start.time)
+    return check
 
 
 def _long_step(plan: RunPlan, history: History) -> list[str]:
@@ -120,7 +101,7 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
 
     It is estimated over the whole run, or over the time in which diffusion removes the variation of u.
     """
-    problem, evolution, form = plan.problem, plan.evolution, plan.problem.form
+    evolution, form = plan.evolution, plan.problem.form
     if not isinstance(evolution, Heat) or evolution.velocity is None or len(history) < 2:
         return []
     points, share = _pattern_points(form)
@@ -128,7 +109,11 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
     values, slopes = form.evaluate(plan.start.u, points), form.gradient(plan.start.u, points)
     size = np.sqrt(share @ (values - share @ values) ** 2)
     varies = size > 1e-3 * np.sqrt(share @ values**2)
-    if not varies.any() or _is_driven_steady(problem, history, size, points, share):
+    now, before = (form.evaluate(moment.u, points) for moment in (history[-1], history[-2]))
+    variation = np.sqrt(share @ (now - share @ now) ** 2)
+    change = np.sqrt(share @ (now - before) ** 2)
+    is_steady = (change <= 1e-3 * variation).all() and (variation >= 0.1 * size).all()  # driven, as it still varies
+    if not varies.any() or is_steady:
         return []
     along = np.sqrt(share @ np.einsum("pcd,pd->pc", slopes, v) ** 2)[varies] / size[varies]
     steep = (share @ (slopes**2).sum(axis=2))[varies] / size[varies] ** 2
@@ -149,17 +134,6 @@ def _long_step(plan: RunPlan, history: History) -> list[str]:
         f"{'much' if error > 1 else f'about {error:.0%}'} of the advected variation behind, or damps it; use a step of "
         f"{advised:.2g} or less."
     ]
-
-
-def _is_driven_steady(problem: SemiDiscrete, history: History, size: Floats, points: Floats, share: Floats) -> bool:
-    """Return True if the last step hardly changed a solution that still varies in space: it is nearly steady.
-
-    ``size`` (channels,) is the variation at the start; ``share`` (k,) are the weights of ``points`` (k, d).
-    """
-    now, before = (problem.form.evaluate(moment.u, points) for moment in (history[-1], history[-2]))
-    variation = np.sqrt(share @ (now - share @ now) ** 2)
-    change = np.sqrt(share @ (now - before) ** 2)
-    return bool((change <= 1e-3 * variation).all() and (variation >= 0.1 * size).all())
 
 
 def _short_pattern(plan: RunPlan, history: History) -> list[str]:

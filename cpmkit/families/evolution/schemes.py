@@ -141,20 +141,14 @@ def leapfrog(problem: SemiDiscrete, solver: ShiftedSolver, history: History, ste
     acceleration = problem.rate(now.u, step.start)
     rate = now.rate + 0.5 * (now.length + step.length) * acceleration
     if now.acceleration is not None:
-        rate += _damping(problem, (acceleration - now.acceleration) / now.length, step.length)
+        # ``-h eps A^2 v0``; the rate of change of -A u0 + b0 is -A v0 including boundary data
+        wave = cast("Wave", problem.form.scene.problem)
+        largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
+        strength = LEAPFROG_DAMPING * step.length * np.sqrt(largest / (4 * dim))
+        jerk = (acceleration - now.acceleration) / now.length
+        rate += strength / largest**2 * problem.stiffness.apply(jerk)
     solver.tally.operator_applications += (1 if now.acceleration is None else 2) * now.u.shape[1]
     return Moment(now.u + step.length * rate, rate, step.length, acceleration)
-
-
-def _damping(problem: SemiDiscrete, jerk: Floats, length: float) -> Floats:
-    """Return the damping ``-h eps A^2 v0`` (n, channels) of the rate in leapfrog, h = ``length``.
-
-    ``jerk`` (n, channels) is the rate of change of -A u0 + b0, from which -A v0 is obtained including boundary data.
-    """
-    wave = cast("Wave", problem.form.scene.problem)
-    largest, dim = largest_eigenvalue(problem, wave.speed), problem.form.scene.surface.dim
-    strength = LEAPFROG_DAMPING * length * np.sqrt(largest / (4 * dim))
-    return np.asarray(strength / largest**2 * problem.stiffness.apply(jerk))
 
 
 def implicit_wave(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: Step) -> Moment:

@@ -63,6 +63,8 @@ class SemiDiscrete:
     groups: tuple[ChannelGroup, ...]
     f: Data
     reaction: Reaction | None = None
+    #: The cached loads of the reaction, each after the values u of its moment.
+    _reactions: list[tuple[Floats, Floats]] = field(default_factory=list)
 
     @property
     def stiffness(self) -> Stiffness:
@@ -120,11 +122,6 @@ class SemiDiscrete:
         )
         self._reactions[:] = [*self._reactions[-1:], (moment.u, load)]
         return load
-
-    @cached_property
-    def _reactions(self) -> list[tuple[Floats, Floats]]:
-        """The cached loads of the reaction, each after the values u of its moment."""
-        return []
 
     def times_mass(self, u: Floats) -> Floats:
         """Return M u for u (n, k)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, cast
 
@@ -16,12 +17,11 @@ from cpmkit.families.evolution.run_state import (
     Moment,
     RunPlan,
     RunState,
-    Step,
     after_step,
     rate_of_change,
     schedule,
 )
-from cpmkit.families.evolution.run_warnings import GrowthBound, growth_bound, run_warnings, wave_energy
+from cpmkit.families.evolution.run_warnings import growth_check, run_warnings, wave_energy
 from cpmkit.families.evolution.schemes import (
     Scheme,
     backward_euler,
@@ -70,7 +70,11 @@ def solve_in_time(context: SolveContext) -> EvolvedRecord:
     problem = semidiscrete(form, evolution)
     check_frames_fit(len(evolution.frame_times), form.size, form.scene.channels)
     steps = schedule(evolution.until, evolution.step, evolution.frame_times, evolution.t0)
-    plan = RunPlan(problem, evolution, steps, _start_moment(form, evolution, steps[0]))
+    t0, rate, initial = evolution.t0, None, cast("Heat | ReactionDiffusion | Wave", evolution).initial
+    if isinstance(evolution, Wave):
+        rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=steps[0].length)
+    u = form.interpolate(initial, "the initial data", t0, in_range=rate is None)
+    plan = RunPlan(problem, evolution, steps, Moment(u, rate, 0.0, time=t0))
     solver = ShiftedSolver(problem, context)
     built = time.perf_counter()
     state = _run(context, plan, solver)
@@ -87,22 +91,13 @@ def semidiscrete(form: Discretized, evolution: Evolution) -> SemiDiscrete:
     return SemiDiscrete(form, groups, evolution.terms().f, reaction)
 
 
-def _start_moment(form: Discretized, evolution: Evolution, first: Step) -> Moment:
-    """Return the moment at the start, from the initial data; ``first`` is the first step."""
-    t0, rate, initial = evolution.t0, None, cast("Heat | ReactionDiffusion | Wave", evolution).initial
-    if isinstance(evolution, Wave):
-        rate = form.interpolate(evolution.initial_rate, "the initial rate", t0, step=first.length)
-    u = form.interpolate(initial, "the initial data", t0, in_range=rate is None)
-    return Moment(u, rate, 0.0, time=t0)
-
-
 def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunState:
     """Take all steps, from the start or from a checkpoint, and return the state at the end."""
     target, total, evolution = context.checkpointing, len(plan.steps), plan.evolution
     scheme = SCHEMES[evolution.scheme]
     if scheme is damped_crank_nicolson and getattr(evolution, "start", "") == "plain":
         scheme = crank_nicolson
-    growth = growth_bound(plan)
+    check_growth = growth_check(plan)
     state = RunState(0, (plan.start,))
     if plan.start.time in evolution.frame_times:
         state = state.with_frame(plan.start.u, wave_energy(plan.problem, plan.start))
@@ -111,7 +106,7 @@ def _run(context: SolveContext, plan: RunPlan, solver: ShiftedSolver) -> RunStat
         solver.tally.add(tally)
     ended = _has_ended(plan, state)
     while not ended:
-        state = _take_step(state, plan, solver, scheme, growth)
+        state = _take_step(state, plan, solver, scheme, check_growth)
         context.progress("steps", state.done / total)
         ended = _has_ended(plan, state)
         if target.checkpoint is not None and (ended or state.done % target.checkpoint_every == 0):
@@ -127,7 +122,7 @@ def _has_ended(plan: RunPlan, state: RunState) -> bool:
 
 
 def _take_step(
-    state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, growth: GrowthBound | None
+    state: RunState, plan: RunPlan, solver: ShiftedSolver, scheme: Scheme, check_growth: Callable[..., None] | None
 ) -> RunState:
     """Return the state after one more step.
 
@@ -136,7 +131,7 @@ def _take_step(
     ConvergenceError
         If the linear solver does not reach the tolerance.
     ResolutionError
-        If the solution is not finite, or exceeds the bound ``growth``.
+        If the solution is not finite, or fails ``check_growth``.
     """
     step = plan.steps[state.done]
     try:
@@ -149,8 +144,8 @@ def _take_step(
             f"The solution ceased to be finite at time {step.end:g}, step {state.done + 1} of {len(plan.steps)}; use a "
             f"shorter step{'' if plan.problem.reaction else ', or another scheme'}."
         )
-    if growth is not None:
-        growth.check(moment.u, step.end)
+    if check_growth is not None:
+        check_growth(moment.u, step.end)
     moment = after_step(plan.problem.form, plan.evolution, replace(moment, time=step.end))
     history = (*state.history, moment)[-REMEMBERED_MOMENTS:]
     later = replace(state, done=state.done + 1, history=history)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
+from weakref import WeakValueDictionary
 
 import numpy as np
 
@@ -18,7 +19,7 @@ from cpmkit.manifold.abilities import HasGivenMesh
 from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.tangent_space import outward_conormals, project_tangent
 from cpmkit.runtime.arrays import as_points
-from cpmkit.runtime.memory import WeakCache, state_without_cached
+from cpmkit.runtime.memory import state_without_cached
 from cpmkit.scene.boundary import Boundary, boundary_number, named_sides
 from cpmkit.scene.diffusivities import evaluate_diffusivity
 from cpmkit.scene.scene import Scene
@@ -56,19 +57,18 @@ class PointReader:
     @property
     def points(self) -> Floats:
         """(p, d) the samples of the manifold in the scene's coordinates: a read-only array, released when unused."""
-        return self._weak_points.get(self._scene_points)
+        points: Floats | None = self._weak_points.get("points")
+        if points is None:
+            points = self.sampled.samples.points_at(slice(self.sampled.interior))  # a new array
+            points += self.sampled.lattice.origin
+            points.flags.writeable = False
+            self._weak_points["points"] = points
+        return points
 
     @cached_property
-    def _weak_points(self) -> WeakCache[Floats]:
+    def _weak_points(self) -> WeakValueDictionary[str, Floats]:
         """The cache of :attr:`points`."""
-        return WeakCache()
-
-    def _scene_points(self) -> Floats:
-        """Return the samples (p, d) of the manifold in the scene's coordinates as a new read-only array."""
-        points = self.sampled.samples.points_at(slice(self.sampled.interior))  # a new array
-        points += self.sampled.lattice.origin
-        points.flags.writeable = False
-        return points
+        return WeakValueDictionary()
 
     @cached_property
     def locator(self) -> PatchLocator:

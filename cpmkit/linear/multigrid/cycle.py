@@ -33,11 +33,6 @@ if TYPE_CHECKING:
 EIGENVALUE_MARGIN = 1.1
 #: A diagonal entry below this share of the largest counts as zero: a piece of one unknown whose constant is free.
 ZERO_DIAGONAL_SHARE = 1e-14
-#: Largest ratio of diagonal entries for float32: above it a cycle becomes indefinite, as penalties on slivers between
-#: close curves are so large that the stiffness next to them is lost by rounding.
-MAX_DIAGONAL_RATIO = 1e6
-#: Weight of the differences along a line, as a share of the largest diagonal entry on it: above rounding of float32.
-LINE_STABILISATION = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +120,18 @@ def build_cycle(
     IndefiniteError
         If an eigenvalue has the wrong sign.
     """
-    kind = np.float32 if is_rounded and not needs_float64(matrix.diagonal()) else np.float64
+    diagonal = matrix.diagonal()
+    diagonal = diagonal[diagonal > ZERO_DIAGONAL_SHARE * diagonal.max(initial=0.0)]
+    # In float32 the cycle would be indefinite: penalties on slivers between close curves are so large that the
+    # stiffness next to them is lost by rounding.
+    differ = len(diagonal) > 0 and diagonal.max() > 1e6 * diagonal.min()
+    kind = np.float32 if is_rounded and not differ else np.float64
     matrices, strips = [matrix], []
     for level in levels:  # all coarser matrices first: temporary tables are not in memory together with smoothers
         strips.append(_without_singular(level.strip, piece))
-        coarser = coarse_operator(matrices[-1], level.prolongation)
+        P = level.prolongation
+        fine, forth, back = (UnsignedCsr.of(each) for each in (matrices[-1], P, P.T.tocsr()))
+        coarser = (back @ (fine @ forth)).to_csr()  # with unsorted rows
         matrices.append(coarser if level.lines is None else stabilise_lines(coarser, level.lines))
         release_memory()
         coarse_piece = np.full(len(coarser.indptr) - 1, -1)
@@ -169,24 +171,12 @@ def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
     return Cycle([Schwarz.of(each) for each in matrices], prolongations, coarsest, False)
 
 
-def needs_float64(diagonal: Floats) -> bool:
-    """Return whether float32 would lose the stiffness of unknowns with small entries of the ``diagonal`` (n,)."""
-    positive = diagonal[diagonal > ZERO_DIAGONAL_SHARE * diagonal.max(initial=0.0)]
-    return len(positive) > 0 and bool(positive.max() > MAX_DIAGONAL_RATIO * positive.min())
-
-
-def coarse_operator(matrix: csr_array, prolongation: csr_array) -> csr_array:
-    """Return P' A P; the entries of its rows are unsorted."""
-    fine, P, back = (UnsignedCsr.of(each) for each in (matrix, prolongation, prolongation.T.tocsr()))
-    return (back @ (fine @ P)).to_csr()
-
-
 def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
     """Return the matrix plus a penalty on the differences of order k - 1 of the unknowns of ``lines`` (r, k)."""
     from scipy.sparse import csr_array
 
     r, k = lines.shape
-    scale = LINE_STABILISATION * matrix.diagonal()[lines].max(axis=1)
+    scale = 1e-6 * matrix.diagonal()[lines].max(axis=1)  # above rounding of float32
     stencil = np.array([(-1.0) ** place * comb(k - 1, place) for place in range(k)])
     entries = np.sqrt(scale)[:, None] * stencil
     rows = csr_array((entries.ravel(), lines.ravel(), np.arange(0, r * k + 1, k)), shape=(r, matrix.shape[0]))

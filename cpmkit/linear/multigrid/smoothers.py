@@ -114,12 +114,26 @@ class GaussSeidel:
         return 2 * self.sweeps
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
-        """Return x and ``b - A x``, both (n, channels), after backward sweeps from zero."""
-        return self.matrix.sweep_backward(b, self.inverse, self.sweeps)
+        """Return x and ``b - A x``, both (n, channels), after backward sweeps from zero.
+
+        Equations are solved from the last to the first.
+        """
+        from cpmkit.linear.csr_kernels import sweep_up
+
+        rest, A = np.array(b.T, order="C"), self.matrix
+        u = np.zeros_like(rest)
+        for _ in range(self.sweeps):
+            sweep_up(A.pointers, A.columns, A.entries, self.inverse, rest, u)
+        return np.ascontiguousarray(u.T), np.ascontiguousarray(rest.T)
 
     def after(self, x: Floats, b: Floats) -> Floats:
         """Return x (n, channels) after forward sweeps for ``A x = b``, the adjoint of :meth:`before`."""
-        return self.matrix.sweep_forward(x, b, self.inverse, self.sweeps)
+        from cpmkit.linear.csr_kernels import sweep_down
+
+        u, A = np.array(x.T, order="C"), self.matrix
+        for _ in range(self.sweeps):
+            sweep_down(A.pointers, A.columns, A.entries, self.inverse, np.array(b.T, order="C"), u)
+        return np.ascontiguousarray(u.T)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,25 +228,21 @@ class Schwarz:
 def bisect_unknowns(matrix: csr_array) -> list[Ints]:
     """Return compact parts of at most :data:`MAX_BLOCK_UNKNOWNS` unknowns each, in ascending order.
 
-    A part is bisected into the first and the second half of a breadth-first search from an unknown at its end.
+    A part is bisected into the first and the second half of a breadth-first search from an unknown at its end, piece by
+    piece.
     """
+    from scipy.sparse.csgraph import breadth_first_order, connected_components
+
     open_parts, parts = [np.arange(matrix.shape[0])], []
     while open_parts:
         part = open_parts.pop()
         if len(part) <= MAX_BLOCK_UNKNOWNS:
             parts.append(np.sort(part))
             continue
-        order = part[_breadth_first(matrix[part][:, part])]
+        inner, orders = matrix[part][:, part], []
+        for start in np.unique(connected_components(inner, directed=False)[1], return_index=True)[1]:
+            far = breadth_first_order(inner, start, return_predecessors=False)[-1]
+            orders.append(breadth_first_order(inner, far, return_predecessors=False))
+        order = part[np.concatenate(orders).astype(np.int64)]
         open_parts += [order[: len(order) // 2], order[len(order) // 2 :]]
     return parts
-
-
-def _breadth_first(matrix: csr_array) -> Ints:
-    """Return all unknowns in breadth-first order, piece by piece, each from an unknown at the end of its piece."""
-    from scipy.sparse.csgraph import breadth_first_order, connected_components
-
-    orders = []
-    for start in np.unique(connected_components(matrix, directed=False)[1], return_index=True)[1]:
-        far = breadth_first_order(matrix, start, return_predecessors=False)[-1]
-        orders.append(breadth_first_order(matrix, far, return_predecessors=False))
-    return np.concatenate(orders).astype(np.int64)

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from cpmkit.errors import SceneError
 from cpmkit.linear.direct import pinned_matrix
-from cpmkit.linear.krylov import KrylovSolver, indefinite_error
+from cpmkit.linear.krylov import indefinite_error
 from cpmkit.linear.multigrid.cycle import Level, build_cycle, build_schwarz_cycle
 from cpmkit.linear.operators import ComplexShift, as_bordered, has_symmetric_pattern, without_border
 from cpmkit.linear.preconditioned import PreconditionedCG, PreconditionedGMRES
@@ -94,12 +95,10 @@ class MultigridSolver:
             piece[members.row] = members.col
         cycle = build_cycle(inner.to_csr(), levels, piece)
         prepared = PreconditionedCG(operator, cycle, self.max_iterations, "multigrid")
-
-        def prepare_more_exact() -> KrylovSolver:
-            """Return the iteration with a cycle in float64."""
-            return replace(prepared, preconditioner=build_cycle(inner.to_csr(), levels, piece, is_rounded=False))
-
-        return replace(prepared, fallback=prepare_more_exact) if cycle.is_rounded else prepared
+        if not cycle.is_rounded:
+            return prepared
+        in_float64 = partial(build_cycle, inner.to_csr(), levels, piece, is_rounded=False)
+        return replace(prepared, fallback=lambda: replace(prepared, preconditioner=in_float64()))
 
 
 def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
