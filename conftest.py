@@ -71,7 +71,7 @@ def real_mesh() -> Callable[[str], Path]:
     The test is skipped where the mesh is not found, and fails where CPMKIT_DATA is set and lacks it.
     """
     from cpmkit.errors import InputError
-    from cpmkit.files.data_files import find_file
+    from cpmkit.files.whole_files import find_file
 
     def find(name: str) -> Path:
         try:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from cpmkit.facade import Solution as Solution
     from cpmkit.files.array_files import read_array as read_array
     from cpmkit.files.array_files import read_bytes as read_bytes
-    from cpmkit.files.data_files import existing_file as existing_file
+    from cpmkit.files.whole_files import existing_file as existing_file
     from cpmkit.files.whole_files import write_png as write_png
     from cpmkit.files.whole_files import written_whole as written_whole
     from cpmkit.forms.choice import Backend as Backend
@@ -204,7 +204,7 @@ GROUPS: dict[str, dict[str, str]] = {
     },
     "Reading and writing files": {
         "read_ply_points": "plugins",
-        "existing_file": "files.data_files",
+        "existing_file": "files.whole_files",
         "read_array": "files.array_files",
         "read_bytes": "files.array_files",
         "write_png": "files.whole_files",

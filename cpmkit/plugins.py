@@ -15,7 +15,7 @@ import pluggy
 
 from cpmkit import hookspecs
 from cpmkit.errors import PluginError, SceneError, shown
-from cpmkit.files.data_files import find_file
+from cpmkit.files.whole_files import find_file
 from cpmkit.runtime.messages import COMBINATIONS, PLUGIN_FAMILIES, did_you_mean, install_command
 from cpmkit.runtime.options import check_key_types
 

@@ -205,7 +205,7 @@ def main(folder: Path = Path(__file__).parent / "curves", models: tuple[str, ...
         raise SystemExit("potpourri3d is missing, which traces geodesics: pip install 'cpmkit[geodesics]'.") from error
     from cpmkit_mesh import read_mesh
 
-    from cpmkit.files.data_files import find_file
+    from cpmkit.files.whole_files import find_file
 
     lengths = {}
     for model in models:

@@ -21,7 +21,7 @@ from cpmkit.applications.result import Result, with_colours
 from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.facade import Solution
 from cpmkit.files.array_files import read_array
-from cpmkit.files.data_files import find_file
+from cpmkit.files.whole_files import find_file
 from cpmkit.plugin import ClosestPointSource, HasMesh, HasTangents, chain_segments, dots, norms
 from cpmkit.runtime.arrays import as_colour, as_colours
 from cpmkit.runtime.deprecation import DeprecatedMember

@@ -1,1 +1,1 @@
-"""Files read without trust and written whole."""
+"""Files found, read without trust and written whole."""

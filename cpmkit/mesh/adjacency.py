@@ -11,7 +11,7 @@ import numpy as np
 
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.mesh.mesh import Mesh
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: An edge of the rim whose middle is nearer than this share of its length to another edge of the rim lies on it.
 SEAM_EDGE_SHARE = 0.05
@@ -202,11 +202,10 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     Parameters
     ----------
     mesh : Mesh
-        Without boundaries; its unused vertices are left out.
+        Flat, without boundaries; its unused vertices are left out.
     """
-    vertex_of, cells, remaining, report = repaired_cells(mesh)
-    midpoints = None if mesh.midpoints is None else mesh.midpoints[remaining]
-    return Mesh.of(mesh.vertices[vertex_of], cells, midpoints), report
+    vertex_of, cells, report = repaired_cells(mesh)
+    return Mesh.of(mesh.vertices[vertex_of], cells), report
 
 
 def has_distinct_vertices(mesh: Mesh) -> bool:
@@ -214,7 +213,7 @@ def has_distinct_vertices(mesh: Mesh) -> bool:
     return bool((_welded_vertices(mesh.vertices) == np.arange(len(mesh.vertices))).all())
 
 
-def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
+def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, RepairReport]:
     """Return the cells of the repaired mesh, and their relation to those of ``mesh``.
 
     Returns
@@ -222,15 +221,14 @@ def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
     vertex_of : (v,) int64
         The vertex of ``mesh`` that each vertex of the repaired mesh copies.
     cells : (n, k) int64
-    remaining : (m,) bool
-        Which cells of ``mesh`` remain, in the order of ``cells``.
     report : RepairReport
     """
-    from cpmkit.mesh import mesh_kernels
-
     place = _welded_vertices(mesh.vertices)
     cells = place[mesh.cells]
-    remaining: Bools = mesh_kernels.distinct_cells(np.sort(cells, axis=1), len(mesh.vertices))
+    corners = np.sort(cells, axis=1)
+    remaining = np.asarray((np.diff(corners, axis=1) > 0).all(axis=1))
+    order = np.lexsort(corners.T)  # of repeated cells the first stays
+    remaining[order[1:][(np.diff(corners[order], axis=0) == 0).all(axis=1)]] = False
     welded = Mesh.of(mesh.vertices, np.ascontiguousarray(cells[remaining]))
     corners = cut_corners(welded)
     vertex_of = np.empty(int(corners.max(initial=-1)) + 1, dtype=np.int64)
@@ -242,7 +240,7 @@ def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, Bools, RepairReport]:
         doubled=len(mesh.cells) - len(welded.cells),
         fans=len(vertex_of) - int(used.sum()),
     )
-    return vertex_of, corners, remaining, report
+    return vertex_of, corners, report
 
 
 def box_size(vertices: Floats) -> float:

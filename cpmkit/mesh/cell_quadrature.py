@@ -127,10 +127,14 @@ def one_point_limits(mesh: Mesh, spacing: float) -> Floats:
     neighbour, or with an edge that belongs to one triangle or more than two; and for curved triangles that are not
     small as a whole.
     """
-    from cpmkit.mesh.mesh_kernels import least_turning_sine
-
     if mesh.midpoints is None:
-        sine = least_turning_sine(mesh.vertices, np.ascontiguousarray(mesh.cells), mesh.edges.of_cells)
+        a, b, c = (mesh.vertices[mesh.cells[:, k]] for k in range(3))
+        normals, edge = unit(np.cross(b - a, c - a)), mesh.edges.of_cells.ravel()
+        count = np.bincount(edge, minlength=len(mesh.edges.ends))
+        pairs = np.argsort(edge, kind="stable")[(count == 2)[np.sort(edge)]].reshape(-1, 2) // 3
+        sine = np.zeros(len(count))
+        sine[count == 2] = norms(np.cross(normals[pairs[:, 0]], normals[pairs[:, 1]]))
+        sine = sine[mesh.edges.of_cells].min(axis=1, initial=1.0)
         limits: Floats = np.minimum(SINGLE_MOMENT_OF_ANGLE * sine, MOST_SINGLE_MOMENT)
     else:
         limits = np.zeros(len(mesh.cells))  # untouched zeros take no memory
@@ -174,16 +178,14 @@ def quadrature(
     fine : bool
         Whether pieces between knot planes get a rule of degree 4.
     """
-    parts = [_segment_samples(mesh)] if mesh.manifold_dim == 1 else _triangle_parts(mesh, clipped_at, clipped, fine)
+    if mesh.manifold_dim == 1:
+        points, tangents, weights, _ = quadratic_rule(mesh)
+        cell = np.repeat(np.arange(len(mesh.cells)), weights.shape[1])
+        at, along = points.reshape(-1, mesh.dim), tangents.reshape(-1, mesh.dim)
+        parts: Iterable[Samples] = [Samples(at, weights.ravel(), normal_frames(along), cell)]
+    else:
+        parts = _triangle_parts(mesh, clipped_at, clipped, fine)
     return _concatenate(chain(parts, [] if further is None else [further]))
-
-
-def _segment_samples(mesh: Mesh) -> Samples:
-    """Return the samples on the segments of a mesh."""
-    points, tangents, weights, _ = quadratic_rule(mesh)
-    cell = np.repeat(np.arange(len(mesh.cells)), weights.shape[1])
-    at, along = points.reshape(-1, mesh.dim), tangents.reshape(-1, mesh.dim)
-    return Samples(at, weights.ravel(), normal_frames(along), cell)
 
 
 def _triangle_parts(mesh: Mesh, clipped_at: float | None, clipped: Bools | None, fine: bool) -> Iterator[Samples]:

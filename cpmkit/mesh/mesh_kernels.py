@@ -183,30 +183,6 @@ def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance:
 
 
 @compiled
-def distinct_cells(corners: Ints, count: int) -> Bools:
-    """Return which cells (m,) repeat neither a vertex nor an earlier cell; ``corners`` (m, k) ascend in each row.
-
-    Each of the ``count`` vertices has a linked list of the cells of which it is the lowest corner.
-    """
-    head, following = np.full(count, -1, np.int64), np.empty(len(corners), np.int64)
-    is_distinct = np.ones(len(corners), np.bool_)
-    for cell in range(len(corners)):
-        for k in range(1, corners.shape[1]):
-            if corners[cell, k] == corners[cell, k - 1]:
-                is_distinct[cell] = False
-        other = head[corners[cell, 0]]
-        while is_distinct[cell] and other >= 0:
-            same = True
-            for k in range(1, corners.shape[1]):
-                same = same and corners[cell, k] == corners[other, k]
-            is_distinct[cell] = not same
-            other = following[other]
-        if is_distinct[cell]:
-            following[cell], head[corners[cell, 0]] = head[corners[cell, 0]], cell
-    return is_distinct
-
-
-@compiled
 def edge_supports(
     vertices: Floats, ends: Ints, normals: Floats, creased: Bools, first: Ints, around: Ints
 ) -> tuple[Floats, Floats]:
@@ -267,50 +243,3 @@ def edge_supports(
                 ratio *= min(1.0, length / (total * lengths[edge]))
             support[edge] = min(support[edge], ratio)
     return support, heights
-
-
-@compiled
-def area_vector(vertices: Floats, cell: Ints, normal: Floats) -> float:
-    """Fill ``normal`` (3,) with the normal of a triangle whose length is twice the area, and return this length."""
-    total = 0.0
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        first = (vertices[cell[1], j] - vertices[cell[0], j]) * (vertices[cell[2], k] - vertices[cell[0], k])
-        second = (vertices[cell[1], k] - vertices[cell[0], k]) * (vertices[cell[2], j] - vertices[cell[0], j])
-        normal[i] = first - second
-        total += normal[i] * normal[i]
-    return float(np.sqrt(total))
-
-
-@compiled
-def least_turning_sine(vertices: Floats, cells: Ints, of_cells: Ints) -> Floats:
-    """Return for each triangle the least sine (m,) of the angles between its plane and those of its neighbours.
-
-    ``of_cells`` (m, 3) are the edges of the triangles. Orientations do not matter. The sine is 0 if an edge belongs to
-    one triangle or more than two, or if a triangle has no area.
-    """
-    normals, sizes = np.empty((len(cells), 3)), np.empty(len(cells))
-    for cell in range(len(cells)):
-        sizes[cell] = area_vector(vertices, cells[cell], normals[cell])
-    edges = int(of_cells.max()) + 1 if len(cells) else 0
-    first, sine = np.full(edges, -1, np.int64), np.zeros(edges)
-    for cell in range(len(cells)):
-        for edge in of_cells[cell]:
-            if first[edge] == -1:
-                first[edge] = cell
-            elif first[edge] == -2:
-                sine[edge] = 0.0
-            else:
-                other, total = first[edge], 0.0
-                for i in range(3):
-                    j, k = (i + 1) % 3, (i + 2) % 3
-                    across = normals[cell, j] * normals[other, k] - normals[cell, k] * normals[other, j]
-                    total += across * across
-                both = sizes[cell] * sizes[other]
-                sine[edge] = np.sqrt(total) / both if both > 0 else 0.0
-                first[edge] = -2
-    least = np.ones(len(cells))
-    for cell in range(len(cells)):
-        for edge in of_cells[cell]:
-            least[cell] = min(least[cell], sine[edge])
-    return least

@@ -1,8 +1,9 @@
-"""Cells of mixed dimension in one array (triangles, segments and points; shorter rows end in -1), and polylines."""
+"""Cells of mixed dimension in one array (triangles, segments and points; shorter rows end in -1), cuts, polylines."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +11,9 @@ import numpy as np
 from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import HasMesh, members_of
 from cpmkit.manifold.source import ClosestPointSource
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.mesh.mesh import Connectivity
-from cpmkit.types import Floats, Ints
+from cpmkit.types import Bools, Floats, Ints
 
 
 def with_corners(cells: Ints, corners: int) -> Ints:
@@ -171,3 +173,174 @@ def chain_segments(vertices: Floats, segments: Ints) -> list[Polyline]:
                 chain.append(int(following[chain[-1]]))
             polylines.append(Polyline(vertices[chain[:-1]], True))
     return polylines
+
+
+#: A vertex nearer to a boundary than this share of the spacing lies on it.
+ON_CURVE_SPACINGS = 1e-6
+
+#: An edge crosses a boundary if the zero on it lies nearer to the boundary than this share of its length.
+CROSSED_EDGE_SHARE = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class CutCells:
+    """Cells of mixed dimension after some cuts; ``attributes`` are points and normals, both interpolated by a cut."""
+
+    attributes: Floats  # (v, d) or (v, 2 d)
+    sides: Ints  # (v, boundaries): 1 left, -1 right, 0 not on that boundary
+    cells: Ints  # (m, k): triangles, segments and points, shorter rows end in -1
+
+
+def cut_by_distance(
+    pieces: CutCells, boundary: int, distance: Floats, dim: int, curve: ClosestPointSource, spacing: float
+) -> CutCells:
+    """Return the mesh with all cells that a boundary crosses split, and separate vertices on its two sides.
+
+    Parameters
+    ----------
+    pieces : CutCells
+        The mesh before the cut.
+    boundary : int
+        The boundary's column in ``pieces.sides``.
+    distance : (v,) float64
+        Signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
+    dim : int
+        2 or 3.
+    curve : ClosestPointSource
+        The boundary.
+    spacing : float
+        Spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
+    """
+    count, points = len(distance), pieces.attributes[:, :dim]
+    # The distance is measured along the surface's tangent, so it also vanishes beside the boundary on another sheet,
+    # such as the other leg of an animal; such a point is not on the boundary, and has no side.
+    sign: Floats = np.sign(distance)
+    zero = np.flatnonzero(np.abs(distance) < ON_CURVE_SPACINGS * spacing)
+    sign[zero] = np.where(_distance_from_curve(points[zero], curve) < CROSSED_EDGE_SHARE * spacing, 0.0, np.nan)
+    edges, cells, sides = np.zeros((0, 2), dtype=np.int64), [], []
+    for corners, split in ((3, _split_triangles), (2, _split_segments), (1, None)):
+        part = with_corners(pieces.cells, corners)
+        if not len(part):
+            continue
+        part_edges, cell_edges = number_edges(part, count)
+        crossed = _crossed_edges(points, part_edges, distance, sign, curve)
+        # The crossing of edge e is called vertex count + e; only those that are used will be made.
+        after, side = part, _side_of_cells(part, sign)  # nothing cuts a point
+        if split is not None:
+            after, side = split(part, count + len(edges) + cell_edges, crossed[cell_edges], sign)
+        edges = np.concatenate([edges, part_edges])
+        cells.append(after)
+        sides.append(side)
+    after = stack_cells(cells)
+    used = np.unique(after[after >= count]) - count
+    number = np.zeros(count + len(edges), dtype=np.int64)
+    number[:count] = np.arange(count)
+    number[count + used] = count + np.arange(len(used))
+    on_boundary = np.concatenate([sign == 0, np.ones(len(used), dtype=bool)])
+    with_crossings = _append_crossings(pieces, edges[used], distance, renumber_cells(after, number))
+    return _separate_sides(with_crossings, boundary, on_boundary, np.concatenate(sides))
+
+
+def _crossed_edges(points: Floats, edges: Ints, distance: Floats, sign: Floats, curve: ClosestPointSource) -> Bools:
+    """Return which of ``edges`` (e, 2) the boundary crosses, (e,).
+
+    Opposite signs at the ends are not enough: they also occur across the tangent plane on another sheet, and half way
+    between two arms of a curve, where the nearest arm changes. There the zero of the distance is not near the curve.
+    """
+    a, b = edges.T
+    crossed: Bools = sign[a] * sign[b] < 0
+    candidates = edges[crossed]
+    length = np.linalg.norm(points[candidates[:, 1]] - points[candidates[:, 0]], axis=1)
+    crossed[crossed] = (
+        _distance_from_curve(_zero_on_edges(points, candidates, distance), curve) < CROSSED_EDGE_SHARE * length
+    )
+    return crossed
+
+
+def _zero_on_edges(attributes: Floats, edges: Ints, distance: Floats) -> Floats:
+    """Return ``attributes`` (v, w), interpolated linearly, at the zero of ``distance`` (v,) on each edge, (e, w)."""
+    a, b = edges.T
+    share = (distance[a] / (distance[a] - distance[b]))[:, None]
+    return np.asarray((1 - share) * attributes[a] + share * attributes[b])
+
+
+def _distance_from_curve(points: Floats, curve: ClosestPointSource) -> Floats:
+    """Return the distances (n,) of ``points`` (n, d) from ``curve``."""
+    return norms(curve.closest_point(np.ascontiguousarray(points)).points - points)
+
+
+def _split_segments(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+    """Return the segments (k, 2) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
+
+    ``crossings`` (m, 1) is the vertex where the boundary crosses each segment, where ``crossing`` (m, 1) is True.
+    """
+    cut = crossing[:, 0]
+    a, b = cells[cut].T
+    p = crossings[cut, 0]
+    whole = cells[~cut]
+    return (
+        np.concatenate([whole, np.stack([a, p], axis=1), np.stack([p, b], axis=1)]),
+        np.concatenate([_side_of_cells(whole, sign), sign[a], sign[b]]),
+    )
+
+
+def _split_triangles(cells: Ints, crossings: Ints, crossing: Bools, sign: Floats) -> tuple[Ints, Floats]:
+    """Return the triangles (k, 3) after the cut and the side (k,) of each: 1 left, -1 right, 0 on both or neither.
+
+    ``crossings`` (m, 3) are the vertices where the boundary crosses the edges, where ``crossing`` (m, 3) is True.
+    A triangle is cut from edge to edge, or from a corner on the curve to the opposite edge. A triangle that the curve
+    enters and does not leave contains the end of the curve and stays whole.
+    """
+    count = crossing.sum(axis=1)
+    two = count == 2
+    across = (count == 1) & (sign[np.take_along_axis(cells, (crossing.argmax(axis=1)[:, None] + 2) % 3, 1)[:, 0]] == 0)
+    whole = cells[~(two | across)]
+
+    # The lone corner a comes first: it faces the one edge that is not crossed.
+    (a, b, c), (p, _, q) = rotate_triangles(cells[two], crossings[two], crossing[two].argmin(axis=1) + 2)
+    parts = [(whole, _side_of_cells(whole, sign))]
+    parts += [
+        (np.stack(corners, axis=1), s)
+        for corners, s in [((a, p, q), sign[a]), ((p, b, c), sign[b]), ((p, c, q), sign[b])]
+    ]
+
+    # The corner a on the curve comes first: it faces the one edge that is crossed.
+    (a, b, c), (_, p, _) = rotate_triangles(cells[across], crossings[across], crossing[across].argmax(axis=1) + 2)
+    parts += [(np.stack(corners, axis=1), s) for corners, s in [((a, b, p), sign[b]), ((a, p, c), sign[c])]]
+    return np.concatenate([part for part, _ in parts]), np.concatenate([side for _, side in parts])
+
+
+def _side_of_cells(cells: Ints, sign: Floats) -> Floats:
+    """Return the side (m,) of each cell, 1 or -1, if no corner lies on the other side; 0 if both or no sides occur."""
+    signs = np.nan_to_num(sign[cells])
+    left, right = (signs > 0).any(axis=1), (signs < 0).any(axis=1)
+    return np.where(left == right, 0.0, np.where(left, 1.0, -1.0))
+
+
+def _append_crossings(pieces: CutCells, edges: Ints, distance: Floats, cells: Ints) -> CutCells:
+    """Return the mesh with ``cells`` and with vertices appended at the zeros of the distance on ``edges`` (k, 2).
+
+    The cells contain the numbers of these vertices already.
+    """
+    a, b = edges.T
+    attributes = np.concatenate([pieces.attributes, _zero_on_edges(pieces.attributes, edges, distance)])
+    # A crossing on an edge along an earlier boundary inherits its side.
+    sides = np.where(pieces.sides[a] == pieces.sides[b], pieces.sides[a], 0)
+    return CutCells(attributes, np.concatenate([pieces.sides, sides]), cells)
+
+
+def _separate_sides(pieces: CutCells, boundary: int, on_boundary: Bools, side: Floats) -> CutCells:
+    """Return the mesh with copies of the vertices ``on_boundary`` (v,) in the cells on the right (``side`` < 0).
+
+    The original vertices belong to the left side.
+    """
+    copied = np.flatnonzero(on_boundary)
+    copy = np.arange(len(on_boundary))
+    copy[copied] = len(on_boundary) + np.arange(len(copied))
+    left, right = pieces.sides.copy(), pieces.sides[copied].copy()
+    left[copied, boundary], right[:, boundary] = 1, -1
+    return CutCells(
+        np.concatenate([pieces.attributes, pieces.attributes[copied]]),
+        np.concatenate([left, right]),
+        np.where((side < 0)[:, None], renumber_cells(pieces.cells, copy), pieces.cells),
+    )

@@ -83,7 +83,10 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     twice_area = np.cross(b - a, c - a)
     at_corners = np.repeat(twice_area, 3, axis=0)  # (3 t, 3)
     vertices = triangles.ravel()
-    misaligned = np.flatnonzero(vertices_of_misaligned_edges(triangles, len(points))[vertices])
+    directed, times = np.unique(vertices * len(points) + np.roll(triangles, -1, axis=1).ravel(), return_counts=True)
+    on_edge = np.zeros(len(points), dtype=bool)  # of two triangles that traverse it in the same direction
+    on_edge[np.concatenate(np.divmod(directed[times > 1], max(len(points), 1)))] = True
+    misaligned = np.flatnonzero(on_edge[vertices])
     if len(misaligned):
         rows, first = np.unique(vertices[misaligned], return_index=True)
         reference = np.zeros(len(points), dtype=np.int64)
@@ -94,13 +97,3 @@ def vertex_normals(points: Floats, triangles: Ints) -> Floats:
     for axis in range(3):
         total[:, axis] = np.bincount(vertices, at_corners[:, axis], minlength=len(points))
     return unit(total)
-
-
-def vertices_of_misaligned_edges(triangles: Ints, count: int) -> Bools:
-    """Return a mask of the vertices (count,) on edges that two triangles traverse in the same direction."""
-    starts, ends = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
-    directed, times = np.unique(starts * np.int64(count) + ends, return_counts=True)
-    on_edge = np.zeros(count, dtype=bool)
-    for end in np.divmod(directed[times > 1], count):
-        on_edge[end] = True
-    return on_edge

@@ -51,17 +51,18 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     return halve_long_edges(mesh, lambda mesh: mesh.edge_lengths > longest, halves)
 
 
-def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: HalvedEdges | None = None) -> Mesh:
+def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple[Ints, Ints] | None = None) -> Mesh:
     """Return triangles with edges halved at their middles until ``is_long`` marks no edge (e,) of the mesh.
 
-    ``halves`` are edges whose middles are vertices of the mesh already.
+    ``halves`` are edges whose middles are vertices of the mesh already, because a needle beside them was cut: the
+    ascending codes (k,) of the edges, and their middles (k,).
     """
     while (long := is_long(mesh)).any():
         ends = mesh.edges.ends
         middle = np.full(len(ends), -1)
         if halves is not None:
-            at = find_codes(halves.codes, _edge_codes(ends[long]))
-            middle[long] = np.where(at >= 0, np.append(halves.middles, -1)[at], -1)
+            at = find_codes(halves[0], _edge_codes(ends[long]))
+            middle[long] = np.where(at >= 0, np.append(halves[1], -1)[at], -1)
         new = long & (middle < 0)
         middle[new] = len(mesh.vertices) + np.arange(new.sum())
         mesh = halve_edges(mesh, middle, mesh.vertices[ends[new]].mean(axis=1))
@@ -139,22 +140,6 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
 
 
 @dataclass(frozen=True, eq=False)
-class HalvedEdges:
-    """Edges whose midpoints are vertices of the mesh already, because a needle beside them was cut.
-
-    Attributes
-    ----------
-    codes : (k,) int64
-        Codes of the edges, computed from their ends, ascending.
-    middles : (k,) int64
-        The vertex in the middle of each edge.
-    """
-
-    codes: Ints
-    middles: Ints
-
-
-@dataclass(frozen=True, eq=False)
 class _DividedEdges:
     """Edges divided into equal parts, with consecutive numbers of the vertices between the parts.
 
@@ -177,8 +162,8 @@ class _DividedEdges:
         inside = np.where(place == last, self.ends[edge, 1], self.first[edge] + place - 1)
         return np.asarray(np.where(place == 0, self.ends[edge, 0], inside), dtype=np.int64)
 
-    def halvings(self) -> HalvedEdges:
-        """Return the vertices in the middles of all divided edges, of their halves, quarters and so on."""
+    def halvings(self) -> tuple[Ints, Ints]:
+        """Return the ascending codes and the middles of all divided edges, of their halves, quarters and so on."""
         codes, middles = [], []
         for level in range(int(self.levels.max())):
             edges = np.flatnonzero(self.levels > level)
@@ -189,10 +174,10 @@ class _DividedEdges:
             codes.append(_edge_codes(np.stack(ends, axis=1)))
             middles.append(self.vertex(edge, place * step + step // 2))
         order = np.argsort(np.concatenate(codes))
-        return HalvedEdges(np.concatenate(codes)[order], np.concatenate(middles)[order])
+        return np.concatenate(codes)[order], np.concatenate(middles)[order]
 
 
-def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
+def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, tuple[Ints, Ints] | None]:
     """Return the mesh with needles cut across into pieces about as long as wide, and the edges that this halved.
 
     Pieces are not shorter than ``length``.
@@ -203,7 +188,7 @@ def split_needles(mesh: Mesh, length: float) -> tuple[Mesh, HalvedEdges]:
     width = np.maximum(lengths_of_cells.min(axis=1), length)
     needles = np.flatnonzero(lengths_of_cells.max(axis=1) > NEEDLE_EDGES * width)
     if not len(needles):
-        return mesh, HalvedEdges(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64))
+        return mesh, None
     edges, lengths = mesh.edges, mesh.edge_lengths
     tip = lengths_of_cells[needles].argmin(axis=1)
     long_sides = edges.of_cells[needles[:, None], (tip[:, None] + [2, 1]) % 3]

@@ -29,7 +29,7 @@ from cpmkit.meshing.curved_from_points import (
     ONTO_BOUNDARY_EDGE_SHARE,
     boundary_vertices,
     curve_from_points,
-    shortest_edges,
+    extreme_edges,
 )
 from cpmkit.meshing.mesh_cache import MeshCache, in_scene_coordinates, mesh_cache_of
 from cpmkit.meshing.untangling import untangle_midpoints
@@ -292,7 +292,7 @@ def _move_onto_boundaries(mesh: Mesh, normals: Floats, boundaries: Sequence[Loca
     ``normals`` (v, d) are those at the vertices.
     """
     vertices, on_cut = mesh.vertices.copy(), np.unique(mesh.cut)
-    reach = ONTO_BOUNDARY_EDGE_SHARE * shortest_edges(mesh, on_cut)
+    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edges(mesh, on_cut, np.minimum, np.inf)
     for owner, boundary in enumerate(boundaries):
         rows = boundary_vertices(mesh, owner)
         if boundary is not None and len(rows):

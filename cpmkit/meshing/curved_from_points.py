@@ -59,7 +59,7 @@ def move_vertices_to_manifold(mesh: Mesh, source: LocalSource, boundaries: Seque
     times = np.bincount(np.concatenate([on_rim.nonzero()[0], *on_boundaries]), minlength=len(points))
     if not times.any():
         return mesh.with_same_cells(vertices=points)
-    reach = ONTO_BOUNDARY_EDGE_SHARE * longest_edges(mesh, np.flatnonzero(times))
+    reach = ONTO_BOUNDARY_EDGE_SHARE * extreme_edges(mesh, np.flatnonzero(times), np.maximum, 0.0)
     before = points.copy()
     for turn in range(4):  # alternating projections of vertices on several boundaries, or on one and the rim
         for vertices, boundary in zip(on_boundaries, boundaries, strict=True):
@@ -140,17 +140,7 @@ def boundary_vertices(mesh: Mesh, owner: int) -> Ints:
     return np.unique(mesh.cut[(mesh.owner == owner) & ~mesh.beyond_tip])
 
 
-def longest_edges(mesh: Mesh, rows: Ints) -> Floats:
-    """Return the length (v,) of the longest edge at each of the vertices ``rows`` (k,), zero at all others."""
-    return _extreme_edges(mesh, rows, np.maximum, 0.0)
-
-
-def shortest_edges(mesh: Mesh, rows: Ints) -> Floats:
-    """Return the length (v,) of the shortest edge at each of the vertices ``rows`` (k,), infinity at all others."""
-    return _extreme_edges(mesh, rows, np.minimum, np.inf)
-
-
-def _extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
+def extreme_edges(mesh: Mesh, rows: Ints, extreme: np.ufunc, none: float) -> Floats:
     """Return the ``extreme`` length (v,) of the edges at each of the vertices ``rows`` (k,), ``none`` at all others."""
     chosen = np.zeros(len(mesh.vertices), dtype=bool)
     chosen[rows] = True

@@ -145,5 +145,5 @@ def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> 
 
 def _repair_mesh(mesh: Mesh) -> RepairedMesh:
     """Return the repair of ``mesh``."""
-    vertex_of, cells, _, report = repaired_cells(mesh)
+    vertex_of, cells, report = repaired_cells(mesh)
     return RepairedMesh(vertex_of, Mesh.of(mesh.vertices[vertex_of], cells), report)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import SceneError, shown
-from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
+from cpmkit.files.whole_files import find_file
 from cpmkit.forms.options import AccuracyTarget
 from cpmkit.plugins import check_accepted
 from cpmkit.runtime.arrays import as_points, as_vector

@@ -12,7 +12,7 @@ import numpy as np
 
 from cpmkit.errors import SceneError, shown
 from cpmkit.files.array_files import read_array
-from cpmkit.files.data_files import find_file
+from cpmkit.files.whole_files import find_file
 from cpmkit.formulas.expressions import Expression, ReactionExpression, StateExpression
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource

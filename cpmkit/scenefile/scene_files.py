@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
+from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import RENAMED_OPTIONS, own_options
 from cpmkit.forms.options import AccuracyTarget, Options
 from cpmkit.linear.solver_options import SOLVER_OPTIONS, SolverOptions

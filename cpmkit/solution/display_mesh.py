@@ -17,8 +17,7 @@ from cpmkit.errors import InputError
 from cpmkit.manifold.abilities import HasGivenMesh, HasNormals
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.manifold.vector_algebra import unit
-from cpmkit.mesh.cut_by_distance import CutCells, cut_by_distance
-from cpmkit.mesh.mixed_cells import mesh_of, refine_mixed_cells, with_corners
+from cpmkit.mesh.mixed_cells import CutCells, cut_by_distance, mesh_of, refine_mixed_cells, with_corners
 from cpmkit.mesh.normals_of_mesh import vertex_normals
 from cpmkit.types import Floats, Ints, Side, Sides
 

@@ -15,8 +15,8 @@ from typing import Any
 from unicodedata import normalize
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.files.data_files import find_file
 from cpmkit.files.plain_values import from_toml
+from cpmkit.files.whole_files import find_file
 from cpmkit.forms.choice import every_option
 from cpmkit.formulas.expressions import Expression
 from cpmkit.formulas.steps import CONSTANTS, COORDINATES, FUNCTIONS, MAX_FORMULA_CHARACTERS, formula_tree, parse

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cpmkit as ck
-from cpmkit.files.data_files import find_file
+from cpmkit.files.whole_files import find_file
 
 FORMS = pytest.mark.parametrize("form", ["collocation", "galerkin"])
 READERS = [

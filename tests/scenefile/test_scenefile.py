@@ -104,7 +104,7 @@ def test_array_files_are_found_beside_the_scene(tmp_path, monkeypatch):
 
 
 def test_meshes_are_found_in_the_data_folder_and_the_cache(tmp_path, monkeypatch):
-    from cpmkit.files.data_files import find_file
+    from cpmkit.files.whole_files import find_file
 
     for folder, variable in (("data", "CPMKIT_DATA"), ("cache", "CPMKIT_CACHE")):
         (tmp_path / folder).mkdir()
@@ -125,7 +125,7 @@ def test_files_named_in_python_are_found_there_too(tmp_path, monkeypatch):
 def test_a_mesh_is_fetched_into_the_cache_and_its_checksum_verified(tmp_path, monkeypatch):
     import hashlib
 
-    from cpmkit.files.data_files import find_file
+    from cpmkit.files.whole_files import find_file
 
     pytest.importorskip("pooch")
     origin = tmp_path / "origin"
@@ -133,7 +133,7 @@ def test_a_mesh_is_fetched_into_the_cache_and_its_checksum_verified(tmp_path, mo
     (origin / "small.obj").write_text("v 0 0 0\n")
     right = hashlib.sha256(b"v 0 0 0\n").hexdigest()
     monkeypatch.setattr(
-        "cpmkit.files.data_files.KNOWN_MESHES",
+        "cpmkit.files.whole_files.KNOWN_MESHES",
         {"small.obj": ("small.obj", right), "other.obj": ("small.obj", "0" * 64)},
     )
     monkeypatch.setenv("CPMKIT_ORIGIN", origin.as_uri())

@@ -237,10 +237,10 @@ def _repaired_cells(
     surface = with_noise(surface, spacing)
     warnings = tuple(noise_warnings(surface, spacing))
     if surface.manifold_dim == 1:
-        mesh, trace_defects = contour_curve(surface, spacing, curved=False)
+        mesh, trace_defects = contour_curve(surface, spacing)
         contouring = tracing_warnings(trace_defects, surface)
     else:
-        mesh, surface_report = contour_surface(surface, spacing, curved=False)
+        mesh, surface_report = contour_surface(surface, spacing)
         contouring = contouring_warnings(surface_report, surface)
     return surface, mesh, "closest_point", warnings + with_noise_advice(contouring, surface, spacing)
 

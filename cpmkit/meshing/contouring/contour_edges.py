@@ -153,37 +153,19 @@ def collapse_edges(cells: Ints, ends: Ints, count: int) -> Ints:
     return np.ascontiguousarray(cells[np.sort(first[times % 2 == 1])])
 
 
-def remove_isolated_components(vertices: Floats, cells: Ints, spacing: float) -> tuple[Ints, int]:
+def remove_small_components(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
     """Return the triangles (n, 3) without components of hardly any area, and the number of components removed.
 
-    Components are connected by vertices. All triangles stay where every component is that small.
+    Triangles with a common link are connected, see :func:`components`. All stay where every component is that small.
     """
-    return _remove_small(vertices, cells, cells, spacing)
-
-
-def remove_components_at_vertices(vertices: Floats, cells: Ints, spacing: float) -> Ints:
-    """Return the triangles (n, 3) without components of hardly any area that touch others only in vertices."""
-    return _remove_small(vertices, cells, edge_table(cells).of_cells, spacing)[0]
-
-
-def _remove_small(vertices: Floats, cells: Ints, links: Ints, spacing: float) -> tuple[Ints, int]:
-    """Return the triangles (n, 3) without components of hardly any area, and the number of these.
-
-    Triangles with a common link are connected, see :func:`_components`.
-    """
-    component, areas = _components(vertices, cells, links)
+    component, areas = components(vertices, cells, links)
     is_small = areas < LEAST_COMPONENT_AREA * spacing**2
     if is_small.all():
         return cells, 0
     return np.ascontiguousarray(cells[~is_small[component]]), int(is_small.sum())
 
 
-def component_areas(vertices: Floats, cells: Ints) -> Floats:
-    """Return the area (c,) of each component of triangles connected by vertices."""
-    return _components(vertices, cells, cells)[1]
-
-
-def _components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
+def components(vertices: Floats, cells: Ints, links: Ints) -> tuple[Ints, Floats]:
     """Return the component (m,) of each triangle, and the area (c,) of each component.
 
     ``links`` (m, 3) are the vertices or the edges of each triangle; triangles with a common link are connected.

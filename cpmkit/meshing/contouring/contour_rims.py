@@ -16,7 +16,6 @@ from cpmkit.meshing.contouring.contour_edges import (
     open_edges,
     shortest_at_both_ends,
 )
-from cpmkit.meshing.curved_from_points import limit_height
 from cpmkit.types import Bools, Floats, Ints
 
 #: Beyond a rim the closest point stays the same, up to this share of the distance by which the query is moved.
@@ -200,23 +199,3 @@ def weld_rim_corners(vertices: Floats, cells: Ints, spacing: float) -> Ints:
     line, count = np.unique(np.sort(place[ends], axis=1), axis=0, return_inverse=True, return_counts=True)[1:]
     doubled = np.isin(pairs, ends[count[line.ravel()] == 2]).all(axis=1)
     return collapse_edges(cells, np.sort(pairs[doubled], axis=1), len(vertices))
-
-
-def edge_midpoints(rims: RimTest, vertices: Floats, cells: Ints, on_rim: Bools) -> Floats:
-    """Return points (m, 3, 3) of the surface halfway along the edges of each triangle, for rim edges on the rim.
-
-    Edges across a crease stay straight.
-    """
-    edges = edge_table(cells)
-    a, b = vertices[edges.ends[:, 0]], vertices[edges.ends[:, 1]]
-    middles, length = 0.5 * (a + b), norms(b - a)
-    border = open_edges(vertices, cells, edges)
-    rows = edges_on_rim(border, on_rim)
-    rim = border.edge[rows]
-    inside = np.setdiff1d(np.arange(len(length)), rim)
-    midpoints = middles.copy()
-    midpoints[inside] = rims.source.closest_point(middles[inside]).points
-    normals = border.normals(vertices)[rows]
-    projected, hits = rims.project(middles[rim], border.conormals[rows], normals, 0.25 * length[rim])
-    midpoints[rim[hits]] = projected[hits]
-    return np.asarray(limit_height(midpoints, middles, length)[edges.of_cells])

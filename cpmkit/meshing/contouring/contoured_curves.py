@@ -47,7 +47,7 @@ class TraceDefects:
         return len(self.missed) + len(self.covered_twice) + len(self.gaps)
 
 
-def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, TraceDefects]:
+def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefects]:
     """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
     Parameters
@@ -56,8 +56,6 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
         A curve (m = 1) in the plane or in space. Its tangents are not used.
     spacing : float
         Spacing h of the form's lattice.
-    curved : bool
-        Whether midpoints of segments, on the curve, are returned too.
 
     Raises
     ------
@@ -78,7 +76,7 @@ def contour_curve(source: LocalSource, spacing: float, curved: bool = True) -> t
             break
     assert best is not None
     graph, defects = best
-    return Mesh.of(graph.vertices, graph.segments, graph.midpoints[:, None] if curved else None), defects
+    return Mesh.of(graph.vertices, graph.segments), defects
 
 
 def _trace_on(source: LocalSource, spacing: float, step: float, shift: float) -> tuple[CurveGraph, TraceDefects] | None:

@@ -17,16 +17,14 @@ from cpmkit.meshing.contouring.contour_checks import (
     restore_creases,
 )
 from cpmkit.meshing.contouring.contour_edges import (
-    component_areas,
+    components,
     edge_table,
-    remove_components_at_vertices,
-    remove_isolated_components,
+    remove_small_components,
 )
 from cpmkit.meshing.contouring.contour_nodes import LatticeNodes, lattice_nodes
 from cpmkit.meshing.contouring.contour_repair import collapse_short_edges, fill_holes, remove_flaps, separate_sheets
 from cpmkit.meshing.contouring.contour_rims import (
     RimTest,
-    edge_midpoints,
     move_to_rims,
     remove_bridges,
     remove_folds,
@@ -34,7 +32,7 @@ from cpmkit.meshing.contouring.contour_rims import (
 )
 from cpmkit.meshing.contouring.dual_vertices import dual_triangles, dual_vertices
 from cpmkit.meshing.contouring.edge_crossings import edge_crossings
-from cpmkit.types import Bools, Floats, Ints
+from cpmkit.types import Floats, Ints
 
 #: Contouring's lattices: spacing in spacings of the form's, and shift in spacings of their own. They are tried in turn
 #: until no defect is left. The shifts avoid planes of symmetry and of boxes.
@@ -80,7 +78,7 @@ class SurfaceReport:
         return self.defects.severity + (COMPONENT_WEIGHT if len(self.missed) else 0)
 
 
-def contour_surface(source: LocalSource, spacing: float, curved: bool = True) -> tuple[Mesh, SurfaceReport]:
+def contour_surface(source: LocalSource, spacing: float) -> tuple[Mesh, SurfaceReport]:
     """Return a triangulation of a surface in space with vertices on it, border vertices on its rims, and a report.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
@@ -92,8 +90,6 @@ def contour_surface(source: LocalSource, spacing: float, curved: bool = True) ->
         A surface (m = 2) in space. Neither its normals nor its orientation are used.
     spacing : float
         Spacing h of the form's lattice.
-    curved : bool
-        Whether midpoints of edges, on the surface, are returned too.
 
     Raises
     ------
@@ -102,33 +98,21 @@ def contour_surface(source: LocalSource, spacing: float, curved: bool = True) ->
     """
     best = _contour_on(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
-    if best.report.nonmanifold_share > MAX_NONMANIFOLD_SHARE:
+    if best[1].nonmanifold_share > MAX_NONMANIFOLD_SHARE:
         finest = _contour_on(source, spacing, *others.pop())
-        best = finest if finest.report.severity <= best.report.severity else best
+        best = finest if finest[1].severity <= best[1].severity else best
     for lattice in others:
-        if not best.report.severity:
+        if not best[1].severity:
             break
         attempt = _contour_on(source, spacing, *lattice)
-        best = attempt if attempt.report.severity < best.report.severity else best
-    mesh = best.mesh
-    midpoints = edge_midpoints(best.rims, mesh.vertices, mesh.cells, best.on_rim) if curved else None
-    return mesh.with_same_cells(midpoints=midpoints), best.report
-
-
-@dataclass(frozen=True, eq=False)
-class _Triangulation:
-    """A triangulation from one lattice, its vertices on rims (v,), and its report."""
-
-    rims: RimTest
-    mesh: Mesh
-    on_rim: Bools
-    report: SurfaceReport
+        best = attempt if attempt[1].severity < best[1].severity else best
+    return best
 
 
 def _contour_on(
     source: LocalSource, spacing: float, relative_spacing: float, offsets: tuple[float, ...]
-) -> _Triangulation:
-    """Return the repaired triangulation from one lattice.
+) -> tuple[Mesh, SurfaceReport]:
+    """Return the repaired triangulation from one lattice, and its report.
 
     Its spacing is ``relative_spacing`` times the form's ``spacing``, its shift ``offsets`` (3,) in its own spacings.
 
@@ -152,21 +136,21 @@ def _contour_on(
     vertices, cells = collapse_short_edges(source, vertices, cells, fine)
     cells = remove_flaps(rims, vertices, cells)
     vertices, cells = separate_sheets(source, vertices, cells)
-    cells, open_components = remove_isolated_components(vertices, cells, spacing)
+    cells, open_components = remove_small_components(vertices, cells, cells, spacing)
     cells = fill_holes(rims, vertices, cells)
-    cells, closed_components = remove_isolated_components(vertices, cells, spacing)
-    components = len(component_areas(vertices, cells))
+    cells, closed_components = remove_small_components(vertices, cells, cells, spacing)
+    components_before = len(components(vertices, cells, cells)[1])
     vertices, on_rim = move_to_rims(rims, vertices, cells)
     cells = remove_bridges(rims, vertices, cells, on_rim)
     cells, folds = remove_folds(vertices, cells, on_rim, fine)
-    cells = remove_components_at_vertices(vertices, cells, spacing)
+    cells = remove_small_components(vertices, cells, edge_table(cells).of_cells, spacing)[0]
     cells = weld_rim_corners(vertices, cells, fine)
     vertices, cells, on_rim = restore_creases(nodes, vertices, cells, on_rim)
-    defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components, spacing)
+    defects = find_defects(rims, nodes, vertices, cells, on_rim, folds, components_before, spacing)
     missed = _missed_points(nodes, vertices[np.unique(cells)])
     removed = open_components + closed_components
     report = SurfaceReport(relative_spacing, nonmanifold_share, defects, missed, removed)
-    return _Triangulation(rims, Mesh.of(vertices, cells), on_rim, report)
+    return Mesh.of(vertices, cells), report
 
 
 def _missed_points(nodes: LatticeNodes, vertices: Floats) -> Floats:

@@ -13,7 +13,7 @@ from cpmkit.types import Bools, Floats, Ints
 def unite_flat(
     start: Ints, member: Ints, points: Floats, normals: Floats, sine: float, cosine: float, error: float, group: Ints
 ) -> None:
-    """Unite the sets in ``group`` (k,) of entries of a cell whose chord is flat (``connectedness.chord_is_flat``).
+    """Unite the sets in ``group`` (k,) of entries of a cell whose chord is flat (``dual_vertices.chord_is_flat``).
 
     Entry i is the crossing ``member[i]``; cell c has the entries from ``start[c]`` to ``start[c + 1]``. Afterwards
     ``group[i]`` is the root of the set of entry i.

@@ -10,7 +10,6 @@ from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.meshing.contouring.contour_edges import connected_groups
 from cpmkit.meshing.contouring.curve_tracing import CurveTracer
-from cpmkit.meshing.curved_from_points import limit_height
 from cpmkit.types import Bools, Floats, Ints
 
 #: Segments whose chords come nearer than this, in steps, may cross.
@@ -37,12 +36,6 @@ class CurveGraph:
     segments: Ints
     midpoints_on_curve: Floats
     ends: Ints
-
-    @property
-    def midpoints(self) -> Floats:
-        """(s, d) midpoints of the segments on the curve, or on the chord for a segment across a corner."""
-        a, b = self.vertices[self.segments].transpose(1, 0, 2)
-        return limit_height(self.midpoints_on_curve, 0.5 * (a + b), norms(b - a))
 
 
 def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:

@@ -18,7 +18,6 @@ from cpmkit.meshing.insertion.constrained_triangulation import (
     SNAP_SHARE,
     ConstrainedTriangulation,
 )
-from cpmkit.meshing.insertion.curve_polylines import in_three_dimensions, polylines_of_source, trace_polylines
 from cpmkit.meshing.insertion.curve_tips import extend_tips, join_stray_tips
 from cpmkit.meshing.insertion.inserted_curves import InsertionPolyline, insert_curve, refine_curve, simplify_curve
 from cpmkit.meshing.insertion.parallel_curves import (
@@ -28,7 +27,12 @@ from cpmkit.meshing.insertion.parallel_curves import (
     is_close_to_others,
 )
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation
-from cpmkit.meshing.insertion.surface_matching import TriangleSearch
+from cpmkit.meshing.insertion.surface_matching import (
+    TriangleSearch,
+    in_three_dimensions,
+    polylines_of_source,
+    trace_polylines,
+)
 from cpmkit.meshing.insertion.surface_paths import PathFinder
 from cpmkit.types import Floats, Ints
 
@@ -48,7 +52,7 @@ class Insertion:
     coincident : frozenset of (int, int)
         A boundary and an earlier one that it lies on in places; the edges there belong to the earlier one.
     counts : dict
-        Numbers of ``erased`` short loops, ``disconnected`` points of curves between which there is no path, ``pruned``
+        Numbers of ``disconnected`` points of curves between which there is no path, ``pruned``
         tails, ``joined`` tips, and ``tips`` that are left and extended.
     max_distances : dict of float
         The largest distance of each boundary from the mesh, without parts past a rim.

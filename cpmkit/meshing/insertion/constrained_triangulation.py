@@ -77,8 +77,11 @@ class ConstrainedTriangulation:
         for a, b in self._candidate_edges(root, cell):
             share = nearest_share(place, net.at(a), net.at(b))
             gap = distance(place, interpolate(net.at(a), net.at(b), share))
-            if gap < farthest and gap < self._edge_snap_share(a, b) * size:
-                return self.insert_on_edge(a, b, share, size)
+            if gap < farthest:
+                edge = self.edges.get(edge_key(a, b))
+                snap_share = RIM_SNAP_SHARE if net.is_rim_edge(a, b) else self._free_snap_share
+                if gap < size * (OTHER_SNAP_SHARE if edge is not None and edge.owner != self.owner else snap_share):
+                    return self.insert_on_edge(a, b, share, size)
         return net.split_cell(cell, place)
 
     def _part_with(self, root: int, place: Vector) -> int:
@@ -119,21 +122,6 @@ class ConstrainedTriangulation:
         fixed = [edge for edge in edges if edge_key(*edge) in self.edges or (at_rim and net.is_rim_edge(*edge))]
         return fixed + _edges(net.corners(cell))
 
-    def _edge_snap_share(self, a: int, b: int) -> float:
-        """Return the distance, in local edge lengths, below which a point is put on the edge from a to b."""
-        edge = self.edges.get(edge_key(a, b))
-        if edge is not None and edge.owner != self.owner:
-            return OTHER_SNAP_SHARE
-        return RIM_SNAP_SHARE if self.triangulation.is_rim_edge(a, b) else self._free_snap_share
-
-    def _vertex_snap_share(self, vertex: int) -> float:
-        """Return the distance, in local edge lengths, below which a point is put at a vertex.
-
-        It is tiny at vertices of other boundaries.
-        """
-        owners = self.owners_at.get(vertex)
-        return OTHER_SNAP_SHARE if owners and self.owner not in owners else self._free_snap_share
-
     @property
     def _free_snap_share(self) -> float:
         """The distance, in local edge lengths, below which a point is put at a vertex or edge off all boundaries."""
@@ -149,7 +137,8 @@ class ConstrainedTriangulation:
         net = self.triangulation
         length = distance(net.at(a), net.at(b))
         to_a, to_b = share * length, (1 - share) * length
-        snap_a, snap_b = (self._vertex_snap_share(vertex) * size for vertex in (a, b))
+        others = (self.owners_at.get(vertex, {self.owner}) for vertex in (a, b))
+        snap_a, snap_b = (size * (self._free_snap_share if self.owner in at else OTHER_SNAP_SHARE) for at in others)
         if to_a <= to_b and to_a < snap_a:
             return a
         if to_b < snap_b:

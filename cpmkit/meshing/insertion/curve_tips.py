@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from itertools import pairwise
 
+import numpy as np
+
+from cpmkit.manifold.vector_algebra import norms
 from cpmkit.meshing.insertion.constrained_triangulation import BoundaryEdge
 from cpmkit.meshing.insertion.split_triangulation import (
     Vector,
-    add_scaled,
     distance,
     edge_key,
     interpolate,
@@ -118,20 +120,12 @@ def _tip_direction(finder: PathFinder, links: Links, tip: int) -> Vector:
     """
     net, reach = finder.triangulation, finder.triangulation.size(tip)
     _, path = _tail(finder, links, tip, reach)
-    lengths = [0.0]
-    for a, b in pairwise(path):
-        lengths.append(lengths[-1] + distance(net.at(a), net.at(b)))
-    reach = min(reach, lengths[-1])
-    middle, end = (_point_along(finder, path, lengths, share * reach) for share in (0.5, 1.0))
-    secant, first = subtract(net.at(tip), end), subtract(net.at(tip), middle)
-    return normalize(subtract(add_scaled(first, 3.0, first), secant))
-
-
-def _point_along(finder: PathFinder, path: list[int], lengths: list[float], length: float) -> Vector:
-    """Return the point of a path at ``length`` from its start; ``lengths`` are the lengths up to its vertices."""
-    row = next(k for k in range(1, len(lengths)) if lengths[k] >= length or k == len(lengths) - 1)
-    share = min(1.0, (length - lengths[row - 1]) / (lengths[row] - lengths[row - 1]))
-    return interpolate(finder.triangulation.at(path[row - 1]), finder.triangulation.at(path[row]), share)
+    points = np.array([net.at(vertex) for vertex in path])
+    lengths = np.append(0.0, np.cumsum(norms(np.diff(points, axis=0))))
+    reach = min(reach, float(lengths[-1]))
+    middle, end = (np.array([np.interp(share * reach, lengths, axis) for axis in points.T]) for share in (0.5, 1.0))
+    x, y, z = (4 * (points[0] - middle) - (points[0] - end)).tolist()
+    return normalize((x, y, z))
 
 
 def _straight_path(finder: PathFinder, tip: int, heading: Vector, reach: float) -> list[int]:

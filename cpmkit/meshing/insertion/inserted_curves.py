@@ -13,10 +13,9 @@ import numpy as np
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.vector_algebra import dots, norms
 from cpmkit.mesh.mixed_cells import Polyline
-from cpmkit.meshing.insertion.curve_polylines import simplify_polyline
 from cpmkit.meshing.insertion.parallel_curves import SimplifiedCurve
 from cpmkit.meshing.insertion.split_triangulation import SplitTriangulation, Vector, add_scaled, subtract
-from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearch, match_to_surface
+from cpmkit.meshing.insertion.surface_matching import Projections, TriangleSearch, match_to_surface, simplify_polyline
 from cpmkit.meshing.insertion.surface_paths import InsertedPoint, PathFinder, erase_short_loops
 from cpmkit.types import Bools, Floats, Ints
 
@@ -226,8 +225,8 @@ def _rim_passage(triangulation: SplitTriangulation, search: TriangleSearch, on: 
 def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[str]) -> float:
     """Insert a curve as edges of the triangulation, and return the largest distance between the two.
 
-    Parts of the curve past a rim do not count. ``counts`` counts ``erased`` loops and ``disconnected`` points, between
-    which there is no path.
+    Parts of the curve past a rim do not count. ``counts`` counts ``disconnected`` points, between which
+    there is no path.
     """
     net, farthest = finder.triangulation, 0.0
     matched = match_to_surface(net, line.points, finder.search.candidates(line.points))
@@ -239,7 +238,7 @@ def insert_curve(finder: PathFinder, line: InsertionPolyline, counts: Counter[st
         backward = {waypoints[row + k].vertex for row in np.flatnonzero(known & (ahead < 0)).tolist() for k in (0, 1)}
         farthest = max(farthest, float(matched.distance[run.point[run.point >= 0]].max(initial=0.0)))
         for path in _paths_through(finder, waypoints, closed, counts):
-            simple = erase_short_loops(net, net.refine_path(path), backward, counts)
+            simple = erase_short_loops(net, net.refine_path(path), backward)
             finder.constrained.constrain(simple, finder.constrained.owner)
     return farthest
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Set
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -206,10 +205,8 @@ class PathFinder:
         return part and path + part[1:]
 
 
-def erase_short_loops(
-    triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
-) -> list[int]:
-    """Return a path without short loops that are not part of the curve; each is counted as ``erased``.
+def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
+    """Return a path without short loops that are not part of the curve.
 
     Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
 
@@ -220,18 +217,15 @@ def erase_short_loops(
         Vertices; a closed path ends where it starts.
     backward : set of int
         The vertices between which projections go back while the curve continues: it lies off the surface there.
-    counts : Counter
     """
-    path = _without_loops(triangulation, path, backward, counts)
+    path = _without_loops(triangulation, path, backward)
     if len(path) > 2 and path[0] == path[-1]:
         half = len(path) // 2  # loops through the start of a closed path lie inside it when it starts elsewhere
-        path = _without_loops(triangulation, path[half:] + path[1 : half + 1], backward, counts)
+        path = _without_loops(triangulation, path[half:] + path[1 : half + 1], backward)
     return path
 
 
-def _without_loops(
-    triangulation: SplitTriangulation, path: list[int], backward: set[int], counts: Counter[str]
-) -> list[int]:
+def _without_loops(triangulation: SplitTriangulation, path: list[int], backward: set[int]) -> list[int]:
     """Return a path without its short loops; a loop through the start of a closed path stays."""
     simple, lengths = path[:1], [0.0]
     place = {path[0]: 0}
@@ -243,7 +237,6 @@ def _without_loops(
         # From twice the local edge length on a loop is a part of the curve, from four times where projections go back.
         factor = 2.0 if before is None or backward.isdisjoint(simple[before:]) else 4.0
         if before is not None and length - lengths[before] < factor * triangulation.size(vertex):
-            counts["erased"] += 1
             for erased in simple[before + 1 :]:
                 if place[erased] > before:
                     del place[erased]

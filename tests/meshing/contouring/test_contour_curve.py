@@ -13,6 +13,7 @@ import cpmkit as ck
 from cpmkit.errors import ResolutionError
 from cpmkit.mesh.subdivision import split_at_knot_planes
 from cpmkit.meshing.contouring.contoured_curves import contour_curve
+from cpmkit.meshing.curved_from_points import curve_from_points
 from cpmkit.plugin import localize
 
 ROUND = {"range": [0, 2 * pi], "periodic": True}
@@ -31,7 +32,9 @@ CURVES = {
 
 def followed(source, spacing, origin=None):
     centre = np.asarray(source.bounds).mean(axis=0)
-    return contour_curve(localize(source, centre if origin is None else centre + origin), spacing)
+    seen = localize(source, centre if origin is None else centre + origin)
+    mesh, defects = contour_curve(seen, spacing)
+    return curve_from_points(mesh, seen), defects
 
 
 def degrees(mesh):
@@ -57,7 +60,7 @@ def test_lengths_are_of_order_four_and_ends_are_met(name):
 def test_segments_of_a_trace_are_split_to_lie_in_one_cell_each():
     source = ck.source("analytic.arc", start=0.7, end=5.9)
     local = localize(source, np.asarray(source.bounds).mean(axis=0))
-    mesh, _ = contour_curve(local, 0.1, curved=False)
+    mesh, _ = contour_curve(local, 0.1)
     ends = split_at_knot_planes(mesh, 0.1, local).vertices[split_at_knot_planes(mesh, 0.1, local).cells] / 0.1
     assert degrees(mesh)[0] == 2
     assert np.abs(ends - np.rint(ends.mean(axis=1))[:, None]).max() < 0.5 + 1e-9

@@ -14,8 +14,9 @@ from scipy.sparse.csgraph import connected_components
 
 import cpmkit as ck
 from cpmkit import ClosestPoints
-from cpmkit.meshing.contouring.contour_edges import remove_isolated_components
+from cpmkit.meshing.contouring.contour_edges import remove_small_components
 from cpmkit.meshing.contouring.contoured_surfaces import contour_surface
+from cpmkit.meshing.curved_from_points import curve_from_points
 from cpmkit.plugin import localize
 
 TURN = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
@@ -34,6 +35,7 @@ def contoured(source, spacing, origin=None):
     """Return the mesh, the report, and how many queries were asked for each unknown that there will be."""
     seen = localize(source, source.bounds.mean(axis=0) if origin is None else np.asarray(origin, dtype=float))
     mesh, report = contour_surface(seen, spacing)
+    mesh = curve_from_points(mesh, seen)
     return mesh, report, seen.queries["points"] / (4.5 * area(mesh) / spacing**2)
 
 
@@ -227,9 +229,9 @@ def test_two_sheets_that_cross_stay_joined(angle):
 def test_isolated_components_are_left_out():
     vertices = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [3, 0, 0], [3, 0.3, 0], [3.3, 0, 0], [5, 5, 5]])
     cells = np.array([[0, 1, 2], [3, 4, 5], [6, 6, 6]])
-    remaining, count = remove_isolated_components(vertices, cells, 1.0)
+    remaining, count = remove_small_components(vertices, cells, cells, 1.0)
     np.testing.assert_array_equal(remaining, cells[:1])
     assert count == 2
-    remaining, count = remove_isolated_components(vertices, cells[1:], 1.0)  # nothing else is there
+    remaining, count = remove_small_components(vertices, cells[1:], cells[1:], 1.0)  # nothing else is there
     np.testing.assert_array_equal(remaining, cells[1:])
     assert count == 0
