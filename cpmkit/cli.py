@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import sys
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -236,8 +237,6 @@ def plugins(kind: str | None, as_json: bool) -> None:
     Names are read from the metadata of installed distributions without importing plugins. For a KIND, such as
     `analytic.torus`, `analytic` or `heat`, its keys, their accepted values and their defaults are listed.
     """
-    from dataclasses import asdict
-
     if kind is not None:
         from cpmkit.scenefile.kinds import kinds as documented
 
@@ -270,8 +269,6 @@ def doctor(ctx: click.Context, scene: Path | None, as_json: bool) -> None:
 
     The first thing to send along with a question.
     """
-    from dataclasses import asdict
-
     from cpmkit.commands.doctor import diagnose
 
     diagnosis = diagnose(scene)

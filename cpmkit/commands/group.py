@@ -51,7 +51,16 @@ class CommandGroup(click.Group):
         """Return the command of a name, None if there is none; a plugin's command is imported here."""
         built_in = super().get_command(ctx, cmd_name)
         point = _plugin_commands().get(cmd_name)
-        return built_in if built_in or point is None else _load(point)
+        if built_in or point is None:
+            return built_in
+        named = f"The command {point.name!r} ({_distribution_text(point)})"
+        try:
+            command = point.load()
+        except Exception as error:
+            raise PluginError(f"{named} does not import: {error}") from error
+        if not isinstance(command, click.Command):
+            raise PluginError(f"{named} is {command!r}, not a click command.")
+        return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the built-in commands with their help, and those of plugins, not imported, with their distributions."""
@@ -142,18 +151,6 @@ def _plugin_commands() -> Mapping[str, EntryPoint]:
 def _distribution_text(point: EntryPoint) -> str:
     """Return the distribution of a plugin's command, or its module, in words."""
     return f"from {point.dist.name} {point.dist.version}" if point.dist else f"from {point.value}"
-
-
-def _load(point: EntryPoint) -> click.Command:
-    """Return the command of a plugin; raise PluginError if it does not import or is no command of click."""
-    named = f"The command {point.name!r} ({_distribution_text(point)})"
-    try:
-        command = point.load()
-    except Exception as error:
-        raise PluginError(f"{named} does not import: {error}") from error
-    if not isinstance(command, click.Command):
-        raise PluginError(f"{named} is {command!r}, not a click command.")
-    return command
 
 
 Command = TypeVar("Command", bound=Callable[..., Any])

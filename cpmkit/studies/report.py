@@ -72,11 +72,11 @@ def trade_figure(series: Sequence[Series], title: str) -> Figure:
     fronts = {cost: tables.front(made, cost) for cost in tables.COSTS if tables.front(made, cost)}
     figure, all_axes = _figure(title, len(fronts))
     for axes, (cost, best) in zip(all_axes, fronts.items(), strict=True):
-        x, y = [each.cost(cost) for each in best], [each.error for each in best]
+        x, y = [getattr(each, cost) for each in best], [each.error for each in best]
         axes.plot(x, y, color=GREY, linewidth=7, alpha=0.3, solid_capstyle="round", label="unbeaten")
         for number, each in enumerate(series):
             own = tables.attempts([each])
-            _plot_series(axes, number, [one.cost(cost) for one in own], [one.error for one in own], each.label)
+            _plot_series(axes, number, [getattr(one, cost) for one in own], [one.error for one in own], each.label)
         axes.set(xlabel=tables.COSTS[cost])
         _log_scales(axes)
     all_axes[0].set_ylabel("rms error, share of the range")
@@ -253,10 +253,7 @@ def table_of(reports: Sequence[Report]) -> str:
 
 
 def _page(report: Report, records: Sequence[Record], figures: Sequence[str], left_out: int) -> str:
-    """Return the page in Markdown: errors and orders, ``figures``, costs, and the runs that ended with errors.
-
-    ``left_out`` is the number of records that belong to other versions of the study file.
-    """
+    """Return the page in Markdown: errors, ``figures``, costs, runs with errors, and the number of records left out."""
     errors_line = tables.differences_sentence(report.series) if report.compares else tables.error_sentence(records)
     parts = [f"# {report.title}", table_of([report]), errors_line]
     parts += [f"![{report.title}]({figure})" for figure in figures]

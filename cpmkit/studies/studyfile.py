@@ -219,7 +219,12 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     title = tables.get("title", path.stem)
     if not isinstance(title, str) or len(title) > 300:
         raise SceneError(f"title must be text of at most 300 characters, got {shown(title)}.")
-    swept = _swept_keys()
+    lists = {"spacing": "spacings", **TARGETS, **listed_options()}
+    swept = {name: f"{key} of [sweep]" for name, key in lists.items()}  # the places of keys that a study varies
+    for name, one in every_option().items():
+        if one.methods:
+            *others, last = one.methods
+            swept[name] = f"methods of [sweep], as {', '.join(map(repr, ['cpm', *others]))} or {last!r}"
     for key in as_table(tables.get("discretization", {}), "[discretization]"):
         if key in swept:
             raise SceneError(f"a study's {key} stands in {swept[key]}, not in [discretization].")
@@ -236,16 +241,6 @@ def _study(tables: dict[str, Any], path: Path) -> Study:
     whole = [scene, solution, exact.points, sweep.step_per_spacing, digests]  # besides the parameters of a run
     content = hashlib.sha256(json.dumps(whole, sort_keys=True, default=str).encode()).hexdigest()[:16]
     return Study(path.stem, title, path.parent, scene, exact, sweep, content)
-
-
-def _swept_keys() -> dict[str, str]:
-    """Return the keys that a study varies and [discretization] must not hold, each with its place in the file."""
-    said = {name: f"{key} of [sweep]" for name, key in {"spacing": "spacings", **TARGETS, **listed_options()}.items()}
-    for name, one in every_option().items():
-        if one.methods:
-            *others, last = one.methods
-            said[name] = f"methods of [sweep], as {', '.join(map(repr, ['cpm', *others]))} or {last!r}"
-    return said
 
 
 def _named_files(value: Any, folder: Path) -> Iterator[Path]:

@@ -157,10 +157,7 @@ class Sweep:
             )
 
     def _fineness(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
-        """Return the lists of spacings and targets that are not empty, each with the name of its entries.
-
-        If ``cheap``, these are the cheap spacings, and the other lists without their last entry.
-        """
+        """Return names and lists of spacings and targets, if ``cheap`` the cheap or all but the last, none empty."""
         spacings = self.cheap if cheap and self.cheap else self.spacings
         lists = {"spacing": spacings} | {name: getattr(self, key) for name, key in TARGETS.items()}
         present = {name: values for name, values in lists.items() if values}

@@ -159,10 +159,6 @@ class Attempt:
     seconds: float
     mebibytes: float
 
-    def cost(self, name: str) -> float:
-        """Return the cost ``name``, a key of :data:`COSTS`."""
-        return float(getattr(self, name))
-
 
 def attempts(series: Sequence[Series]) -> list[Attempt]:
     """Return every entry of all series as an attempt."""
@@ -178,8 +174,8 @@ def attempts(series: Sequence[Series]) -> list[Attempt]:
 def front(made: Sequence[Attempt], cost: str) -> list[Attempt]:
     """Return the Pareto front: the attempts that no other beats in both error and ``cost``, the cheapest first."""
     best: list[Attempt] = []
-    priced = [attempt for attempt in made if not math.isnan(attempt.cost(cost))]
-    for attempt in sorted(priced, key=lambda attempt: (attempt.cost(cost), attempt.error)):
+    priced = [attempt for attempt in made if not math.isnan(getattr(attempt, cost))]
+    for attempt in sorted(priced, key=lambda attempt: (getattr(attempt, cost), attempt.error)):
         if not best or attempt.error < best[-1].error:
             best.append(attempt)
     return best
@@ -207,7 +203,7 @@ def winners_table(made: Sequence[Attempt]) -> str:
         cells = []
         for cost, winners in found.items():
             best = winners.get(power)
-            cells += ["", ""] if best is None else [f"{best.label}, {best.setting}", f"{best.cost(cost):.3g}"]
+            cells += ["", ""] if best is None else [f"{best.label}, {best.setting}", f"{getattr(best, cost):.3g}"]
         lines.append(table_row([f"1e{power:d}", *cells]))
     return "\n".join(lines)
 
@@ -218,6 +214,6 @@ def front_table(made: Sequence[Attempt]) -> str:
     rows = [["", "", "unbeaten in", "rms error", *COSTS.values()]]
     for each in sorted({each for on_front in fronts.values() for each in on_front}, key=lambda each: -each.error):
         where = " and ".join(COSTS[cost] for cost, on_front in fronts.items() if each in on_front)
-        costs = [_number(each.cost(cost), ".3g") for cost in COSTS]
+        costs = [_number(getattr(each, cost), ".3g") for cost in COSTS]
         rows.append([each.label, each.setting, where, f"{each.error:.2e}", *costs])
     return _table(rows, 3)

@@ -57,7 +57,15 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
         points = np.pad(points, ((0, 0), (0, 1)))
         axes, description = axes_of((0.0, 0.0, 1.0), "y"), "the plane from above"
     else:
-        axes, description = choose_axes(points, look.view, look.up)
+        up, guessed = look.up, ""
+        if up is None:  # y if the model stands on its lowest y and less stably on its lowest z, else z
+            y, z = (stability(points, axis) for axis in (1, 2))
+            up = "y" if y > 0.08 and y > 2 * z else "z"
+            if look.view is not None and abs(_unit(look.view, "view")["xyz".index(up)]) > 0.999:  # from above or below
+                up = "z" if up == "y" else "y"
+            guessed = ", on which the model stands" if up == "y" else ""
+        axes = axes_of(look.view, up)
+        description = f"seen from {_as_text(axes[2])}, {up if isinstance(up, str) else _as_text(up)} up{guessed}"
     projected = np.concatenate([points, more]) @ axes.T
     low, high = projected.min(axis=0), projected.max(axis=0)
     extent = (high - low) / 2
@@ -66,22 +74,6 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     half_height = max(extent[1] + margin, 0.4 * half_width)
     pixels = np.array([width, round(width * half_height / half_width)])
     return Camera((low + high) / 2 @ axes, axes, np.array([half_width, half_height]), pixels, description)
-
-
-def choose_axes(points: Floats, view: Any, up: Any) -> tuple[Floats, str]:
-    """Return the axes (3, 3) of a camera that looks at points (n, 3), and their description in words.
-
-    Without ``up``, y is up if the model stands on its lowest y and less stably on its lowest z, else z.
-    """
-    guessed = ""
-    if up is None:
-        y, z = (stability(points, axis) for axis in (1, 2))
-        up = "y" if y > 0.08 and y > 2 * z else "z"
-        if view is not None and abs(_unit(view, "view")["xyz".index(up)]) > 0.999:  # seen from above or below
-            up = "z" if up == "y" else "y"
-        guessed = ", on which the model stands" if up == "y" else ""
-    axes = axes_of(view, up)
-    return axes, f"seen from {_as_text(axes[2])}, {up if isinstance(up, str) else _as_text(up)} up{guessed}"
 
 
 def stability(points: Floats, axis: int) -> float:

@@ -52,9 +52,7 @@ class Bar:
 def make_bar(
     values: Floats, clim: tuple[float, float] | None = None, cmap: str = "viridis", label: str = "", unit: str = ""
 ) -> Bar:
-    """Return the colour bar from the least to the greatest of ``values``, or between the ends ``clim``.
-
-    If the ends are equal, the bar is extended on both sides.
+    """Return the colour bar from the least to the greatest of ``values``, or between ``clim``; wider if equal.
 
     Raises
     ------

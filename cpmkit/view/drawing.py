@@ -262,16 +262,9 @@ def arrows(drawing: Drawing, mesh: DisplayMesh, vectors: Floats, bar: Bar) -> Sh
     starts, ends = (drawing.camera.project(in_space(mesh.points[seeds] + sign * along)) for sign in (-1, 1))
     colours = bar.contrasting(sizes[seeds])
     shafts = lines(drawing.camera, np.stack([starts, ends], axis=1), 0.0022, colours)
-    return Shapes.join([shafts, _heads(ends, starts, 0.35 * lengths, colours, LIFT * drawing.camera.half[0])])
-
-
-def _heads(tips: Floats, before: Floats, lengths: Floats, colours: Floats, lift: float) -> Shapes:
-    """Return the heads of arrows: triangles that point from ``before`` (k, 3) to just beyond ``tips`` (k, 3).
-
-    ``lengths`` (k,) are those of the heads, and ``colours`` is (k, 3).
-    """
-    ahead = lengths[:, None] * unit(tips - before)
+    ahead = 0.35 * lengths[:, None] * unit(ends - starts)
     across = 0.4 * np.column_stack([-ahead[:, 1], ahead[:, 0], np.zeros(len(ahead))])
-    points = np.stack([tips + 0.4 * ahead, tips - 0.6 * ahead + across, tips - 0.6 * ahead - across], axis=1)
-    cells = np.arange(3 * len(tips)).reshape(-1, 3)
-    return Shapes(points.reshape(-1, 3) + [0, 0, lift], np.repeat(colours, 3, axis=0), cells)
+    heads = np.stack([ends + 0.4 * ahead, ends - 0.6 * ahead + across, ends - 0.6 * ahead - across], axis=1)
+    corners = heads.reshape(-1, 3) + [0, 0, LIFT * drawing.camera.half[0]]
+    cells = np.arange(len(corners)).reshape(-1, 3)
+    return Shapes.join([shafts, Shapes(corners, np.repeat(colours, 3, axis=0), cells)])
