@@ -6,7 +6,6 @@ import io
 import json
 import sys
 from dataclasses import asdict
-from functools import partial
 from pathlib import Path
 
 import click
@@ -71,15 +70,15 @@ def schema(sort: str) -> None:
 
     Editors complete and check TOML by it: write it to a file, and begin a scene with the line `#:schema ./FILE`.
     """
-    if sort == "scene":
-        from cpmkit.scenefile.kinds import scene_schema as make
-    elif sort == "study":
-        from cpmkit.studies.studyfile import study_schema as make
-    else:
-        from cpmkit.scenefile.kinds import application_schema
+    if sort == "study":
+        from cpmkit.studies.studyfile import study_schema
 
-        make = partial(application_schema, sort)
-    click.echo(json.dumps(make(), indent=1))
+        made = study_schema()
+    else:
+        from cpmkit.scenefile.kinds import scene_schema
+
+        made = scene_schema(None if sort == "scene" else sort)
+    click.echo(json.dumps(made, indent=1))
 
 
 @click.group(cls=CommandGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -23,11 +23,6 @@ from cpmkit.manifold.source import ClosestPoints, ClosestPointSource, check_answ
 from cpmkit.runtime.deprecation import warn_renamed
 from cpmkit.types import Floats, Ints
 
-#: Number of lines from a foot to its query along which noise is measured, by five queries each.
-NOISE_LINES = 25
-#: Noise below this share of the spacing is rounding.
-LEAST_NOISE_SPACINGS = 1e-10
-
 
 def _ability(ability: type, of_members: bool = False) -> cached_property[bool]:
     """Return a property of a local source: whether its source, or each of its members, has the ``ability``."""
@@ -204,7 +199,7 @@ def with_noise(source: LocalSource, spacing: float) -> LocalSource:
     """
     rng = np.random.default_rng(0)
     low, high = source.bounds
-    around = source.closest_point(rng.uniform(low, high, (NOISE_LINES, source.dim))).points
+    around = source.closest_point(rng.uniform(low, high, (25, source.dim))).points  # 25 segments
     queries = around + rng.uniform(-0.5, 0.5, around.shape) * spacing
     feet = source.closest_point(queries).points
 
@@ -215,4 +210,4 @@ def with_noise(source: LocalSource, spacing: float) -> LocalSource:
     third = feet - 3 * along(0.75) + 3 * along(0.5) - along(0.25)
     variances = (third * third).mean(axis=1) / 20.0  # of 1 + 9 + 9 + 1 independent errors
     noise = float(np.sqrt(np.median(variances)))
-    return replace(source, noise=noise if noise > LEAST_NOISE_SPACINGS * spacing else 0.0)
+    return replace(source, noise=noise if noise > 1e-10 * spacing else 0.0)  # else rounding

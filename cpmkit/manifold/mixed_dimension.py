@@ -13,10 +13,6 @@ from cpmkit.manifold.source import MANIFOLD_WORDS, ClosestPointSource
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.types import Floats
 
-#: Members nearer than this many spacings read each other's nodes: between a sphere and a rod .1 to 3 spacings apart,
-#: with values 0 and 1, the error was .04 to .4, and below 1e-3 from 4 spacings on.
-JOINED_SPACINGS = 4.0
-
 
 def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> list[str]:
     """Return a warning, in a list, if members of different dimension are too near for this spacing; else [].
@@ -26,7 +22,9 @@ def mixed_joint_warnings(surface: ClosestPointSource, spacing: float = 0.0) -> l
     """
     members = members_of(surface)
     touching = 1e-6 * float(np.ptp(np.asarray(surface.bounds, dtype=np.float64), axis=0).max())
-    within = max(JOINED_SPACINGS * spacing, touching)
+    # Near members read each other's nodes: between a sphere and a rod .1 to 3 spacings apart, with values 0 and 1, the
+    # error was .04 to .4, and below 1e-3 from 4 spacings on.
+    within = max(4 * spacing, touching)
     joints = []
     for pair in combinations(range(len(members)), 2):
         lower, higher = sorted(pair, key=lambda number: largest_dim(members[number]))

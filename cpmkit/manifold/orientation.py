@@ -16,14 +16,10 @@ from cpmkit.types import Floats, Ints
 
 #: Samples within this many of their spacings may be neighbours.
 NEIGHBOUR_SPACINGS = 2.5
-#: Neighbours on a curve lie ahead or behind: the least cosine between the chord and the tangents at both.
-NEIGHBOUR_CHORD_COSINE = 0.25
 #: Two points nearer than this share of the spacing have no reliable chord.
 SHORT_CHORD_SPACINGS = 0.02
 #: Least cosine between a direction and that of a neighbour, transported along the chord, for certain signs.
 SURE_COSINE = 0.7
-#: A point gets the sign of the sample with the best agreement among this many nearest samples.
-SIGN_SAMPLES = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +67,8 @@ class Orientation:
         return cKDTree(self.points)
 
     def _nearest_samples(self, points: Floats) -> Ints:
-        """Return the numbers (n, k) of the samples nearest to ``points`` (n, d)."""
-        count = min(SIGN_SAMPLES, self._tree.n)
+        """Return the numbers (n, k) of the samples nearest to ``points`` (n, d), six if there are as many."""
+        count = min(6, self._tree.n)
         return np.reshape(self._tree.query(points, count)[1], (len(points), count))
 
 
@@ -120,7 +116,7 @@ def propagate_signs(
     if tangents is not None:
         chord = points[pairs[:, 1]] - points[pairs[:, 0]]
         along = np.abs(np.einsum("kd,ked->ke", chord, tangents[pairs])).min(axis=1)
-        pairs = pairs[along >= NEIGHBOUR_CHORD_COSINE * np.linalg.norm(chord, axis=1)]
+        pairs = pairs[along >= 0.25 * np.linalg.norm(chord, axis=1)]  # neighbours on a curve lie ahead or behind
     count, (first, second) = len(points), pairs.T
     chord = points[second] - points[first]
     agreement = agreements(directions[first], directions[second], chord, SHORT_CHORD_SPACINGS * spacing)
@@ -139,14 +135,6 @@ def propagate_signs(
     consistent = not np.any((sign[first] * sign[second] * agreement < 0) & clear)
     sure = bool(tree.data.max(initial=0.0) <= 1.001 - SURE_COSINE)
     return directions * sign[:, None], np.asarray(piece, dtype=np.int64), consistent, sure
-
-
-#: Number of nearest points among which each point looks for its two neighbours.
-CHAIN_NEIGHBOURS = 24
-#: Least cosine between the chord to a neighbour and the tangents at both ends, and between the conormals there.
-LEAST_CHORD_COSINE, LEAST_CONORMAL_COSINE = 0.5, 0.25
-#: Weight of the sideways part of a chord against the part ahead, in the choice of the next point.
-SIDEWAYS_WEIGHT = 4.0
 
 
 class Chain(NamedTuple):
@@ -187,19 +175,22 @@ def link_chains(points: Floats, tangents: Floats, conormals: Floats, reach: floa
 
 
 def _links(points: Floats, tangents: Floats, conormals: Floats, reach: float) -> Ints:
-    """Return the pairs (m, 2) of points that are linked (see :func:`link_chains`), the smaller number first."""
+    """Return the pairs (m, 2) of points that are linked (see :func:`link_chains`), the smaller number first.
+
+    Each point chooses its two neighbours among the 24 nearest points. Sideways parts of chords weigh four times more.
+    """
     from scipy.spatial import cKDTree
 
     n = len(points)
-    distance, other = cKDTree(points).query(points, min(CHAIN_NEIGHBOURS, n), distance_upper_bound=reach)
+    distance, other = cKDTree(points).query(points, min(24, n), distance_upper_bound=reach)
     distance, other = (np.reshape(columns, (n, -1))[:, 1:] for columns in (distance, other))
     within_reach = np.isfinite(distance)
     other = np.where(within_reach, other, 0)
     chord = points[other] - points[:, None]
     ahead = dots(chord, tangents[:, None])
-    fits = within_reach & (dots(conormals[other], conormals[:, None]) >= LEAST_CONORMAL_COSINE)
-    fits &= np.minimum(np.abs(ahead), np.abs(dots(chord, tangents[other]))) >= LEAST_CHORD_COSINE * distance
-    cost = np.where(fits, (1 + SIDEWAYS_WEIGHT) * distance**2 - SIDEWAYS_WEIGHT * ahead**2, np.inf)
+    fits = within_reach & (dots(conormals[other], conormals[:, None]) >= 0.25)
+    fits &= np.minimum(np.abs(ahead), np.abs(dots(chord, tangents[other]))) >= 0.5 * distance
+    cost = np.where(fits, 5 * distance**2 - 4 * ahead**2, np.inf)
     forward, backward = (_cheapest(other, np.where(side, cost, np.inf)) for side in (ahead > 0, ahead <= 0))
     choices = np.concatenate([np.stack([np.arange(n), number], axis=1)[number >= 0] for number in (forward, backward)])
     pairs, times = np.unique(np.sort(choices, axis=1), axis=0, return_counts=True)

@@ -13,11 +13,6 @@ from cpmkit.manifold.source import ClosestPoints
 from cpmkit.manifold.vector_algebra import unit
 from cpmkit.types import Bools, Floats, Ints
 
-#: An eigenvalue of the closest point map's Jacobian above this belongs to a tangent direction: 0 off, 1 along.
-TANGENT_EIGENVALUE = 0.5
-#: A curve has a corner where the Jacobian's largest eigenvalue exceeds the next by less than this.
-CORNER_EIGENVALUE_GAP = 0.7
-
 
 def jacobian(source: LocalSource, points: Floats, step: float) -> Floats:
     """Return the Jacobian (n, d, d) of the closest point map at ``points`` (n, d), by central differences, symmetrised.
@@ -63,7 +58,8 @@ def unit_tangents(curve: LocalSource, feet: ClosestPoints, step: float) -> Float
 def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -> tuple[Floats, Bools]:
     """Return unit tangents (n, d) of a curve at ``feet``, and a mask (n,) of the feet at corners.
 
-    Corners are found, from the eigenvalues of the Jacobian, only on curves without tangents of their own.
+    Corners are found only on curves without tangents of their own: there the largest eigenvalue of the Jacobian, which
+    is 1 on a smooth curve, exceeds the next, 0, by less than 0.7.
     """
     corner = np.zeros(len(feet), dtype=bool)
 
@@ -72,7 +68,7 @@ def tangents_and_corners(curve: LocalSource, feet: ClosestPoints, step: float) -
         if member.has_tangents:
             return member.tangents(member_feet)
         values, axes = np.linalg.eigh(jacobian(member, member_feet.points, step))
-        corner[rows] = values[:, -1] - values[:, -2] < CORNER_EIGENVALUE_GAP
+        corner[rows] = values[:, -1] - values[:, -2] < 0.7
         return np.asarray(axes[:, :, -1])
 
     return _by_member(curve, feet, of_member), corner
@@ -93,7 +89,7 @@ def project_tangent(surface: LocalSource, feet: ClosestPoints, vectors: Floats, 
             t = unit_tangents(member, member_feet, step)
             return np.asarray(np.sum(of_rows * t, axis=1, keepdims=True) * t)
         values, axes = np.linalg.eigh(jacobian(member, member_feet.points, step))
-        components = np.einsum("nij,ni->nj", axes, of_rows) * (values > TANGENT_EIGENVALUE)
+        components = np.einsum("nij,ni->nj", axes, of_rows) * (values > 0.5)  # 1 along the manifold
         return np.asarray(np.einsum("nij,nj->ni", axes, components))
 
     return _by_member(surface, feet, of_member)
@@ -184,17 +180,8 @@ def left_conormals(
 
 #: Longest step of a walk, in spacings: shorter than the distance to the next sheet.
 STRIDE_SPACINGS = 0.5
-#: A step of more than this share of the longest step determines the direction of the walk.
-WHOLE_STRIDE_SHARE = 0.5
-#: Largest number of steps: a node is within a stencil's reach of the foot where the walk starts.
-MOST_STRIDES = 60
 #: A walk ends where a step moves the foot by less than this, in spacings.
 ARRIVED_SPACINGS = 1e-7
-#: A walk that may be given up is checked each so many steps, and ends if it has not come nearer: around a bend of
-#: smaller radius than the goal's height there is no foot.
-STRIDES_PER_CHECK = 4
-#: A step is at most this multiple of the tangential distance to the goal.
-LONGEST_STEP_FACTOR = 4.0
 
 
 def feet_on_sheets(
@@ -222,7 +209,10 @@ def feet_on_sheets(
 
 @dataclass(frozen=True, eq=False)
 class Walk:
-    """The feet at the ends of walks, and the unit vectors (n, d) of their last long steps, zero without a long step."""
+    """The feet at the ends of walks, and the unit vectors (n, d) of their last steps of over half the longest.
+
+    The vectors are zero without such a step.
+    """
 
     feet: ClosestPoints
     last: Floats
@@ -241,7 +231,7 @@ def walk(
 
     A jump to the foot of the goal's projection could land on another sheet. Each step follows the tangential part of
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
-    chosen from how much it shrank in the last step (Barzilai and Borwein 1988).
+    chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part.
 
     Parameters
     ----------
@@ -252,7 +242,8 @@ def walk(
     spacing : float
         Spacing of the lattice.
     give_up : bool
-        Whether a walk ends where it comes no nearer to its goal.
+        Whether a walk ends where it comes no nearer to its goal in 4 steps: around a bend of smaller radius than the
+        goal's height there is no foot.
     lengthened : bool
         If false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
     """
@@ -261,22 +252,22 @@ def walk(
         return Walk(feet, strides)
     checked, steps = np.full(len(goal), np.inf), np.ones((len(goal), 1))
     last: tuple[Floats, Floats] | None = None
-    for count in range(MOST_STRIDES):
+    for count in range(60):  # a node is within a stencil's reach of the foot where the walk starts
         current = feet.take(walking)
         ahead = project_tangent(source, current, goal[walking] - current.points, 0.5 * spacing)
         length = np.linalg.norm(ahead, axis=1, keepdims=True)
         if last is not None and lengthened:
             walked, shrunk = current.points - last[0], last[1] - ahead
             slope = np.sum(walked * shrunk, axis=1, keepdims=True) / np.sum(walked * walked, axis=1, keepdims=True)
-            steps = np.asarray(1 / np.clip(slope, 1 / LONGEST_STEP_FACTOR, None))
+            steps = np.asarray(1 / np.clip(slope, 0.25, None))
         step = np.minimum(steps, STRIDE_SPACINGS * spacing / np.maximum(length, ARRIVED_SPACINGS * spacing)) * ahead
         reached = source.closest_point(current.points + step)
         moves = reached.points - current.points
         distance = np.linalg.norm(moves, axis=1)
-        whole = distance > WHOLE_STRIDE_SHARE * STRIDE_SPACINGS * spacing
+        whole = distance > 0.5 * STRIDE_SPACINGS * spacing
         strides[walking[whole]] = moves[whole] / distance[whole, None]
         feet, going = feet.replace_rows(walking, reached), distance > ARRIVED_SPACINGS * spacing
-        if give_up and count % STRIDES_PER_CHECK == 0:
+        if give_up and count % 4 == 0:
             going &= length[:, 0] <= checked[walking]
             checked[walking] = length[:, 0]
         last = (current.points[going], ahead[going])

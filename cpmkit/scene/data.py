@@ -161,10 +161,6 @@ def evaluate_data(data: Data, points: Floats, channels: int | None, label: str, 
     return np.ascontiguousarray(values)
 
 
-#: Part of the names of the declared types of dataclass fields that contain data.
-DATA_TYPE = "Data"
-
-
 @dataclass(frozen=True)
 class FieldOfEntries:
     """A function of points whose components are numbers, formulas or functions of points."""
@@ -191,7 +187,7 @@ def read_formulas(instance: Any, label: str) -> None:
         name = f"{member.name} of {label}"
         if "VectorField" in kind and is_sequence(value):
             object.__setattr__(instance, member.name, as_vector_field(value, name))
-        elif DATA_TYPE in kind:
+        elif "Data" in kind:
             object.__setattr__(instance, member.name, as_data(value, name))
 
 

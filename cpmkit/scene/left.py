@@ -20,8 +20,6 @@ from cpmkit.manifold.tangent_space import (
 from cpmkit.manifold.vector_algebra import dots, norms, unit
 from cpmkit.types import Bools, Floats, Ints
 
-#: Numbers of samples along the largest side of a boundary, by its dimension, tried in turn until neighbours agree.
-BOUNDARY_SAMPLES = {0: (32,), 1: (32, 64, 128, 256, 512), 2: (16, 32, 64)}
 #: Least cosine between the left direction and the chord to a point for that point to determine the left of a piece.
 MIN_CHORD_COSINE = 1e-3
 
@@ -194,7 +192,7 @@ def samplings(source: LocalSource, surface: LocalSource) -> Iterator[tuple[Close
     if not size > 0:  # a single point
         yield source.closest_point(source.bounds.mean(axis=0)[None]), float(np.ptp(surface.bounds, axis=0).max()) / 64
         return
-    for count in BOUNDARY_SAMPLES[source.manifold_dim or 0]:
+    for count in ((32,), (32, 64, 128, 256, 512), (16, 32, 64))[source.manifold_dim or 0]:  # along the largest side
         spacing = size / count
         cells = next(blocks for side, blocks in cell_levels(source, spacing, 0.5) if side == 1)
         points = source.closest_point(np.asarray(cells * spacing, dtype=np.float64)).points

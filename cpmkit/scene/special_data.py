@@ -12,7 +12,7 @@ from cpmkit.errors import InputError, SceneError, shown
 from cpmkit.manifold.abilities import HasValues
 from cpmkit.manifold.source import ClosestPointSource
 from cpmkit.runtime.arrays import as_points, number
-from cpmkit.scene.data import DATA_TYPE, Data, Functional, is_zero
+from cpmkit.scene.data import Data, Functional, is_zero
 from cpmkit.scene.diffusivities import TENSOR_SHAPES
 from cpmkit.types import Floats
 
@@ -106,7 +106,7 @@ class VertexArrays:
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
         if id(instance) not in self._replaced:  # the argument is stored too, so that its id stays unique
-            names = [member.name for member in fields(instance) if member.init and DATA_TYPE in str(member.type)]
+            names = [member.name for member in fields(instance) if member.init and "Data" in str(member.type)]
             old = {name: getattr(instance, name) for name in names}
             new = {name: self._datum(value, f"{name} of {label}") for name, value in old.items()}
             differs = any(new[name] is not old[name] for name in names)

@@ -95,13 +95,22 @@ DATUM = {"$ref": "#/definitions/datum"}
 Schema = dict[str, Any]
 
 
-def scene_schema() -> Schema:
-    """Return the JSON schema of scene files, including the kinds that installed plugins add."""
-    return _document("A scene of cpmkit", scene_tables(), ["problem", "surface"])
+def scene_schema(command: str | None = None) -> Schema:
+    """Return the JSON schema of scene files, or of those for the application of ``cpmkit COMMAND``.
 
-
-def _document(title: str, tables: Schema, needed: list[str]) -> Schema:
-    """Return the JSON schema of a file with these ``tables``, of which those ``needed`` are required."""
+    It includes the kinds that installed plugins add.
+    """
+    title, tables, needed = "A scene of cpmkit", scene_tables(), ["problem", "surface"]
+    if command is not None:
+        keys = APPLICATIONS[command]
+        entries: list[Schema] = _one_of_kinds("source", keys.on_curve)["oneOf"]
+        if keys.at_points:
+            entries.append(_table(keys.at_points, keys.at_points))
+        del tables["problem"]
+        tables[keys.entry] = {"type": "array", "items": {"oneOf": entries}}
+        tables |= {keys.table: _table(keys.options)} if keys.options else {}
+        tables |= {"target": {"$ref": "#/definitions/source"}} if keys.has_target else {}
+        title, needed = f"A scene of `cpmkit {command}`", ["surface", "target" if keys.has_target else keys.entry]
     return {"$schema": DRAFT, "title": title, **_table(tables, needed), "definitions": definitions()}
 
 
@@ -225,17 +234,3 @@ def _json_type(declared_type: str) -> Schema:
         return {}
     plain = [name for name in names if name != "null"]
     return {"type": plain[0] if len(plain) == 1 else plain}
-
-
-def application_schema(command: str) -> Schema:
-    """Return the JSON schema of the scene files for the application of ``cpmkit COMMAND``."""
-    keys = APPLICATIONS[command]
-    entries: list[Schema] = _one_of_kinds("source", keys.on_curve)["oneOf"]
-    if keys.at_points:
-        entries.append(_table(keys.at_points, keys.at_points))
-    own: Schema = {keys.entry: {"type": "array", "items": {"oneOf": entries}}}
-    own |= {keys.table: _table(keys.options)} if keys.options else {}
-    own |= {"target": {"$ref": "#/definitions/source"}} if keys.has_target else {}
-    tables = {name: table for name, table in scene_tables().items() if name != "problem"}
-    needed = "target" if keys.has_target else keys.entry
-    return _document(f"A scene of `cpmkit {command}`", {**tables, **own}, ["surface", needed])
