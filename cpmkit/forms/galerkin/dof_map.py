@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.linear.constant_functions import RowGroups
 from cpmkit.manifold.vector_algebra import norms
 from cpmkit.runtime.compilation import compiled
 from cpmkit.runtime.index_sets import find_root, unite
@@ -279,12 +280,8 @@ def piece_extents(points: Floats, patch: Any, label: Ints, pieces: int) -> Float
 
     ``patch`` (q,) is the patch of each of the ``points`` (q, d), ``label`` (p,) the piece of each patch.
     """
-    of_point, d = label[patch], points.shape[1]
-    lower, upper = np.full((d, pieces), np.inf), np.full((d, pieces), -np.inf)
-    for axis in range(d):
-        np.minimum.at(lower[axis], of_point, points[:, axis])
-        np.maximum.at(upper[axis], of_point, points[:, axis])
-    return np.asarray((upper - lower).T)
+    groups = RowGroups.of(pieces, label[patch])
+    return np.asarray(groups.reduced(np.maximum, points) - groups.reduced(np.minimum, points))
 
 
 @compiled

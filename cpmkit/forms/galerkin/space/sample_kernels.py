@@ -129,27 +129,29 @@ def add_load(
     width, channels, last = unknowns.shape[1], load.shape[1], len(places) - 1
     along, depth = len(splines), len(third)
     X, Y, Z = np.empty(along), np.empty(along), np.ones(depth)
-    sums = np.zeros(channels * along * along * depth)
+    values, sums = np.empty(width), np.zeros((channels, width))
     for q in range(len(places)):
         spline_values(PLACE_UNIT * places[q, 0] + 0.5, along, X)
         spline_values(PLACE_UNIT * places[q, 1] + 0.5, along, Y)
         if depth > 1:
             spline_values(PLACE_UNIT * places[q, 2] + 0.5, depth, Z)
         at = np.uint64(0)  # unsigned, so that no index is tested for its sign
+        for i in range(along):
+            for j in range(along):
+                both = weights[q] * X[i] * Y[j]
+                for k in range(depth):
+                    values[at] = both * Z[k]
+                    at += np.uint64(1)
         for channel in range(channels):
-            density = weights[q] * f[q if len(f) > 1 else 0, channel]
-            for i in range(along):
-                for j in range(along):
-                    both = density * X[i] * Y[j]
-                    for k in range(depth):
-                        sums[at] += both * Z[k]
-                        at += np.uint64(1)
+            density = f[q if len(f) > 1 else 0, channel]
+            for place in range(width):
+                sums[channel, place] += density * values[place]
         p = patch[q]
         if q < last and patch[q + 1] == p:
             continue
         for place in range(width):
             for channel in range(channels):
-                load[unknowns[p, place], channel] += sums[channel * width + place]
+                load[unknowns[p, place], channel] += sums[channel, place]
         sums[:] = 0.0
 
 
