@@ -87,14 +87,8 @@ def resolve_options(
     """Check all options of a solve, and return them divided by their use.
 
     These are a function without arguments that discretises the scene, the options of the linear solver, and those of
-    the forms on a lattice, or None for another back end.
-
-    Raises
-    ------
-    InputError
-        If an option is not accepted.
-    PluginError
-        If no installed plugin offers the back end.
+    the forms on a lattice, or None for another back end. Raises InputError if an option is not accepted. Raises
+    PluginError if no installed plugin offers the back end.
     """
     if backend != "cpm":
         label = f"the back end {backend!r}"

@@ -79,12 +79,7 @@ def explain(
 def quick_estimate(model: CostModel[Any], solver: str) -> Explanation:
     """Return the size and cost of a solve, estimated from cells around the manifold and its boundaries.
 
-    Nothing is discretised.
-
-    Raises
-    ------
-    ResolutionError
-        If the solve would not fit into memory.
+    Nothing is discretised. Raises ResolutionError if the solve would not fit into memory.
     """
     scene, options = model.scene, model.options
     origin = lattice_of(scene.surface, options.spacing, options.origin, model.coarsest_share).origin

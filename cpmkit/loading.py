@@ -109,10 +109,7 @@ def load(path: str | Path, scene: Scene | str | Path | None = None) -> Solution 
 def _rebuilt(path: Path, arrays: Mapping[str, Any], summary: Mapping[str, Any], scene: Scene) -> Solution:
     """Return the solution in a file, with the scene discretised again.
 
-    Raises
-    ------
-    InputError
-        If the file is damaged, belongs to another scene, or is from a back end without a lattice.
+    Raises InputError if the file is damaged, belongs to another scene, or is from a back end without a lattice.
     """
     lattice = {name.removeprefix("lattice_"): array for name, array in arrays.items() if name.startswith("lattice_")}
     if "nodes" not in lattice:

@@ -65,69 +65,35 @@ class SolveStep:
 
 @dataclass(frozen=True, eq=False)
 class TimedSolve(SolveStep):
-    """One solve with its solution and the estimates of its error.
+    """One solve with its solution and the estimates of its error."""
 
-    Attributes
-    ----------
-    solution : SolutionRecord
-        The solution.
-    estimate : ErrorEstimate, optional
-        The estimate of the error from a coarser solution.
-    expected_error : float
-        The error estimated from the solution alone, as a share of the range; NaN if unknown.
-    """
-
-    solution: SolutionRecord
-    estimate: ErrorEstimate | None
-    expected_error: float
+    solution: SolutionRecord  #: The solution.
+    estimate: ErrorEstimate | None  #: The estimate of the error from a coarser solution.
+    expected_error: float  #: The error estimated from the solution alone, as a share of the range; NaN if unknown.
 
 
 @dataclass(eq=False)
 class AdaptiveRun:
-    """The state of the search for a target: the scene, the options chosen, and the solves so far.
+    """The state of the search for a target: the scene, the options chosen, and the solves so far."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene; its steps in time may be shorter than those of the user.
-    solve_scene : callable
-        ``solve_scene(scene, spacing, progress=..., **options)`` returns a solution.
-    target : AccuracyTarget
-        Tolerance, seconds, memory.
-    progress : callable
-        Called with the purpose, spacing and stage of each solve, and the share of it that is done.
-    options : mapping
-        The options of the user: a node ``origin`` of the answer's lattice, the ``solver`` and the ``degree`` matter.
-    is_recipe : bool
-        Whether ``solve_scene`` calls a recipe of the user, whose degree cannot be chosen.
-    order : float, optional
-        The order at which errors fall, if it is not that of the form.
-    started : float
-        ``time.perf_counter()`` at the start of the run.
-    solves : list of TimedSolve
-        The solves so far, in order; the last has the finest lattice.
-    in_time : float
-        The error of the steps in time, as a share of the range; zero before it is computed.
-    chosen_options : dict
-        Options that the run chose.
-    failure : Exception, optional
-        The error that ended the run before its target was met.
-    measured_floor : float, optional
-        The error due to the source of the manifold, once it is computed, as a share of the range.
-    """
-
-    scene: Scene
+    scene: Scene  #: The scene; its steps in time may be shorter than those of the user.
+    #: ``solve_scene(scene, spacing, progress=..., **options)`` returns a solution.
     solve_scene: Callable[..., SolutionRecord]
-    target: AccuracyTarget
+    target: AccuracyTarget  #: Tolerance, seconds, memory.
+    #: Called with the purpose, spacing and stage of each solve, and the share of it that is done.
     progress: Progress = no_progress
+    #: The options of the user: a node ``origin`` of the answer's lattice, the ``solver`` and the ``degree`` matter.
     options: Mapping[str, Any] = field(default_factory=dict)
-    is_recipe: bool = False
-    order: float | None = None
+    is_recipe: bool = False  #: Whether ``solve_scene`` calls a recipe of the user, whose degree cannot be chosen.
+    order: float | None = None  #: The order at which errors fall, if it is not that of the form.
+    #: ``time.perf_counter()`` at the start of the run.
     started: float = field(default_factory=lambda: time.perf_counter())
+    #: The solves so far, in order; the last has the finest lattice.
     solves: list[TimedSolve] = field(default_factory=list)
-    in_time: float = 0.0
-    chosen_options: dict[str, Any] = field(default_factory=dict)
-    failure: Exception | None = None
+    in_time: float = 0.0  #: The error of the steps in time, as a share of the range; zero before it is computed.
+    chosen_options: dict[str, Any] = field(default_factory=dict)  #: Options that the run chose.
+    failure: Exception | None = None  #: The error that ended the run before its target was met.
+    #: The error due to the source of the manifold, once it is computed, as a share of the range.
     measured_floor: float | None = None
 
     @property
@@ -198,10 +164,7 @@ class AdaptiveRun:
     def solve_first(self, spacing: float) -> TimedSolve:
         """Solve at a spacing, or at the first of nine smaller ones at which the scene can be solved; return the solve.
 
-        Raises
-        ------
-        CpmkitError
-            If there is no such spacing, with the reason for which the first spacing was refused.
+        Raises CpmkitError if there is no such spacing, with the reason for which the first spacing was refused.
         """
         refusal: ResolutionError | SceneError | None = None
         trials = [spacing / math.sqrt(2) ** k for k in range(10)]

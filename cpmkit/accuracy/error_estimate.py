@@ -120,25 +120,16 @@ class ErrorEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """The difference of two solutions.
+    """The difference of two solutions."""
 
-    Attributes
-    ----------
-    sizes : (2, channels) float64
-        Root mean square and largest difference, as shares of ``unit``; for eigenvalue problems both are the relative
-        difference of each eigenvalue, infinite where the coarser solution has no matching mode.
-    unit : (channels,) float64
-        The range of the finer solution, or its size where it is constant; for eigenvalue problems each eigenvalue.
-    at : (d,) float64
-        The point where the solutions differ most, in the scene's coordinates.
-    ratio : float
-        The coarser spacing over the finer one.
-    """
-
+    #: (2, channels): root mean square and largest difference, as shares of ``unit``; for eigenvalue problems both are
+    #: the relative difference of each eigenvalue, infinite where the coarser solution has no matching mode.
     sizes: Floats
+    #: (channels,): the range of the finer solution, or its size where it is constant; for eigenvalue problems each
+    #: eigenvalue.
     unit: Floats
-    at: Floats
-    ratio: float
+    at: Floats  #: (d,): the point where the solutions differ most, in the scene's coordinates.
+    ratio: float  #: The coarser spacing over the finer one.
 
 
 def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
@@ -153,7 +144,10 @@ def compared_points(solution: SolutionRecord) -> tuple[Floats, Floats, Floats]:
 
 
 def difference(fine: SolutionRecord, coarse: SolutionRecord) -> Difference:
-    """Return the difference of the solution ``fine`` from one at a larger spacing, at points of the finer one."""
+    """Return the difference of the solution ``fine`` from ``coarse``, at points and in the unit of ``fine``.
+
+    ``coarse`` has a larger spacing, or the same spacing and longer steps or a coarser surface.
+    """
     points, weights, values = compared_points(fine)
     ratio = coarse.spacing / fine.spacing
     if fine.has_modes:

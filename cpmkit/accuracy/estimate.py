@@ -40,13 +40,8 @@ def estimate_by_solving(solution: SolutionRecord, solve_at: SolveAt, tight: bool
     """Solve a scene at larger spacings, and return the error of a solution estimated from the differences.
 
     If ``tight`` the solution is compared at both the root of two and two times the spacing, else only at two times.
-
-    Raises
-    ------
-    ResolutionError
-        If the scene cannot be solved at these spacings, nor at the root of two times the spacing.
-    CpmkitError
-        As ``solve`` does at the larger spacings.
+    Raises ResolutionError if the scene cannot be solved at these spacings, nor at the root of two times the spacing.
+    Raises CpmkitError as ``solve`` does at the larger spacings.
     """
     scene = with_further_modes(solution.scene)
     coarse_solutions = _coarser_solutions(scene, solution, solve_at, RATIOS[tight])
@@ -64,12 +59,8 @@ def _coarser_solutions(
     """Return solutions at ``ratios`` times the spacing, or at the root of two times it if these are too coarse.
 
     A lattice is too coarse if it does not resolve the bends of the manifold or waves that the solution's lattice
-    resolves.
-
-    Raises
-    ------
-    ResolutionError
-        If the last of these lattices is too coarse as well; the message names the spacing that the user gave.
+    resolves. Raises ResolutionError if the last of these lattices is too coarse as well; the message names the spacing
+    that the user gave.
     """
     spacing, ratio = solution.spacing, min(RATIOS[True])
     try:
@@ -138,10 +129,7 @@ def measured_source_error(
 def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
     """Return the estimated error of a solution, from coarser solutions with the options of its discretisation.
 
-    Raises
-    ------
-    InputError
-        If the solution has no lattice, or its error cannot be estimated.
+    Raises InputError if the solution has no lattice, or its error cannot be estimated.
     """
     form = solution.discretized
     options = lattice_options(form)
@@ -159,10 +147,7 @@ def error_of(solution: SolutionRecord, tight: bool = False) -> ErrorEstimate:
 def check_estimable(form: Discretized) -> None:
     """Raise if differences between solutions of this form do not measure their errors.
 
-    Raises
-    ------
-    InputError
-        In this case, with the reason.
+    Raises InputError in this case, with the reason.
     """
     reason = form.diagnosis().no_estimate
     if reason:

@@ -94,17 +94,13 @@ def solve_to_target(
 ) -> SolutionRecord:
     """Solve at several spacings until the target is met or cannot be met.
 
+    Raises InputError if an option needs a spacing to be given. Raises CpmkitError as ``solve`` does, where no spacing
+    serves.
+
     Returns
     -------
     Solution
         With its estimate, its history, and a warning where the tolerance was not reached.
-
-    Raises
-    ------
-    InputError
-        If an option needs a spacing to be given.
-    CpmkitError
-        As ``solve`` does, where no spacing serves.
     """
     _check(scene, options)
     given = {name: value for name, value in options.items() if name != "origin"}

@@ -48,12 +48,8 @@ def search_spacing(run: AdaptiveRun) -> tuple[Status, float]:
     """Solve at one spacing after another until the target is met or cannot be met.
 
     Return how the search ended, and the tolerance that was aimed at (0 without one). Once there is a solution, a solve
-    that fails ends the search with the error in ``run.failure``, and the solutions so far are kept.
-
-    Raises
-    ------
-    CpmkitError
-        As a solve does if there is no solution yet, or if a coarse solve exceeds the memory of the target.
+    that fails ends the search with the error in ``run.failure``, and the solutions so far are kept. Raises CpmkitError
+    as a solve does if there is no solution yet, or if a coarse solve exceeds the memory of the target.
     """
     tolerance = run.target.tolerance
     run.solve_first(first_spacing(run.scene))
@@ -257,10 +253,7 @@ def _needed_bytes(run: AdaptiveRun, unknowns: float) -> tuple[float, float]:
 def check_memory(run: AdaptiveRun) -> None:
     """Raise if the last, coarse solve needs more memory than the target allows.
 
-    Raises
-    ------
-    ResolutionError
-        In this case, with the memory that it needs.
+    Raises ResolutionError in this case, with the memory that it needs.
     """
     needed, target = sum(_needed_bytes(run, run.last.unknowns)), run.target.memory
     if target is not None and needed > target:

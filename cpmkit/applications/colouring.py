@@ -37,15 +37,9 @@ ACCEPTED = (
 
 @dataclass(frozen=True, eq=False)
 class ArcLengthShare:
-    """Position of points along the curves of a boundary, as a share of each curve's length.
+    """Position of points along the curves of a boundary, as a share of each curve's length."""
 
-    Attributes
-    ----------
-    curve : ClosestPointSource
-        A curve whose mesh does not branch.
-    """
-
-    curve: ClosestPointSource
+    curve: ClosestPointSource  #: A curve whose mesh does not branch.
 
     def __call__(self, points: Floats) -> Floats:
         """Return the shares (n,), from 0 to 1, of the points of the curve nearest to ``points`` (n, d).
@@ -65,11 +59,7 @@ class ArcLengthShare:
         """Short pieces of the curves, in the direction of each.
 
         A search tree of their middles, starts, ends (p, d), arc lengths at starts (p,), lengths of their curves (p,).
-
-        Raises
-        ------
-        InputError
-            If the source is no curve with a mesh, or branches.
+        Raises InputError if the source is no curve with a mesh, or branches.
         """
         from scipy.spatial import cKDTree
 
@@ -115,10 +105,7 @@ class Ramp:
 def colour_data(colours: Any, along: ArcLengthShare, label: str) -> Any:
     """Return the Dirichlet datum with three channels for the colours of a side; ``label`` names them in errors.
 
-    Raises
-    ------
-    InputError
-        If the colours are not accepted.
+    Raises InputError if the colours are not accepted.
     """
     if callable(colours):
 

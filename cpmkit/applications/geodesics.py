@@ -61,20 +61,12 @@ def transport_distance(
 ) -> Solution:
     """Solve -e Lap phi + sign X . grad phi = sign - e div X, with phi = ``target`` (p,) where it is ``prescribed``.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        The manifold, as :func:`transport_solver` returns it.
-    field : Field
-        X, unit vectors (p, d) along which phi grows.
-    prescribed : (p,) bool
-        Points at which the target is prescribed.
-    target : (p,) float64
-        The distance there.
-    sign : (p,) float64
-        Sign of phi: it is transported along X where it is positive, and against X where it is negative.
-    guess : Solution
-        Initial guess of iterative solvers.
+    ``prepared``: the manifold, as :func:`transport_solver` returns it.
+    ``field``: X, unit vectors (p, d) along which phi grows.
+    ``prescribed`` (p,): points at which the target is prescribed.
+    ``target`` (p,): the distance there.
+    ``sign`` (p,): sign of phi: it is transported along X where it is positive, and against X where it is negative.
+    ``guess``: initial guess of iterative solvers.
     """
     h = prepared.discretized.spacing
     penalty = prescribed * (10 / h)

@@ -28,27 +28,13 @@ from cpmkit.types import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class _State:
-    """A map between two steps.
+    """A map between two steps."""
 
-    Attributes
-    ----------
-    points : Field
-        Images (p, k) on the target of the points of the prepared scene.
-    normal : (p, k) float64
-        Part of Lap u normal to the target, at the images.
-    energy : float
-        The Dirichlet energy.
-    solution : Solution or None
-        The map on splines before the projection; None before the first step.
-    projection_ratio : float
-        Ratio of the energies after and before the projection.
-    """
-
-    points: ck.Field
-    normal: Floats
-    energy: float
-    solution: Solution | None = None
-    projection_ratio: float = 1.0
+    points: ck.Field  #: Field: images (p, k) on the target of the points of the prepared scene.
+    normal: Floats  #: (p, k): part of Lap u normal to the target, at the images.
+    energy: float  #: The Dirichlet energy.
+    solution: Solution | None = None  #: The map on splines before the projection; None before the first step.
+    projection_ratio: float = 1.0  #: Ratio of the energies after and before the projection.
 
 
 def implicit_flow(
@@ -65,22 +51,13 @@ def implicit_flow(
     A step that raises the energy or tears the map is repeated with half its length. Where conditions
     are prescribed, the first step is never repeated, since the initial map need not satisfy them.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        The manifold with landmarks as boundaries.
-    target : ClosestPointSource
-        The manifold of the images.
-    start : (p, k) float64
-        Images of the points of ``prepared``.
-    step : float
-        The longest step.
-    most_steps : int
-        Limit of the number of steps.
-    rest : float
-        Relative change of the energy below which the flow is at rest.
-    covering : float
-        Area that the initial map covers; 0 if unknown.
+    ``prepared``: the manifold with landmarks as boundaries.
+    ``target``: the manifold of the images.
+    ``start`` (p, k): images of the points of ``prepared``.
+    ``step``: the longest step.
+    ``most_steps``: limit of the number of steps.
+    ``rest``: relative change of the energy below which the flow is at rest.
+    ``covering``: area that the initial map covers; 0 if unknown.
 
     Returns
     -------
@@ -147,12 +124,8 @@ def explicit_flow(
     """Take the explicit steps u_next = cp(u + step Lap u) of King et al. (2024), eq. 24, until the energy is at rest.
 
     Arguments and results are those of :func:`implicit_flow`. Stable steps are at most a sixth of the spacing squared.
-    The energy is integrated after each 50 steps, and its mean decrease per step is compared with ``rest``.
-
-    Raises
-    ------
-    InputError
-        If the form is not ``collocation``, or the step too long.
+    The energy is integrated after each 50 steps, and its mean decrease per step is compared with ``rest``. Raises
+    InputError if the form is not ``collocation``, or the step too long.
     """
     h = prepared.discretized.spacing
     step = 0.1 * h * h if step is None else positive(step, "step")
@@ -186,12 +159,8 @@ def degree_and_area(
 ) -> tuple[int, float]:
     """Return the degree of a map, the signed area of a surface's images over the target's area, and that area.
 
-    Raises
-    ------
-    InputError
-        If one of the surfaces has no closed oriented mesh.
-    ResolutionError
-        If the quotient is no whole number.
+    Raises InputError if one of the surfaces has no closed oriented mesh. Raises ResolutionError if the quotient is no
+    whole number.
     """
     from scipy.spatial import cKDTree
 

@@ -24,21 +24,11 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Origins:
-    """Points (k, d) of a manifold, and curves in it.
+    """Points (k, d) of a manifold, and curves in it."""
 
-    Attributes
-    ----------
-    surface : ClosestPointSource
-        The manifold.
-    points : (k, d) float64
-        Points of the manifold.
-    curves : sequence of ClosestPointSource
-        Curves in the manifold.
-    """
-
-    surface: ClosestPointSource
-    points: Floats
-    curves: Sequence[ClosestPointSource]
+    surface: ClosestPointSource  #: The manifold.
+    points: Floats  #: (k, d): points of the manifold.
+    curves: Sequence[ClosestPointSource]  #: Curves in the manifold.
 
     def closest(self, points: Floats) -> tuple[Floats, Floats, Ints]:
         """Return the distances (n,) of ``points`` (n, d) from the nearest origins, the places, and the numbers (n,).
@@ -94,10 +84,7 @@ class Origins:
 def origins_of(origins: Any, surface: ClosestPointSource) -> Origins:
     """Return origins that are given as points (k, d) or (d,), numbers of vertices, sources, or a sequence of these.
 
-    Raises
-    ------
-    InputError
-        If there are no origins, or an entry is none of these.
+    Raises InputError if there are no origins, or an entry is none of these.
     """
     points, curves = [np.zeros((0, surface.dim))], []
     accepted = f"origins are finite points (k, {surface.dim}), numbers of vertices of a mesh, or sources of curves"
@@ -136,21 +123,11 @@ def _are_vertices(numbers: Any, surface: ClosestPointSource) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Pieces:
-    """The connected pieces of a prepared manifold with barriers.
+    """The connected pieces of a prepared manifold with barriers."""
 
-    Attributes
-    ----------
-    count : int
-        Number of pieces.
-    of_unknown : (n,) int64
-        The number of the piece of each unknown.
-    of_point : (p,) int64
-        The number of the piece of each point of the prepared scene.
-    """
-
-    count: int
-    of_unknown: Ints
-    of_point: Ints
+    count: int  #: Number of pieces.
+    of_unknown: Ints  #: (n,): the number of the piece of each unknown.
+    of_point: Ints  #: (p,): the number of the piece of each point of the prepared scene.
 
     def numbers_at(self, form: Discretized, points: Floats) -> Ints:
         """Return the numbers (k,) of the pieces to which ``points`` (k, d) belong."""
@@ -194,10 +171,7 @@ def scene_of(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
 def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any]) -> Prepared:
     """Return the prepared scene of a source or a scene, whose boundaries are barriers, or a prepared scene itself.
 
-    Raises
-    ------
-    InputError
-        If a boundary is no barrier, or a spacing or options are given beside a prepared scene.
+    Raises InputError if a boundary is no barrier, or a spacing or options are given beside a prepared scene.
     """
     scene = barriers(surface)
     if not isinstance(surface, Prepared):
@@ -211,10 +185,7 @@ def prepare_manifold(surface: Any, spacing: float | None, options: dict[str, Any
 def barriers(surface: ClosestPointSource | ck.Scene | Prepared) -> ck.Scene:
     """Return the scene of a manifold with its barriers and with f = 0.
 
-    Raises
-    ------
-    InputError
-        If a condition of a boundary or the edge is not of the kind Neumann.
+    Raises InputError if a condition of a boundary or the edge is not of the kind Neumann.
     """
     scene = scene_of(surface)
     for condition in scene.conditions:
@@ -236,12 +207,9 @@ def heat_solver(prepared: Prepared) -> Prepared:
 def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None = None) -> ck.Field:
     """Return the unit vectors (p, d) in which heat flows away from the origins.
 
-    They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin.
-
-    Raises
-    ------
-    SceneError
-        If no heat arrives at some points: of a piece with an origin, or of any piece if ``pieces`` are not given.
+    They are zero at the few points where heat underflows, and on those of the ``pieces`` that have no origin. Raises
+    SceneError if no heat arrives at some points: of a piece with an origin, or of any piece if ``pieces`` are not
+    given.
     """
     h, heated = prepared.discretized.spacing, heat_solver(prepared)
     share, time = 0.0 if heated is not prepared else NOISE_SHARE, HEAT_TIME * h * h
@@ -268,10 +236,7 @@ def heat_directions(prepared: Prepared, origins: Origins, pieces: Pieces | None 
 def check_warmed(cold: Bools, surface: ClosestPointSource) -> None:
     """Raise if heat does not reach all points of a manifold.
 
-    Raises
-    ------
-    SceneError
-        If any point is ``cold`` (p,); the message has their number.
+    Raises SceneError if any point is ``cold`` (p,); the message has their number.
     """
     if cold.any():
         raise SceneError(
@@ -285,26 +250,18 @@ def vector_heat_directions(
 ) -> tuple[Floats, Solution]:
     """Return the directions of vectors that diffuse from points, each after the shortest time in which heat arrives.
 
-    Parameters
-    ----------
-    prepared : Prepared
-        A surface.
-    coupling : Field
-        The coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
-    source : PointSource
-        Vectors at points.
-    shortest : float
-        The shortest time, over the spacing squared. Where only noise has arrived, four times that time, and so on.
+    Raises SceneError if no vector arrives somewhere.
+
+    ``prepared``: a surface.
+    ``coupling``: the coefficient that keeps vectors tangential, see :func:`tangential_coupling`.
+    ``source``: vectors at points.
+    ``shortest``: the shortest time, over the spacing squared. Where only noise has arrived, four times that time, and
+        so on.
 
     Returns
     -------
     (p, 3) float64, Solution
         Unit vectors at the points of ``prepared``, and the same on its splines.
-
-    Raises
-    ------
-    SceneError
-        If no vector arrives somewhere.
     """
     h = prepared.discretized.spacing
     heated = prepared.solved_by("jacobi", solver_tolerance=1e-12)  # well below NOISE_SHARE

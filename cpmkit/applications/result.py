@@ -25,15 +25,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class ColouredSolution(Solution):
-    """A solution that is drawn with other colours.
+    """A solution that is drawn with other colours."""
 
-    Attributes
-    ----------
-    mesh : DisplayMesh
-        The display mesh with the colours as values.
-    """
-
-    mesh: Any = field(kw_only=True)
+    mesh: Any = field(kw_only=True)  #: DisplayMesh: the display mesh with the colours as values.
 
     def display_mesh(self) -> Any:
         """Return the display mesh with the colours as values."""
@@ -179,21 +173,13 @@ def measure_to_target(
 ) -> MeasuredResult:
     """Compute a quantity at a spacing, or at the spacing that reaches the accuracy target, and return the result.
 
-    Parameters
-    ----------
-    surface : ClosestPointSource, Scene or Prepared
-        The manifold.
-    spacing : float or None
-        Spacing of the lattice.
-    options : dict
-        Options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place of a spacing.
-    measure : callable
-        Computes the quantity on a prepared scene.
+    Raises CpmkitError if an option is not accepted, or ``measure`` raises it.
 
-    Raises
-    ------
-    CpmkitError
-        If an option is not accepted, or ``measure`` raises it.
+    ``surface``, ClosestPointSource, Scene or Prepared: the manifold.
+    ``spacing``: spacing of the lattice.
+    ``options``, dict: options of :func:`cpmkit.prepare`; or ``tolerance``, ``norm``, ``seconds``, ``memory`` in place
+        of a spacing.
+    ``measure``: computes the quantity on a prepared scene.
     """
     target = {name: options[name] for name in ("tolerance", "norm", "seconds", "memory") if name in options}
     last: list[MeasuredResult] = []

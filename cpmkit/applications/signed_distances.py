@@ -138,10 +138,7 @@ def _measure(prepared: Prepared, curves: Origins, rounds: int) -> SignedDistance
 def _mean_on_curves(phi: Solution, samples: Sequence[BoundaryPoints]) -> float:
     """Return the mean of phi over the curves, which is subtracted so that phi is zero there.
 
-    Raises
-    ------
-    SceneError
-        If the means of curves differ.
+    Raises SceneError if the means of curves differ.
     """
     means = np.concatenate(
         [np.bincount(curve.curve, curve.weights * phi.evaluate(curve.points)) / curve.lengths for curve in samples]

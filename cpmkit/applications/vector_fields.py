@@ -69,14 +69,10 @@ def singularities(vertices: Floats, faces: Ints, vectors: Floats, normals: Float
     mesh is cut along a curve that the field follows on both sides, in equal or opposite directions, with the same
     ``normals``.
 
-    Parameters
-    ----------
-    vertices, faces : (v, 3) float64, (f, 3) int64
-        The triangles.
-    vectors : (v, 3) float64
-        The field.
-    normals : (v, 3) float64, optional
-        Unit normals at the vertices; by default, and where triangles are not consistently oriented, from the triangles.
+    ``vertices``, ``faces`` (v, 3) float64, (f, 3) int64: the triangles.
+    ``vectors`` (v, 3): the field.
+    ``normals`` (v, 3): unit normals at the vertices; by default, and where triangles are not consistently oriented,
+        from the triangles.
     """
     corners = vertices[faces]
     across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -254,13 +250,7 @@ def vector_field(
 
 
 def check_surface(surface: ClosestPointSource) -> None:
-    """Raise unless a manifold is a surface in space.
-
-    Raises
-    ------
-    InputError
-        If the manifold is no surface in space.
-    """
+    """Raise unless a manifold is a surface in space. Raises InputError if the manifold is no surface in space."""
     if surface.dim != 3 or surface.manifold_dim != 2:
         raise InputError("fields of tangential vectors are made on surfaces in space.")
 

@@ -52,27 +52,13 @@ application_options = combine(
 
 @dataclass(frozen=True, eq=False)
 class ApplicationResult:
-    """The result of an application, as a command prints and writes it.
+    """The result of an application, as a command prints and writes it."""
 
-    Attributes
-    ----------
-    solution : Solution
-        The solution that is saved.
-    picture : Solution or None
-        The solution that the picture shows, if it is another.
-    values : dict
-        Plain values for JSON, beside the summary of the solution.
-    lines : list of str
-        The same values as printed lines.
-    tables : dict
-        Names of further .csv files, and their rows.
-    """
-
-    solution: Solution
-    picture: Solution | None = None
-    values: dict[str, Any] = field(default_factory=dict)
-    lines: list[str] = field(default_factory=list)
-    tables: dict[str, Floats] = field(default_factory=dict)
+    solution: Solution  #: The solution that is saved.
+    picture: Solution | None = None  #: The solution that the picture shows, if it is another.
+    values: dict[str, Any] = field(default_factory=dict)  #: Plain values for JSON, beside the summary of the solution.
+    lines: list[str] = field(default_factory=list)  #: The same values as printed lines.
+    tables: dict[str, Floats] = field(default_factory=dict)  #: Names of further .csv files, and their rows.
 
 
 def run_application(
@@ -89,15 +75,10 @@ def run_application(
 ) -> None:
     """Read the scene, run the application, write the files of [output], and print a summary.
 
-    Parameters
-    ----------
-    command : str
-        The name of the command, which determines how the scene file is read.
-    solve : callable
-        Takes the keyword arguments of the application's function, with ``surface``, ``spacing`` and ``progress``, and
-        whether the picture shows the error.
-    **accuracy
-        Accuracy target in place of a spacing.
+    ``command``: the name of the command, which determines how the scene file is read.
+    ``solve``, callable: takes the keyword arguments of the application's function, with ``surface``, ``spacing`` and
+        ``progress``, and whether the picture shows the error.
+    ``**accuracy``: accuracy target in place of a spacing.
     """
     import numpy as np
 

@@ -24,36 +24,17 @@ DISTRIBUTIONS = (
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """The versions and kinds that are installed, the machine, and whether a scene loads.
+    """The versions and kinds that are installed, the machine, and whether a scene loads."""
 
-    Attributes
-    ----------
-    system : str
-        Python and the operating system.
-    versions : mapping
-        Version of each distribution that matters; ``None`` where it is not installed.
-    kinds : mapping
-        Installed kinds and the distribution of each, with its version.
-    processors : int
-        Processors that this process may use.
-    memory : str
-        The memory that this process may use, and the origin of the limit, in words.
-    variables : mapping
-        Environment variables that are set and change what cpmkit does.
-    scene : str or None
-        The error that loading the scene raises, empty if it loads; ``None`` if no scene was given.
-    advice : tuple of str
-        Sentences: warnings of the scene, and missing plugins and libraries.
-    """
-
-    system: str
+    system: str  #: Python and the operating system.
+    #: Version of each distribution that matters; ``None`` where it is not installed.
     versions: Mapping[str, str | None]
-    kinds: Mapping[str, str]
-    processors: int
-    memory: str
-    variables: Mapping[str, str]
-    scene: str | None
-    advice: tuple[str, ...]
+    kinds: Mapping[str, str]  #: Installed kinds and the distribution of each, with its version.
+    processors: int  #: Processors that this process may use.
+    memory: str  #: The memory that this process may use, and the origin of the limit, in words.
+    variables: Mapping[str, str]  #: Environment variables that are set and change what cpmkit does.
+    scene: str | None  #: The error that loading the scene raises, empty if it loads; ``None`` if no scene was given.
+    advice: tuple[str, ...]  #: Sentences: warnings of the scene, and missing plugins and libraries.
 
     def __str__(self) -> str:
         """Return the diagnosis as a table of names and values, and the advice below."""

@@ -310,10 +310,8 @@ def with_error(solution: Solution, wanted: bool | None, drawn: bool = False) -> 
 def as_shown(request: OutputRequest, field: str | None, look: Sequence[str], estimate: bool | None) -> OutputRequest:
     """Return the requested output with the picture changed to ``field`` and to ``look`` (KEY=VALUE each), if given.
 
-    Raises
-    ------
-    InputError
-        If there is no picture, it shows an error that is not to be estimated, or a key or value is not accepted.
+    Raises InputError if there is no picture, it shows an error that is not to be estimated, or a key or value is not
+    accepted.
     """
     from dataclasses import replace
 

@@ -88,10 +88,7 @@ class SolvingKeywords(TargetKeywords, PreparingKeywords, CheckpointingKeywords, 
 def _path(value: Any, label: str) -> Path | None:
     """Return ``value`` as the path of a file; None if it is None or empty.
 
-    Raises
-    ------
-    InputError
-        If the value is not a path; ``label`` is its name in the message.
+    Raises InputError if the value is not a path; ``label`` is its name in the message.
     """
     if value is None or value == "":
         return None
@@ -122,10 +119,7 @@ class Checkpointing(DeclaredOptions):
     def check_for(self, problem: Equation) -> None:
         """Raise, before anything is computed, if checkpoints are not possible for the equation ``problem``.
 
-        Raises
-        ------
-        InputError
-            If the equation is not one in time, or a file cannot be written or read.
+        Raises InputError if the equation is not one in time, or a file cannot be written or read.
         """
         write, resume = self.checkpoint, self.resume
         if (write or resume) and not isinstance(problem, Evolution):
@@ -143,20 +137,13 @@ class Checkpointing(DeclaredOptions):
 
 @dataclass(frozen=True, eq=False)
 class OperatorCache:
-    """Cache of operators and prepared solvers of a discretised scene; the most recently used are kept.
+    """Cache of operators and prepared solvers of a discretised scene; the most recently used are kept."""
 
-    Attributes
-    ----------
-    entries : dict
-        Cached values by their keys, the least recently used first.
-    shares_preconditioner : bool
-        Whether the preconditioner of the first operator is used for further operators of the same size.
-    shared : dict
-        Prepared solvers whose preconditioners are used for further operators, by the size of the operators.
-    """
-
+    #: Cached values by their keys, the least recently used first.
     entries: dict[Hashable, Any] = field(default_factory=dict)
+    #: Whether the preconditioner of the first operator is used for further operators of the same size.
     shares_preconditioner: bool = False
+    #: Prepared solvers whose preconditioners are used for further operators, by the size of the operators.
     shared: dict[int, PreconditionedGMRES] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -224,42 +211,20 @@ def times_mass(form: Discretized, u: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class SolveContext:
-    """The input of the solver of a family of equations.
+    """The input of the solver of a family of equations."""
 
-    Attributes
-    ----------
-    discretized : Discretized
-        The scene on the unknowns of a form.
-    solver : LinearSolver
-        The solver of linear systems.
-    solver_name : str
-        Name of the linear solver: "direct", "reference" or the name of a plugin's solver.
-    tolerance : float
-        Relative residual of each linear solve.
-    progress : callable
-        ``progress(stage, fraction)``.
-    started : float
-        ``time.perf_counter()`` at the start of the solve.
-    checkpointing : Checkpointing
-        Files to which the state of a run in time is written and from which it is read.
-    guess : (n, channels) float64, optional
-        Initial guess of the iteration of a steady problem.
-    cache : OperatorCache
-        Operators and prepared solvers, shared by all solves on the same tables.
-    default_tolerance : bool
-        Whether ``tolerance`` is the default and not given by the user: the iteration of a single steady solve may then
-        stop by an estimate of its error.
-    """
-
-    discretized: Discretized
-    solver: LinearSolver
-    solver_name: str
-    tolerance: float
-    progress: Progress
-    started: float
-    checkpointing: Checkpointing
-    guess: Floats | None = None
+    discretized: Discretized  #: The scene on the unknowns of a form.
+    solver: LinearSolver  #: The solver of linear systems.
+    solver_name: str  #: Name of the linear solver: "direct", "reference" or the name of a plugin's solver.
+    tolerance: float  #: Relative residual of each linear solve.
+    progress: Progress  #: ``progress(stage, fraction)``.
+    started: float  #: ``time.perf_counter()`` at the start of the solve.
+    checkpointing: Checkpointing  #: Files to which the state of a run in time is written and from which it is read.
+    guess: Floats | None = None  #: (n, channels): initial guess of the iteration of a steady problem.
+    #: Operators and prepared solvers, shared by all solves on the same tables.
     cache: OperatorCache = field(default_factory=OperatorCache)
+    #: Whether ``tolerance`` is the default and not given by the user: the iteration of a single steady solve may then
+    #: stop by an estimate of its error.
     default_tolerance: bool = False
 
     @property

@@ -40,12 +40,8 @@ if TYPE_CHECKING:
 def solve_coupled(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the system of all channels, and return the solution.
 
-    Raises
-    ------
-    InputError, SceneError
-        If the coupling is not accepted, or the solution is not unique.
-    ConvergenceError
-        If the solver does not reach the tolerance.
+    Raises InputError or SceneError if the coupling is not accepted, or the solution is not unique. Raises
+    ConvergenceError if the solver does not reach the tolerance.
     """
     form, problem = context.discretized, cast("Coupled", context.scene.problem)
     require(form, "coupled channels")
@@ -68,10 +64,7 @@ def solve_coupled(context: SolveContext) -> SolutionRecord:
 def _coupling_at_points(problem: Coupled, form: Discretized) -> Floats:
     """Return the coupling matrices C (p, k, k) at the form's points, for k channels.
 
-    Raises
-    ------
-    InputError
-        If the function does not return finite matrices of this shape.
+    Raises InputError if the function does not return finite matrices of this shape.
     """
     points, channels = form.points, form.scene.channels
     values = np.asarray(problem.coupling(points.copy()), dtype=np.float64)
@@ -88,10 +81,7 @@ def _check_unique(form: Discretized, stiffness: Stiffness, coupling: Floats) -> 
 
     ``coupling`` (p, k, k) is C at the form's points.
 
-    Raises
-    ------
-    SceneError
-        In this case.
+    Raises SceneError in this case.
     """
     free = form.free_constants(stiffness)
     if free is None:
@@ -175,14 +165,9 @@ class BiharmonicRecord(SolutionRecord):
 def solve_biharmonic(context: SolveContext) -> BiharmonicRecord:
     """Assemble and solve the system of a biharmonic problem, and return its solution.
 
-    Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there.
-
-    Raises
-    ------
-    InputError
-        If c is not zero and the linear solver does not solve complex systems.
-    ConvergenceError
-        If the solver does not reach the tolerance.
+    Where c is zero and a constant is free on a piece of the manifold, the solution has mean zero there. Raises
+    InputError if c is not zero and the linear solver does not solve complex systems. Raises ConvergenceError if the
+    solver does not reach the tolerance.
     """
     problem, form = cast("Biharmonic", context.scene.problem), context.discretized
     require(form, "second Laplacian")

@@ -77,14 +77,8 @@ _Steps = list[tuple[StepRecord, SolveReport]]
 def solve_quasilinear(context: SolveContext) -> QuasilinearRecord:
     """Solve a steady problem whose diffusivity depends on u, and return the solution with the history of the steps.
 
-    Raises
-    ------
-    SceneError
-        If the form does not have such diffusivities, or the scene has several channels.
-    InputError
-        If the diffusivity is not above zero.
-    ConvergenceError
-        If the steps do not converge.
+    Raises SceneError if the form does not have such diffusivities, or the scene has several channels. Raises InputError
+    if the diffusivity is not above zero. Raises ConvergenceError if the steps do not converge.
     """
     form, problem = context.discretized, cast("QuasilinearEquation", context.scene.problem)
     require(form, "diffusivity that depends on u")
@@ -144,12 +138,8 @@ def _solve_linear(context: SolveContext, terms: Terms, guess: Floats | None = No
 def _converge(steps: Steps, problem: QuasilinearEquation, u: Floats, taken: _Steps, share: float) -> Floats:
     """Step from u (n, 1) until a step changes u by at most a ``share`` of its range, and return u (n, 1).
 
-    The steps are appended to those ``taken``. Lagged steps converge slowly.
-
-    Raises
-    ------
-    ConvergenceError
-        If no step up to the largest number of steps changes u so little.
+    The steps are appended to those ``taken``. Lagged steps converge slowly. Raises ConvergenceError if no step up to
+    the largest number of steps changes u so little.
     """
     method, state, form = problem.method, steps.state(u), steps.context.discretized
     step = steps.newton_step if method == "newton" else steps.lagged_step
@@ -190,21 +180,12 @@ def _energy(steps: Steps, problem: QuasilinearEquation, state: State) -> float |
 def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext], SolutionRecord]) -> SolutionRecord:
     """Solve a steady scene with fluxes that depend on the solution, and return the solution.
 
-    Parameters
-    ----------
-    context : SolveContext
-        The context, with the discretised scene.
-    solve_linear : callable
-        Solves a scene whose conditions are linear.
+    Raises SceneError if the scene has several channels, or the fluxes do not fix a free constant. Raises
+    ResolutionError if a flux grows with u faster than the spacing resolves. Raises ConvergenceError if Newton's method
+    does not converge.
 
-    Raises
-    ------
-    SceneError
-        If the scene has several channels, or the fluxes do not fix a free constant.
-    ResolutionError
-        If a flux grows with u faster than the spacing resolves.
-    ConvergenceError
-        If Newton's method does not converge.
+    ``context``: the context, with the discretised scene.
+    ``solve_linear``: solves a scene whose conditions are linear.
     """
     scene, form = context.scene, context.discretized
     if scene.channels > 1:
@@ -234,10 +215,7 @@ def solve_nonlinear(context: SolveContext, solve_linear: Callable[[SolveContext]
 def _check_balance(solution: SolutionRecord) -> None:
     """Raise if the data of a solution had to be changed because the fluxes do not fix a free constant.
 
-    Raises
-    ------
-    SceneError
-        In this case, with a point of the piece on which the constant is free.
+    Raises SceneError in this case, with a point of the piece on which the constant is free.
     """
     for defect in solution.imbalances:
         if defect.of == "data" and defect.relative > defect.explained:

@@ -24,51 +24,25 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """An iterate u, and the residual of A(u) u = b(u) there.
+    """An iterate u, and the residual of A(u) u = b(u) there."""
 
-    Attributes
-    ----------
-    u : (n, 1) float64
-        The unknowns.
-    stiffness : Stiffness
-        The operator A(u).
-    b : (n, 1) float64
-        The right-hand side b(u).
-    residual : (n, 1) float64
-        b - A u, without the part for which there is no solution on pieces where a constant is free.
-    border : Border or None
-        The pieces where a constant is free.
-    """
-
-    u: Floats
-    stiffness: Stiffness
-    b: Floats
+    u: Floats  #: (n, 1): the unknowns.
+    stiffness: Stiffness  #: The operator A(u).
+    b: Floats  #: (n, 1): the right-hand side b(u).
+    #: (n, 1): b - A u, without the part for which there is no solution on pieces where a constant is free.
     residual: Floats
-    border: Border | None
+    border: Border | None  #: The pieces where a constant is free.
 
 
 @dataclass(frozen=True, eq=False)
 class Steps:
-    """Steps of an iteration for an equation whose diffusivity depends on u, on a form.
+    """Steps of an iteration for an equation whose diffusivity depends on u, on a form."""
 
-    Attributes
-    ----------
-    context : SolveContext
-        The form, and the solver of linear systems.
-    terms : Terms
-        Terms of the equation.
-    law : StateDiffusivity
-        The diffusivity of the equation.
-    loads : (n, 1) float64
-        The load vector of f.
-    penalty_scale : float, optional
-        The diffusivity by which penalties and stabilisation are scaled; by default the diffusivity of the equation.
-    """
-
-    context: SolveContext
-    terms: Terms
-    law: StateDiffusivity
-    loads: Floats
+    context: SolveContext  #: The form, and the solver of linear systems.
+    terms: Terms  #: Terms of the equation.
+    law: StateDiffusivity  #: The diffusivity of the equation.
+    loads: Floats  #: (n, 1): the load vector of f.
+    #: The diffusivity by which penalties and stabilisation are scaled; by default the diffusivity of the equation.
     penalty_scale: float | None = None
 
     def frozen_terms(self, u: Floats) -> Terms:
@@ -101,10 +75,7 @@ class Steps:
     def newton_step(self, state: State) -> tuple[State, SolveReport]:
         """Return the state after a step of Newton's method with a line search, and the report of its linear solve.
 
-        Raises
-        ------
-        ConvergenceError
-            If no step length reduces the residual.
+        Raises ConvergenceError if no step length reduces the residual.
         """
         form = self.context.discretized
         scale = self.law.at if self.penalty_scale is None else self._scale_at

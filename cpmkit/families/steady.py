@@ -49,12 +49,8 @@ def _prepare_system(context: SolveContext) -> tuple[Stiffness, PreparedSystem]:
 def solve_steady(context: SolveContext) -> SolutionRecord:
     """Assemble and solve the linear system of a steady problem, and return the solution.
 
-    Raises
-    ------
-    ResolutionError
-        If the spacing is too coarse for waves or a velocity.
-    ConvergenceError
-        If the solver does not reach the tolerance.
+    Raises ResolutionError if the spacing is too coarse for waves or a velocity. Raises ConvergenceError if the solver
+    does not reach the tolerance.
     """
     form, terms = context.discretized, context.scene.problem.terms()
     coarse_waves = unresolved_waves(form, terms)
@@ -80,10 +76,8 @@ def solve_steady(context: SolveContext) -> SolutionRecord:
 def _solve_system(context: SolveContext, system: PreparedSystem, b: Floats) -> tuple[Floats, SolveReport]:
     """Return the solution (n, channels) of the system with right-hand side b, and the report.
 
-    Raises
-    ------
-    ConvergenceError
-        If the solver does not reach the tolerance; for standing waves the message says if an eigenvalue is the cause.
+    Raises ConvergenceError if the solver does not reach the tolerance; for standing waves the message says if an
+    eigenvalue is the cause.
     """
     by_error = stop_by_preconditioned_residual(system.solver) if context.default_tolerance else None
     solver, tolerance = (system.solver, context.tolerance) if by_error is None else by_error
@@ -122,10 +116,7 @@ def resolves_waves(form: Discretized, terms: Terms) -> bool:
 def unresolved_waves(form: Discretized, terms: Terms) -> list[str]:
     """Return a warning in a list if the spacing resolves standing waves poorly; else an empty list.
 
-    Raises
-    ------
-    ResolutionError
-        If there are too few nodes per wavelength to distinguish eigenvalues.
+    Raises ResolutionError if there are too few nodes per wavelength to distinguish eigenvalues.
     """
     if resolves_waves(form, terms):
         return []

@@ -63,13 +63,9 @@ def read_arrays(
     """Return those arrays of an ``.npz`` file whose names are in ``names``, by name.
 
     Other arrays are not read. ``label`` describes the expected file in errors, such as "a saved solution". ``check`` is
-    called with the name, shape and type in each array's header before any array is read, and may raise.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the
-        available memory.
+    called with the name, shape and type in each array's header before any array is read, and may raise. Raises
+    InputError if the file cannot be opened, is not whole, or an array in it is of another kind, or larger than the
+    available memory.
     """
     try:
         with explain_system_error(f"{shown(path.name)} cannot be read"), zipfile.ZipFile(path) as archive:
@@ -133,23 +129,12 @@ def _header(opened: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtype[Any], in
 
 @dataclass(frozen=True)
 class SavedArray:
-    """The name, types and shape that an array of a file must have.
-
-    Attributes
-    ----------
-    name : str
-    kinds : str
-        Kinds of NumPy types that it may have, such as ``"f"``.
-    shape : tuple of str or int
-        Sizes; a name stands for the same size in all arrays of a table.
-    needed : bool
-        Whether the file is refused without it.
-    """
+    """The name, types and shape that an array of a file must have."""
 
     name: str
-    kinds: str
-    shape: tuple[str | int, ...] = ()
-    needed: bool = True
+    kinds: str  #: Kinds of NumPy types that it may have, such as ``"f"``.
+    shape: tuple[str | int, ...] = ()  #: Sizes; a name stands for the same size in all arrays of a table.
+    needed: bool = True  #: Whether the file is refused without it.
 
 
 def read_saved(
@@ -157,13 +142,9 @@ def read_saved(
 ) -> dict[str, np.ndarray]:
     """Return the arrays of an ``.npz`` file that ``table`` names, floats as float64 and whole numbers as int64.
 
-    Shapes are compared before an array is read: with the known ``sizes``, and with each other.
-
-    Raises
-    ------
-    InputError
-        If the file is missing, damaged, or no ``.npz`` file; if an array that is needed is not in it; or if one is of
-        another type or shape than the table says, or holds NaN or infinity.
+    Shapes are compared before an array is read: with the known ``sizes``, and with each other. Raises InputError if the
+    file is missing, damaged, or no ``.npz`` file; if an array that is needed is not in it; or if one is of another type
+    or shape than the table says, or holds NaN or infinity.
     """
     rows, known = {row.name: row for row in table}, dict(sizes or {})
 
@@ -197,13 +178,7 @@ def read_saved(
 
 
 def read_json_table(array: np.ndarray, path: Path, name: str) -> dict[str, Any]:
-    """Return the table of plain values in an array of text.
-
-    Raises
-    ------
-    InputError
-        If the text is not a JSON object.
-    """
+    """Return the table of plain values in an array of text. Raises InputError if the text is not a JSON object."""
     try:
         table = json.loads(str(array))
     except (ValueError, RecursionError) as error:

@@ -18,18 +18,10 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of plain values, defined by a check.
+    """A kind of plain values, defined by a check."""
 
-    Attributes
-    ----------
-    words : str
-        Its name in errors: "a whole number of at least 0".
-    accepts : callable
-        Returns whether a value is of the kind.
-    """
-
-    words: str
-    accepts: Callable[[Any], bool]
+    words: str  #: Its name in errors: "a whole number of at least 0".
+    accepts: Callable[[Any], bool]  #: Returns whether a value is of the kind.
 
 
 def numbers(least: float = -math.inf, most: float = math.inf) -> Kind:
@@ -88,10 +80,7 @@ def check_fields(
 ) -> Mapping[str, Any]:
     """Return ``table`` if it has all ``needed`` fields, and these and its ``optional`` fields are of their kinds.
 
-    Raises
-    ------
-    InputError
-        If a field is missing or not of its kind; the message names ``where`` and the field.
+    Raises InputError if a field is missing or not of its kind; the message names ``where`` and the field.
     """
     if not isinstance(table, Mapping):
         raise InputError(f"{where} must be a table, got {shown(table)}.")
@@ -106,10 +95,8 @@ def check_fields(
 def record_from_table(record: type[Made], saved: Any, where: str) -> Made:
     """Return an object of a dataclass with plain fields from the table as which it was saved; unknown keys are ignored.
 
-    Raises
-    ------
-    InputError
-        If a field without a default is missing, or a field is not of its type; integers must not be negative.
+    Raises InputError if a field without a default is missing, or a field is not of its type; integers must not be
+    negative.
     """
     hints = get_type_hints(record)
     kinds = {field.name: _kind(hints[field.name]) for field in fields(record)}  # type: ignore[arg-type] # a dataclass
@@ -160,22 +147,13 @@ WHOLE_NUMBER_BOUND = 2**63
 def from_toml(path: str | Path, make: Callable[[dict[str, Any], Path], Parsed], label: str, like: str) -> Parsed:
     """Return the result of ``make`` for the tables and the path of a TOML file.
 
-    Parameters
-    ----------
-    path : path
-        The file.
-    make : callable
-        Called with tables and path; its SceneErrors are raised with the file's name.
-    label : str
-        Kind of file in the error if there is none, such as "scene file".
-    like : str
-        Description of an accepted file for that error.
+    Raises SceneError if the file is missing, too large or does not parse, nests tables too deeply, holds a control
+    character or a whole number beyond 64 bits, or ``make`` raises it.
 
-    Raises
-    ------
-    SceneError
-        If the file is missing, too large or does not parse, nests tables too deeply, holds a control character or a
-        whole number beyond 64 bits, or ``make`` raises it.
+    ``path``: the file.
+    ``make``, callable: called with tables and path; its SceneErrors are raised with the file's name.
+    ``label``: kind of file in the error if there is none, such as "scene file".
+    ``like``: description of an accepted file for that error.
     """
     path = Path(path)
     tables = _tables(path, label, like)

@@ -93,10 +93,7 @@ def _runs(process: int) -> bool:
 def check_place(path: Path) -> None:
     """Raise if a file ``path`` cannot be written or its folders cannot be created; nothing is left behind.
 
-    Raises
-    ------
-    InputError
-        If a name is not valid, a folder is a file or the reverse, or the folder is not writable.
+    Raises InputError if a name is not valid, a folder is a file or the reverse, or the folder is not writable.
     """
     check_name(path)
     with explain_system_error(f"{path} cannot be written"):
@@ -112,10 +109,7 @@ def check_place(path: Path) -> None:
 def check_name(path: Path) -> None:
     """Raise if the name of a file or of one of its folders is not valid.
 
-    Raises
-    ------
-    InputError
-        If a name is too long, or the file system's encoding lacks its characters.
+    Raises InputError if a name is too long, or the file system's encoding lacks its characters.
     """
     if "\0" in str(path):
         raise InputError(f"{shown(str(path))} is no name of a file: it holds the character NUL.")
@@ -210,12 +204,8 @@ def find_file(name: str | Path, folder_of_scene: Path | None = None) -> Path:
 
     The search covers the folder of the scene (or the working directory), the folder of ``CPMKIT_DATA`` and the user's
     cache. An example mesh is downloaded into the cache, with its checksum verified, if the extra `data` is installed
-    and ``CPMKIT_FETCH`` is not ``0``.
-
-    Raises
-    ------
-    InputError
-        If ``name`` is no path, or the file is in none of these places; the message lists them.
+    and ``CPMKIT_FETCH`` is not ``0``. Raises InputError if ``name`` is no path, or the file is in none of these places;
+    the message lists them.
     """
     if not isinstance(name, (str, Path)) or not str(name):
         raise InputError(f"file must be the name of a file, got {shown(name)}.")

@@ -54,10 +54,7 @@ def cost_model(scene: Scene, options: Options[Any]) -> CostModel[Any]:
 def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) -> tuple[Options[Any], dict[str, Any]]:
     """Return the options of a scene's discretisation from the keyword arguments ``given``, and the other arguments.
 
-    Raises
-    ------
-    InputError
-        If there is no spacing, an option belongs to another form, or a value is not accepted.
+    Raises InputError if there is no spacing, an option belongs to another form, or a value is not accepted.
     """
     given = current_keywords(given, RENAMED_OPTIONS)
     form, reason = choose_form(scene, given)
@@ -71,10 +68,7 @@ def options_of(scene: Scene, spacing: float | None, given: Mapping[str, Any]) ->
 def choose_form(scene: Scene, given: Mapping[str, Any]) -> tuple[str, str]:
     """Return the name of the form that discretises a scene, and the reason for the choice in words.
 
-    Raises
-    ------
-    InputError
-        If there is no such form, or one of the options ``given`` belongs to another form only.
+    Raises InputError if there is no such form, or one of the options ``given`` belongs to another form only.
     """
     target = given.get("form", AUTO)
     named = form_named(target, given)
@@ -100,12 +94,8 @@ def form_named(form: Any, names: Iterable[str] = ()) -> str | None:
     """Return the name ``form``, or for "auto" the only form that accepts all options ``names``; None if several do.
 
     Where ``names`` maps options to values, an option of several forms, such as ``degree``, decides if only one form
-    accepts its value. Names that are no options of a form are ignored.
-
-    Raises
-    ------
-    InputError
-        If there is no such form, or an option belongs to another form.
+    accepts its value. Names that are no options of a form are ignored. Raises InputError if there is no such form, or
+    an option belongs to another form.
     """
     if not isinstance(form, str) or (form not in FORMS and form != AUTO):
         near = did_you_mean(form, (*FORMS, AUTO))
@@ -173,12 +163,7 @@ def explain_memory_error(scene: Scene, options: Options[Any] | None = None, solv
     """Replace an out-of-memory error of the block by one with the need, the limit and a spacing that would fit.
 
     Arrays that the frames of the traceback refer to are released first. The ``options`` are None for a form without a
-    lattice.
-
-    Raises
-    ------
-    ResolutionError
-        If memory runs out in the block.
+    lattice. Raises ResolutionError if memory runs out in the block.
     """
     limit = memory.memory_limit()
     try:

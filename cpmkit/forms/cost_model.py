@@ -153,18 +153,10 @@ FITTING_ROUNDS = 30
 
 @dataclass(frozen=True, eq=False)
 class CostModel(ABC, Generic[Own]):
-    """Unknowns, solver and memory of a scene in one form, before it is discretised.
+    """Unknowns, solver and memory of a scene in one form, before it is discretised."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene.
-    options : Options
-        Spacing and options of the form.
-    """
-
-    scene: Scene
-    options: Options[Own]
+    scene: Scene  #: The scene.
+    options: Options[Own]  #: Options: spacing and options of the form.
 
     #: The largest spacing, as a share of the largest side of the manifold's bounds.
     coarsest_share: ClassVar[float]
@@ -184,10 +176,7 @@ class CostModel(ABC, Generic[Own]):
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Raise if a solve needs more memory than this process may have.
 
-        Raises
-        ------
-        ResolutionError
-            If it does; the message has a spacing that would fit.
+        Raises ResolutionError if it does; the message has a spacing that would fit.
         """
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
         check_memory(needed, unknowns, self.options.spacing, fitting, solver, self.smaller_solver)

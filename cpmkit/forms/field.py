@@ -181,18 +181,11 @@ class Field:
 def field_of(form: Discretized, data: Any) -> Field:
     """Return the field of ``data`` at the points of a form.
 
-    Parameters
-    ----------
-    form : Discretized
-        The form at whose points the field is evaluated.
-    data : number, sequence, array, callable or Solution
-        A number, one value a channel, values (p,) or (p, channels) at the points, or a function of points. A solution
-        on the same unknowns is taken over without loss.
+    Raises InputError if the data are none of these.
 
-    Raises
-    ------
-    InputError
-        If the data are none of these.
+    ``form``: the form at whose points the field is evaluated.
+    ``data``, number, sequence, array, callable or Solution: a number, one value a channel, values (p,) or (p, channels)
+        at the points, or a function of points. A solution on the same unknowns is taken over without loss.
     """
     other = getattr(data, "discretized", None)
     if isinstance(other, Discretized):

@@ -14,22 +14,15 @@ class StateDependentCoefficient:
     """A coefficient of the equation that depends on u, with the function u at which it is evaluated.
 
     The form evaluates u and its gradient where it needs the coefficient.
-
-    Attributes
-    ----------
-    coefficient : callable
-        Takes the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates;
-        returns numbers (k,) or symmetric tensors (k, d, d).
-    u : (n, 1) float64
-        The unknowns of u.
-    penalty_coefficient : callable, optional
-        Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
-        coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.
     """
 
     needs_state: ClassVar[bool] = True
+    #: Takes the values (k,) of u, its tangential gradients (k, d) and the points (k, d) in the scene's coordinates;
+    #: returns numbers (k,) or symmetric tensors (k, d, d).
     coefficient: Callable[[Floats, Floats, Floats], Floats]
-    u: Floats
+    u: Floats  #: (n, 1): the unknowns of u.
+    #: Takes the same arguments; returns numbers (k,) by which penalties and stabilisation are scaled. By default the
+    #: coefficient itself, or the mean of a tensor. A Newton tangent has that of the coefficient it is derived from.
     penalty_coefficient: Callable[[Floats, Floats, Floats], Floats] | None = None
 
 
@@ -56,26 +49,17 @@ class Dispersion:
     """The errors of eigenvalues lambda = k^2 of -Lap at a spacing h.
 
     An eigenvalue is off by about ``lambda (waves (k h)^power + bends (h / radius)^bend_power)``.
-
-    Attributes
-    ----------
-    resolved, coarsest : float
-        k h, radians of a wave per spacing. Eigenvalues are off by 1 percent at ``resolved``, by 2 at ``coarsest``;
-        beyond that eigenvalues after the first few cannot be distinguished.
-    power : int
-        Order of convergence of eigenvalues.
-    waves, bends : float
-        Coefficients, measured on the circle and the sphere.
-    bend_power : int
-        Order of convergence with respect to the curvature of the manifold.
     """
 
+    #: resolved, coarsest: k h, radians of a wave per spacing. Eigenvalues are off by 1 percent at ``resolved``, by 2 at
+    #: ``coarsest``; beyond that eigenvalues after the first few cannot be distinguished.
     resolved: float
     coarsest: float
-    power: int
+    power: int  #: Order of convergence of eigenvalues.
+    #: waves, bends: Coefficients, measured on the circle and the sphere.
     waves: float
     bends: float
-    bend_power: int = 2
+    bend_power: int = 2  #: Order of convergence with respect to the curvature of the manifold.
 
     def error(self, eigenvalue: float, spacing: float, radius: float) -> float:
         """Return the error of ``eigenvalue`` at ``spacing`` on a manifold with the ``radius`` of curvature."""
@@ -151,44 +135,26 @@ class FormTraits:
 
 @dataclass(frozen=True, eq=False)
 class ExpectedError:
-    """An estimate of the error of a solution from that solution alone.
+    """An estimate of the error of a solution from that solution alone."""
 
-    Attributes
-    ----------
-    rms, largest : (channels,) float64
-        Root mean square and largest error, in the unit of the solution; mostly right within a factor of two.
-    unresolved : bool
-        Whether the solution has waves or peaks that the lattice hardly resolves; errors may then be larger.
-    """
-
+    #: rms, largest (channels,): root mean square and largest error, in the unit of the solution; mostly right within a
+    #: factor of two.
     rms: Floats
     largest: Floats
+    #: Whether the solution has waves or peaks that the lattice hardly resolves; errors may then be larger.
     unresolved: bool
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """How the error of a solution falls with the spacing, and how much of the manifold the lattice does not resolve.
+    """How the error of a solution falls with the spacing, and how much of the manifold the lattice does not resolve."""
 
-    Attributes
-    ----------
-    order : float
-        The order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error of u_h.
-    slow : str
-        Why the error may fall slowly with the spacing; empty without a reason.
-    no_estimate : str
-        Why differences of two solutions are no measure of the error, in a sentence; empty where they are one.
-    unresolved : bool
-        Whether parts of the manifold bend too sharply for the spacing, or come too near to other parts.
-    unresolved_share : float
-        The share of the manifold in pieces so small that u has one value on each.
-    doubled : (k, d) float64, optional
-        Closest points of the further unknowns at nodes that several sheets of the manifold share.
-    """
-
-    order: float = 2.0
-    slow: str = ""
+    order: float = 2.0  #: The order p with which ``|u_h - u_rh| / (r^p - 1)`` estimates the error of u_h.
+    slow: str = ""  #: Why the error may fall slowly with the spacing; empty without a reason.
+    #: Why differences of two solutions are no measure of the error, in a sentence; empty where they are one.
     no_estimate: str = ""
+    #: Whether parts of the manifold bend too sharply for the spacing, or come too near to other parts.
     unresolved: bool = False
-    unresolved_share: float = 0.0
+    unresolved_share: float = 0.0  #: The share of the manifold in pieces so small that u has one value on each.
+    #: (k, d): closest points of the further unknowns at nodes that several sheets of the manifold share.
     doubled: Floats | None = None

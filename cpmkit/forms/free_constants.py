@@ -129,14 +129,10 @@ def free_pieces(
 
     Unknowns that A couples belong to the same piece; a constant is free on a piece if A times its indicator vanishes.
 
-    Parameters
-    ----------
-    stiffness : Operator
-        The operator A.
-    make_mass : callable
-        Returns the mass matrix M, or None if it is the identity; called only if a constant is free.
-    constant_unknowns : int, optional
-        The function 1 has the coefficient 1 at the first so many unknowns and zero at the others; by default 1 at all.
+    ``stiffness``: the operator A.
+    ``make_mass``: returns the mass matrix M, or None if it is the identity; called only if a constant is free.
+    ``constant_unknowns``: the function 1 has the coefficient 1 at the first so many unknowns and zero at the others; by
+        default 1 at all.
     """
     from scipy.sparse import csr_array
 

@@ -83,12 +83,9 @@ def _estimate(value: Any, label: str) -> Any:
 
 
 def read_memory(value: Any, label: str = "memory") -> float | None:
-    """Return a memory in bytes, given as a number or as text such as ``"2 GiB"``.
+    """Return a memory in bytes, given as a number or as text such as ``"2 GiB"``; None is returned unchanged.
 
-    Raises
-    ------
-    InputError
-        If the value is neither a positive number nor such a text.
+    Raises InputError for any other value: a number must be positive, and a text must end with a unit.
     """
     if not isinstance(value, str):
         return _positive_or_none(value, label)
@@ -106,10 +103,7 @@ def read_memory(value: Any, label: str = "memory") -> float | None:
 class AccuracyTarget(DeclaredOptions):
     """The error that a solution must reach, or the time and memory that it may take.
 
-    Raises
-    ------
-    InputError
-        If a value is not accepted.
+    Raises InputError if a value is not accepted.
     """
 
     tolerance: float | None = option(
@@ -157,10 +151,7 @@ class AccuracyTarget(DeclaredOptions):
     def check_spacing(self, spacing: float | None) -> None:
         """Raise if a spacing is given together with a target that determines the spacing.
 
-        Raises
-        ------
-        InputError
-            If both are given, or a norm without any target.
+        Raises InputError if both are given, or a norm without any target.
         """
         if self.given_targets and spacing is not None:
             name = self.given_targets[0]

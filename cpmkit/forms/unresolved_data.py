@@ -45,14 +45,9 @@ class DataAtPoints(NamedTuple):
 def unresolved_data(form: Discretized, conditions: Iterable[DataAtPoints], spacing: float | None = None) -> list[str]:
     """Return a warning for each of a scene's data that varies within a spacing.
 
-    Parameters
-    ----------
-    form : Discretized
-        The form, at whose points the data of the equation are read.
-    conditions : iterable of DataAtPoints
-        The data of the conditions.
-    spacing : float, optional
-        Spacing of the finest lattice; by default that of the form.
+    ``form``: the form, at whose points the data of the equation are read.
+    ``conditions``: the data of the conditions.
+    ``spacing``: spacing of the finest lattice; by default that of the form.
     """
     width = form.spacing if spacing is None else spacing
     return [text for data in _all_data(form, conditions) for text in _warnings(form.scene, data, width)]

@@ -12,13 +12,9 @@ from cpmkit.types import Floats, Ints
 def run_arithmetic(table: Floats, codes: Ints) -> None:
     """Compute arithmetic steps on the rows of a table, in place and with the rounding of NumPy.
 
-    Parameters
-    ----------
-    table : (s, n) float64
-        One value in each row, at n points; results are written to it.
-    codes : (k, 4) int64
-        One step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and the row of its
-        result, which differs from those.
+    ``table`` (s, n): one value in each row, at n points; results are written to it.
+    ``codes`` (k, 4): one step in each row: its number in ``ARITHMETIC``, the rows of its first and second operand, and
+        the row of its result, which differs from those.
     """
     n = table.shape[1]
     for code, first, second, result in codes:

@@ -52,10 +52,7 @@ class Formulas:
     def _values(self, points: Floats, **others: Any) -> Floats:
         """Return the values (k, n) of the k formulas at points (n, d), given the ``others`` of their variables.
 
-        Raises
-        ------
-        SceneError
-            If a formula uses a coordinate that the points do not have.
+        Raises SceneError if a formula uses a coordinate that the points do not have.
         """
         names = COORDINATES[: points.shape[1]]
         missing = [name for name in COORDINATES if name in self._program.variables and name not in names]
@@ -108,10 +105,7 @@ class Expression(Formula):
     def __call__(self, points: Floats, t: float | None = None) -> Floats:
         """Return the values (n,) at points (n, d) and, if the formula contains t, the time ``t``.
 
-        Raises
-        ------
-        SceneError
-            If the formula contains t and ``t`` is None.
+        Raises SceneError if the formula contains t and ``t`` is None.
         """
         if t is None and self.takes_time:
             raise SceneError(f"the formula {shown(self.text)} depends on t, and there is no time here; leave t out.")
@@ -143,7 +137,8 @@ class StateExpression(Formula):
 class ReactionExpression(Formulas):
     """A reaction: one formula for each channel, in the channels u1, u2, ..., the position and the time t.
 
-    A single channel is also called u.
+    A single channel is also called u. Raises SceneError if there is no formula, or one does not parse, is too long, or
+    uses a name or operation that is not available.
 
     Parameters
     ----------
@@ -151,11 +146,6 @@ class ReactionExpression(Formulas):
         The rates of the channels, for example ``("u1*u2**2 - u1", "-u1*u2**2")``; 100 at most.
     dim : int
         2 or 3, the number of coordinates that they may use.
-
-    Raises
-    ------
-    SceneError
-        If there is no formula, or one does not parse, is too long, or uses a name or operation that is not available.
 
     Examples
     --------

@@ -78,10 +78,7 @@ def formula_tree(text: Any, names: Sequence[str], label: str = "the formula") ->
 def parse(text: str, label: str = "the formula") -> ast.expr:
     """Return the syntax tree of a Python expression, of which nothing is checked but its length.
 
-    Raises
-    ------
-    SceneError
-        If ``text`` is too long, contains #, is nested too deeply, or does not parse.
+    Raises SceneError if ``text`` is too long, contains #, is nested too deeply, or does not parse.
     """
     if len(text) > MAX_FORMULA_CHARACTERS:
         raise SceneError(
@@ -240,27 +237,15 @@ class Program:
 
     Sequences of arithmetic steps are compiled, and the functions between them are NumPy's: one operation of NumPy on a
     hundred points takes ten times as long as the arithmetic.
-
-    Attributes
-    ----------
-    numbers : (k, 1) float64
-        Numbers, the first rows of the table.
-    variables : mapping
-        The rows of the variables by name.
-    operations : int
-        Number of further rows, each the result of one step.
-    stages : tuple
-        In the order of computation: codes of arithmetic (k, 4), or a kernel's name, the rows of its operands, and the
-        row of its result.
-    outputs : (o,) int64
-        The rows of the outputs.
     """
 
-    numbers: Floats
-    variables: Mapping[str, int]
-    operations: int
+    numbers: Floats  #: (k, 1): numbers, the first rows of the table.
+    variables: Mapping[str, int]  #: The rows of the variables by name.
+    operations: int  #: Number of further rows, each the result of one step.
+    #: In the order of computation: codes of arithmetic (k, 4), or a kernel's name, the rows of its operands, and the
+    #: row of its result.
     stages: tuple[Ints | tuple[str, list[int], int], ...]
-    outputs: Ints
+    outputs: Ints  #: (o,): the rows of the outputs.
 
     def __call__(self, variables: Mapping[str, Any], count: int) -> Floats:
         """Return the outputs (o, count) at ``count`` points, given variables that are arrays (count,) or numbers."""

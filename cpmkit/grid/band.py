@@ -31,34 +31,20 @@ class Band:
 
     Where several sheets of the manifold share nodes, the collocation form adds copies of nodes, one for each further
     sheet, called twins.
-
-    Attributes
-    ----------
-    spacing, degree : float, int
-        Spacing of the lattice and degree of the interpolation.
-    nodes : (n, d) int64
-        Lattice nodes, the ``inner`` unknowns first, each part in the order of its codes.
-    inner : int
-        Number of inner nodes.
-    feet : ClosestPoints
-        Closest points of all nodes, relative to the lattice's origin.
-    codes : Codes
-        Numbering by which nodes are found.
-    own_inner, own_outer : int
-        Number of inner and of outer nodes that are no twins, and come first in their part; -1 for all.
-    sheets : object, optional
-        The collocation form's record of the twins.
     """
 
+    #: spacing, degree, float, int: spacing of the lattice and degree of the interpolation.
     spacing: float
     degree: int
-    nodes: Ints
-    inner: int
-    feet: ClosestPoints
-    codes: Codes
+    nodes: Ints  #: (n, d): lattice nodes, the ``inner`` unknowns first, each part in the order of its codes.
+    inner: int  #: Number of inner nodes.
+    feet: ClosestPoints  #: Closest points of all nodes, relative to the lattice's origin.
+    codes: Codes  #: Numbering by which nodes are found.
+    #: own_inner, own_outer: Number of inner and of outer nodes that are no twins, and come first in their part; -1 for
+    #: all.
     own_inner: int = -1
     own_outer: int = -1
-    sheets: Any = None
+    sheets: Any = None  #: object: the collocation form's record of the twins.
 
     @property
     def dim(self) -> int:
@@ -110,10 +96,8 @@ class Band:
 def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
     """Return the interpolation cells (c, d) that contain points of the manifold, and a few cells next to these.
 
-    Raises
-    ------
-    ResolutionError
-        If the band of these cells would not fit into the machine's memory, as soon as the estimate shows it.
+    Raises ResolutionError if the band of these cells would not fit into the machine's memory, as soon as the estimate
+    shows it.
     """
     manifold_dim = source.largest_dim
     for side, blocks in cell_levels(source, spacing, base_offset(degree)):
@@ -171,12 +155,7 @@ def _feet(source: LocalSource, nodes: Ints, spacing: float, progress: Progress) 
 def stencil_nodes(band: Band, cells: Ints) -> Ints:
     """Return the band numbers (n, (p + 1)^d), int32, of the nodes of the interpolation stencils of ``cells`` (n, d).
 
-    Cells may repeat.
-
-    Raises
-    ------
-    ResolutionError
-        If a node is not an inner node of the band: the source contradicts itself.
+    Cells may repeat. Raises ResolutionError if a node is not an inner node of the band: the source contradicts itself.
     """
     codes = band.codes.encode(cells)
     _, first, member = np.unique(codes, return_index=True, return_inverse=True)

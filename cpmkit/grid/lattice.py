@@ -30,18 +30,10 @@ FAR_OUT_ROUNDINGS = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Nodes at ``origin + spacing * i`` for integer i.
+    """Nodes at ``origin + spacing * i`` for integer i."""
 
-    Attributes
-    ----------
-    origin : (d,) float64
-        Position of node zero in the scene's coordinates.
-    spacing : float
-        Distance of neighbouring nodes, in the scene's unit of length.
-    """
-
-    origin: Floats
-    spacing: float
+    origin: Floats  #: (d,): position of node zero in the scene's coordinates.
+    spacing: float  #: Distance of neighbouring nodes, in the scene's unit of length.
 
     @property
     def dim(self) -> int:
@@ -55,12 +47,8 @@ class Lattice:
     def rounding_warnings(self, bounds: Floats, translated: bool) -> tuple[str, ...]:
         """Return a warning if the scene's coordinates are rounded too coarsely for the manifold, or none.
 
-        Parameters
-        ----------
-        bounds : (2, d) float64
-            Bounds of the manifold, relative to the origin.
-        translated : bool
-            Whether the source computes relative to the origin; if not, it rounds more.
+        ``bounds`` (2, d): bounds of the manifold, relative to the origin.
+        ``translated``: whether the source computes relative to the origin; if not, it rounds more.
         """
         far, size = float(np.abs(bounds + self.origin).max()), float(np.ptp(bounds, axis=0).max())
         loss = float(np.spacing(far)) * (1.0 if translated else FAR_OUT_ROUNDINGS)
@@ -81,12 +69,8 @@ def lattice_of(
 ) -> Lattice:
     """Return the lattice with this spacing and a node at ``origin``, by default the centre of the surface's bounds.
 
-    Raises
-    ------
-    InputError
-        If the origin is not d numbers.
-    ResolutionError
-        If the spacing is more than the share ``coarsest`` of the manifold's largest side.
+    Raises InputError if the origin is not d numbers. Raises ResolutionError if the spacing is more than the share
+    ``coarsest`` of the manifold's largest side.
     """
     bounds = np.asarray(surface.bounds, dtype=np.float64)
     largest = float((bounds[1] - bounds[0]).max())
@@ -101,27 +85,16 @@ def lattice_of(
 
 @dataclass(frozen=True, eq=False)
 class Codes:
-    """A numbering of the integer points of a box in C order: sorted codes are points in lexicographic order.
+    """A numbering of the integer points of a box in C order: sorted codes are points in lexicographic order."""
 
-    Attributes
-    ----------
-    lower : (d,) int64
-        Lowest point of the box.
-    shape : (d,) int64
-        Points per axis.
-    """
-
-    lower: Ints
-    shape: Ints
+    lower: Ints  #: (d,): lowest point of the box.
+    shape: Ints  #: (d,): points per axis.
 
     @classmethod
     def around(cls, points: Ints, margin: int) -> Codes:
         """Return the numbering of the bounding box of integer ``points`` (n, d), widened by ``margin`` on each side.
 
-        Raises
-        ------
-        ResolutionError
-            If the box has more than 2^62 points.
+        Raises ResolutionError if the box has more than 2^62 points.
         """
         lower = points.min(axis=0) - margin
         shape = points.max(axis=0) + margin + 1 - lower
@@ -208,12 +181,8 @@ def cell_levels(source: LocalSource, spacing: float, offset: float | Floats) -> 
 def check_numbered(bounds: Floats, spacing: float) -> None:
     """Raise if the cells of a box with corners ``bounds`` (2, d), relative to the lattice's origin, cannot be numbered.
 
-    Raises
-    ------
-    ResolutionError
-        If the bounds are no finite numbers, or there would be more cells than can be numbered.
-    InputError
-        If coordinates are too large or too close together to compute with.
+    Raises ResolutionError if the bounds are no finite numbers, or there would be more cells than can be numbered.
+    Raises InputError if coordinates are too large or too close together to compute with.
     """
     if not np.isfinite(bounds).all() or (bounds[1] < bounds[0]).any():
         raise ResolutionError(
@@ -236,13 +205,8 @@ def nodes_of_blocks(blocks: int, side: int, dim: int, manifold_dim: int, degree:
     A block of an m-dimensional manifold contains about side^m cells that meet it, each with about
     0.9 (p + 1)^(d - m) nodes (measured on circle and sphere).
 
-    Parameters
-    ----------
-    blocks, side : int
-        Number of blocks, and their side in cells.
-    dim, manifold_dim : int
-        d and m.
-    degree : int
-        p, of the interpolation.
+    ``blocks``, ``side``: number of blocks, and their side in cells.
+    ``dim``, ``manifold_dim``: d and m.
+    ``degree``: p, of the interpolation.
     """
     return float(blocks * float(side) ** manifold_dim * 0.9 * (degree + 1) ** (dim - manifold_dim))

@@ -56,10 +56,7 @@ def check_fits(source: LocalSource, unknowns: float, spacing: float, degree: int
 
     ``excess`` is the factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.
 
-    Raises
-    ------
-    ResolutionError
-        If it does not fit; the message states a spacing that does.
+    Raises ResolutionError if it does not fit; the message states a spacing that does.
     """
     needed = unknowns * bytes_per_unknown(source.dim, degree)
     if needed > excess * memory.memory_limit().bytes:
@@ -76,19 +73,11 @@ def check_memory(
 ) -> None:
     """Raise if a solve of this number of unknowns, with ``needed`` bytes, does not fit into the memory of this process.
 
-    Parameters
-    ----------
-    needed, unknowns, spacing : float
-        Bytes and unknowns of the solve, and the spacing.
-    fitting : callable
-        Returns the spacing that fits into a number of bytes.
-    solver, smaller_solver : str
-        Name of the solver, and of one that is recommended in place of a factorisation.
+    Raises ResolutionError if it does not fit; the message states a spacing that does.
 
-    Raises
-    ------
-    ResolutionError
-        If it does not fit; the message states a spacing that does.
+    ``needed``, ``unknowns``, ``spacing``: bytes and unknowns of the solve, and the spacing.
+    ``fitting``: returns the spacing that fits into a number of bytes.
+    ``solver``, ``smaller_solver``: name of the solver, and of one that is recommended in place of a factorisation.
     """
     limit = memory.memory_limit()
     if needed > limit.bytes:

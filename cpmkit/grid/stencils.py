@@ -11,10 +11,7 @@ from cpmkit.types import Floats, Ints
 def check_degree(degree: int, label: str = "degree") -> int:
     """Return ``degree`` if it is an integer from 2 to 5; ``label`` names the degree in the message.
 
-    Raises
-    ------
-    InputError
-        If it is not. Degree 1 does not converge: its error stays of order one at every spacing.
+    Raises InputError if it is not. Degree 1 does not converge: its error stays of order one at every spacing.
     """
     if isinstance(degree, bool) or not isinstance(degree, (int, np.integer)) or not 2 <= degree <= 5:
         reason = (

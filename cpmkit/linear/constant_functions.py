@@ -20,21 +20,11 @@ from cpmkit.types import Floats, Ints, Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class RowGroups:
-    """Groups of the rows of arrays (n, ...), each with one row or more.
+    """Groups of the rows of arrays (n, ...), each with one row or more."""
 
-    Attributes
-    ----------
-    label : (n,) int64
-        Number of the group of each row; shape (1,) if there is one group.
-    order : (n,) int64
-        The rows sorted by group; a slice if there is one group.
-    starts : (groups,) int64
-        Position in ``order`` of the first row of each group.
-    """
-
-    label: Ints
-    order: Any
-    starts: Ints
+    label: Ints  #: (n,): number of the group of each row; shape (1,) if there is one group.
+    order: Any  #: (n,) int64: the rows sorted by group; a slice if there is one group.
+    starts: Ints  #: (groups,): position in ``order`` of the first row of each group.
 
     @classmethod
     def of(cls, count: int, label: Ints) -> RowGroups:
@@ -77,24 +67,14 @@ ROUNDING_SHARE = 4 * np.finfo(float).eps
 
 @dataclass(frozen=True, eq=False)
 class ConstantFunctions:
-    """The functions of an operator's unknowns that are constant, and the solution of systems with these separated.
+    """The functions of an operator's unknowns that are constant, and the solution of systems with these separated."""
 
-    Attributes
-    ----------
-    functions : (n, c) float64
-        K, functions that are constant or zero; each connected component of A has coefficients of its own for them.
-    images : (n, c)
-        A K.
-    sizes : (pieces, c) float64
-        ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
-    pieces : RowGroups
-        The connected components of A.
-    """
-
+    #: (n, c): K, functions that are constant or zero; each connected component of A has coefficients of its own for
+    #: them.
     functions: Floats
-    images: Any
-    sizes: Floats
-    pieces: RowGroups
+    images: Any  #: (n, c): A K.
+    sizes: Floats  #: (pieces, c): ``K' |diag A| K`` of each component: the size of ``K' A K`` without cancellation.
+    pieces: RowGroups  #: The connected components of A.
 
     @classmethod
     def of(cls, operator: Operator, functions: Floats) -> ConstantFunctions:
@@ -114,19 +94,10 @@ class ConstantFunctions:
         """Return u (n, channels) with ``A u = b``, and a report whose residual is relative to ``b - A K c``.
 
         Where rounding errors of b exceed ``tolerance`` times the norm of ``b - A K c``, the report's residual is scaled
-        so that ``tolerance`` corresponds to the rounding errors.
+        so that ``tolerance`` corresponds to the rounding errors. Raises ConvergenceError as ``prepared.solve`` does.
 
-        Parameters
-        ----------
-        prepared : PreparedSolver
-            Solver for A.
-        b, tolerance, guess, progress
-            As for ``prepared.solve``.
-
-        Raises
-        ------
-        ConvergenceError
-            As ``prepared.solve`` does.
+        ``prepared``: solver for A.
+        ``b``, ``tolerance``, ``guess``, ``progress``: as for ``prepared.solve``.
         """
         each, at = self.pieces, self.pieces.at
         # By powers of two, so that squares of b neither overflow nor vanish.

@@ -27,20 +27,14 @@ def uses_threads(entries: int) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class UnsignedCsr:
-    """A sparse matrix (n, m) by rows, with unsigned indices; vectors are (n, channels) and contiguous.
+    """A sparse matrix (n, m) by rows, with unsigned indices; vectors are (n, channels) and contiguous."""
 
-    Attributes
-    ----------
-    pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
-        As SciPy's ``indptr``, ``indices`` and ``data``; the entries, and columns of 32 bits, are the same memory.
-    width : int
-        Number of columns, m.
-    """
-
+    #: pointers, columns, entries (n + 1,) uint64, (z,) uint32, (z,) float64 or float32: as SciPy's ``indptr``,
+    #: ``indices`` and ``data``; the entries, and columns of 32 bits, are the same memory.
     pointers: Any
     columns: Any
     entries: Any
-    width: int
+    width: int  #: Number of columns, m.
 
     @classmethod
     def of(cls, matrix: csr_array, kind: Any = np.float64) -> UnsignedCsr:
@@ -120,14 +114,10 @@ class UnsignedCsr:
 
 @dataclass(frozen=True, eq=False)
 class SymmetricCsr:
-    """A symmetric matrix (n, n) stored as the upper halves of its rows, for products and sweeps on one thread.
+    """A symmetric matrix (n, n) stored as the upper halves of its rows, for products and sweeps on one thread."""
 
-    Attributes
-    ----------
-    pointers, columns, entries : (n + 1,) uint64, (z,) uint32, (z,) float64 or float32
-        CSR arrays of the upper half; each row begins with the entry on the diagonal.
-    """
-
+    #: pointers, columns, entries (n + 1,) uint64, (z,) uint32, (z,) float64 or float32: CSR arrays of the upper half;
+    #: each row begins with the entry on the diagonal.
     pointers: Any
     columns: Any
     entries: Any

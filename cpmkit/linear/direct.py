@@ -62,12 +62,7 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
 
     With ``symmetric_pattern``, for a diagonal with usable pivots as that of a positive symmetric part, the elimination
     order is that of a symmetric matrix, and the factors have half as many entries. A diagonal entry is the pivot if it
-    is at least ``pivot_share`` of the largest entry of its column.
-
-    Raises
-    ------
-    RuntimeError
-        If a pivot is zero.
+    is at least ``pivot_share`` of the largest entry of its column. Raises RuntimeError if a pivot is zero.
     """
     from scipy.sparse.linalg import splu
 
@@ -80,11 +75,8 @@ def factorize_matrix(matrix: csr_array, symmetric_pattern: bool, pivot_share: fl
 def factorize_symmetric(matrix: csr_array, where: str, positive: bool = True) -> Any:
     """Return the factors, with a method ``solve``, of a symmetric matrix, which is to be positive definite by default.
 
-    Raises
-    ------
-    IndefiniteError
-        If the matrix is singular, or not positive definite although it is to be ``positive``; the message ends with
-        ``where``, the part of the system that it belongs to.
+    Raises IndefiniteError if the matrix is singular, or not positive definite although it is to be ``positive``; the
+    message ends with ``where``, the part of the system that it belongs to.
     """
     dense = cholesky(matrix) if positive else None
     if dense is not None:
@@ -107,23 +99,12 @@ class BorderedFactors:
 
     With P the pinned matrix and ``A + s F W = P + U V``, the inverse is ``P^-1 - (P^-1 U) (1 + V P^-1 U)^-1 V P^-1``
     (Woodbury).
-
-    Attributes
-    ----------
-    pinned : SuperLU or Cholesky
-        Factors of P.
-    solved_columns : (n, r) float64
-        ``P^-1 U``.
-    rows : csr_array (r, n)
-        V.
-    inverse : (r, r) float64
-        ``(1 + V P^-1 U)^-1``.
     """
 
-    pinned: Any
-    solved_columns: Floats
-    rows: csr_array
-    inverse: Floats
+    pinned: Any  #: SuperLU or Cholesky: factors of P.
+    solved_columns: Floats  #: (n, r): ``P^-1 U``.
+    rows: csr_array  #: (r, n): V.
+    inverse: Floats  #: (r, r): ``(1 + V P^-1 U)^-1``.
 
     def solve(self, b: Floats) -> Floats:
         """Return u (n, channels) with ``(A + s F W) u = b``."""
@@ -134,10 +115,7 @@ class BorderedFactors:
 def factorize_operator(operator: Operator) -> Any:
     """Return the factors, with a method ``solve``, of an operator, with its border if it has one.
 
-    Raises
-    ------
-    RuntimeError
-        If the matrix is singular.
+    Raises RuntimeError if the matrix is singular.
     """
     bordered = as_bordered(operator)
     if bordered is None:
@@ -179,13 +157,7 @@ class DirectSolver:
     takes_levels: ClassVar[bool] = False
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreparedDirect:
-        """Return the operator with its factors.
-
-        Raises
-        ------
-        SceneError
-            If the matrix is singular.
-        """
+        """Return the operator with its factors. Raises SceneError if the matrix is singular."""
         del levels
         try:
             return PreparedDirect(operator, factorize_operator(operator))
@@ -207,10 +179,7 @@ class PreparedDirect:
     ) -> tuple[Floats, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report; a large residual is reduced by one step of refinement.
 
-        Raises
-        ------
-        ConvergenceError
-            If the residual is above the tolerance.
+        Raises ConvergenceError if the residual is above the tolerance.
         """
         del guess
         progress("solve", 0.0)

@@ -21,30 +21,17 @@ from cpmkit.types import Floats, Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class KrylovSolver(ABC):
-    """An operator with an iteration, ready to solve.
+    """An operator with an iteration, ready to solve."""
 
-    Attributes
-    ----------
-    operator : Operator
-        A, with its border where constants are free.
-    preconditioner : object with a method ``apply`` and an attribute ``products``
-        The preconditioner of A: ``apply(b)`` returns an approximate solution x (n, channels) of ``A x = b`` with so
-        many products with A; for conjugate gradients it is symmetric and positive. None if the iteration has none.
-    max_iterations : int
-        Most iterations of a solve.
-    solver : str
-        Name of the solver, for reports.
-    slack : float
-        A guess is accepted only if its residual is this many times smaller than the tolerance.
-    fallback : callable, optional
-        Returns another solver of the same operator, for right-hand sides for which this one does not converge.
-    """
-
-    operator: Operator
+    operator: Operator  #: A, with its border where constants are free.
+    #: object with a method ``apply`` and an attribute ``products``: the preconditioner of A: ``apply(b)`` returns an
+    #: approximate solution x (n, channels) of ``A x = b`` with so many products with A; for conjugate gradients it is
+    #: symmetric and positive. None if the iteration has none.
     preconditioner: Any
-    max_iterations: int
-    solver: str
-    slack: float = 1.0
+    max_iterations: int  #: Most iterations of a solve.
+    solver: str  #: Name of the solver, for reports.
+    slack: float = 1.0  #: A guess is accepted only if its residual is this many times smaller than the tolerance.
+    #: Returns another solver of the same operator, for right-hand sides for which this one does not converge.
     fallback: Callable[[], PreparedSolver] | None = None
 
     #: Most iterations from one true residual to the next.
@@ -55,12 +42,8 @@ class KrylovSolver(ABC):
         """Return an approximate solution x (n, k) of ``A x = residual``, the iterations, and the products with A.
 
         The iteration stops when the norm of each column's residual is below its ``target`` (k,), or after ``most``
-        iterations.
-
-        Raises
-        ------
-        IndefiniteError
-            If A or the preconditioner turns out to be indefinite, and the iteration needs positive ones.
+        iterations. Raises IndefiniteError if A or the preconditioner turns out to be indefinite, and the iteration
+        needs positive ones.
         """
 
     def solve(
@@ -68,10 +51,8 @@ class KrylovSolver(ABC):
     ) -> tuple[Any, SolveReport]:
         """Return u (n, channels) with ``A u = b``, and a report.
 
-        Raises
-        ------
-        ConvergenceError
-            If a channel's recomputed residual is above the tolerance, or the system turns out to be indefinite.
+        Raises ConvergenceError if a channel's recomputed residual is above the tolerance, or the system turns out to be
+        indefinite.
         """
         try:
             return self._solve(b, tolerance, guess, progress)
@@ -145,12 +126,7 @@ def conjugate_gradients(
     A channel is finished when the norm of its residual r is below its ``target`` (channels,) and ``(r, M r)^(1/2)``, in
     which large entries of A do not hide the error, has fallen by the same factor times ``slack``. The iteration stops
     when all channels are finished, or after ``most`` iterations. ``apply`` returns products with A, ``precondition``
-    with M.
-
-    Raises
-    ------
-    IndefiniteError
-        If A or the preconditioner M turns out to be indefinite.
+    with M. Raises IndefiniteError if A or the preconditioner M turns out to be indefinite.
     """
     r = residual.copy()
     x, direction, before = np.zeros_like(r), np.zeros_like(r), np.ones(r.shape[1])

@@ -283,18 +283,10 @@ class ComplexShift(_DerivedOperator):
 
 @dataclass(frozen=True, eq=False)
 class LinearSystem:
-    """The linear system ``A u = b`` with a right-hand side for each channel.
+    """The linear system ``A u = b`` with a right-hand side for each channel."""
 
-    Attributes
-    ----------
-    operator : Operator
-        A.
-    right_side : (n, channels) float64
-        b, boundary data included.
-    """
-
-    operator: Operator
-    right_side: Floats
+    operator: Operator  #: A.
+    right_side: Floats  #: (n, channels): b, boundary data included.
 
     @property
     def size(self) -> int:

@@ -102,24 +102,13 @@ def stop_by_preconditioned_residual(prepared: PreparedSolver) -> tuple[PreparedS
 
 @dataclass(frozen=True, eq=False)
 class JacobiPreconditioner:
-    """Division by the diagonal, with an exact solve for the unknowns near conditions.
+    """Division by the diagonal, with an exact solve for the unknowns near conditions."""
 
-    Attributes
-    ----------
-    inverse : (n, 1) float64
-        Inverse of the diagonal.
-    strip : (k,) int64
-        The unknowns near conditions, which are solved for together.
-    factors : object with a method ``solve``
-        Factors of the rows and columns of the strip; None if the strip is empty.
-    products : int
-        The number of products with the matrix in one application.
-    """
-
-    inverse: Floats
-    strip: Ints
+    inverse: Floats  #: (n, 1): inverse of the diagonal.
+    strip: Ints  #: (k,): the unknowns near conditions, which are solved for together.
+    #: object with a method ``solve``: factors of the rows and columns of the strip; None if the strip is empty.
     factors: Any
-    products: int = 0
+    products: int = 0  #: The number of products with the matrix in one application.
 
     def apply(self, b: Floats) -> Floats:
         """Return the preconditioned b (n, channels)."""
@@ -138,12 +127,8 @@ class JacobiSolver:
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG:
         """Return the iteration for an operator; the first of ``levels`` gives the unknowns near conditions.
 
-        Raises
-        ------
-        SceneError
-            If the operator is not real and symmetric.
-        ConvergenceError
-            If the diagonal or the strip shows an eigenvalue of the wrong sign.
+        Raises SceneError if the operator is not real and symmetric. Raises ConvergenceError if the diagonal or the
+        strip shows an eigenvalue of the wrong sign.
         """
         inner = without_border(operator)
         if not inner.symmetric or np.iscomplexobj(inner.diagonal):

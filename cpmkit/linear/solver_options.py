@@ -61,12 +61,8 @@ def _check_tolerance(tolerance: Any, label: str) -> float | None:
 def make_solver(name: str, options: Mapping[str, Any]) -> LinearSolver:
     """Return the built-in solver ``name``, or a plugin's solver of that kind, with its options.
 
-    Raises
-    ------
-    SceneError
-        If the plugin's solver has no such option.
-    PluginError
-        If ``name`` is the kind of a source, a condition or a back end.
+    Raises SceneError if the plugin's solver has no such option. Raises PluginError if ``name`` is the kind of a source,
+    a condition or a back end.
     """
     if name in SOLVERS:
         return SOLVERS[name](**{key: value for key, value in options.items() if key in SOLVER_OPTIONS[name]})
@@ -87,11 +83,8 @@ def make_step_solver(options: SolverOptions, chosen: str) -> LinearSolver:
 class SolverOptions(DeclaredOptions):
     """The choice of the linear solver, its tolerance, and in ``further`` the options of the solver itself.
 
-    Raises
-    ------
-    InputError
-        If the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an option is unknown
-        or has a value that is not accepted.
+    Raises InputError if the name is neither auto, nor a built-in solver, nor a kind of an installed plugin, or an
+    option is unknown or has a value that is not accepted.
     """
 
     solver: str = option(

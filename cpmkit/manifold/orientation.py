@@ -24,21 +24,11 @@ SURE_COSINE = 0.7
 
 @dataclass(frozen=True, eq=False)
 class Orientation:
-    """A consistent choice of sign for the conormals of a boundary, or for normals along it, stored at samples of it.
+    """A consistent choice of sign for the conormals of a boundary, or for normals along it, stored at samples of it."""
 
-    Attributes
-    ----------
-    points : (s, d) float64 or None
-        Samples of the boundary; None where the source's own signs are used.
-    directions : (s, d) float64 or None
-        Unit vectors at the samples; the signs of neighbours agree.
-    spacing : float
-        Distance of the samples.
-    """
-
-    points: Floats | None = None
-    directions: Floats | None = None
-    spacing: float = 0.0
+    points: Floats | None = None  #: (s, d): samples of the boundary; None where the source's own signs are used.
+    directions: Floats | None = None  #: (s, d): unit vectors at the samples; the signs of neighbours agree.
+    spacing: float = 0.0  #: Distance of the samples.
 
     def apply(self, points: Floats, directions: Floats) -> Floats:
         """Return ``directions`` (n, d) at ``points`` (n, d), with signs changed where the samples near by require it.

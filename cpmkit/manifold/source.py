@@ -163,12 +163,7 @@ def check_answer(answer: Any, x: Floats, source: Any, origin: Floats, union: boo
     """Raise if the ``answer`` of ``source`` to closest point queries breaks the contract; the message names the source.
 
     The queries ``x`` (n, d) are relative to ``origin`` (d,). Answers of a ``union`` must contain the number of a member
-    for each query.
-
-    Raises
-    ------
-    InputError
-        If the answer has another type or shape, or a foot or distance is not finite.
+    for each query. Raises InputError if the answer has another type or shape, or a foot or distance is not finite.
     """
     name = _class_names(source)
     if not isinstance(answer, ClosestPoints):

@@ -144,16 +144,11 @@ def left_conormals(
     a point on a curve v is -t, t the tangent of the curve; of a surface in a solid it is the normal of the surface.
     King et al. (2024), section 4.7, eq. 11 and eq. 18: v is the normal of S_perp, and the binormal b.
 
-    Parameters
-    ----------
-    source, surface : LocalSource
-        The boundary, of one dimension less than the manifold there, and the manifold.
-    signs : Orientation
-        The conormals at samples of the boundary; without samples the signs of the sources' own directions are used.
-    on_surface, feet : ClosestPoints
-        The closest points on the manifold and on the boundary of the same points.
-    step : float
-        Step of the differences of closest points.
+    ``source``, ``surface``: the boundary, of one dimension less than the manifold there, and the manifold.
+    ``signs``: the conormals at samples of the boundary; without samples the signs of the sources' own directions are
+        used.
+    ``on_surface``, ``feet``: the closest points on the manifold and on the boundary of the same points.
+    ``step``: step of the differences of closest points.
     """
     dimension = (source.manifold_dim or 0) + 1
     left = np.empty_like(on_surface.points)
@@ -233,19 +228,12 @@ def walk(
     the vector to the goal; this part shrinks by ``1 - height * curvature`` times the step, so the length of a step is
     chosen from how much it shrank in the last step (Barzilai and Borwein 1988), at most 4 times this part.
 
-    Parameters
-    ----------
-    source : LocalSource
-    goal : (n, d) float64
-    start : ClosestPoints
-        One point of the manifold for each goal.
-    spacing : float
-        Spacing of the lattice.
-    give_up : bool
-        Whether a walk ends where it comes no nearer to its goal in 4 steps: around a bend of smaller radius than the
-        goal's height there is no foot.
-    lengthened : bool
-        If false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
+    ``goal`` (n, d).
+    ``start``: one point of the manifold for each goal.
+    ``spacing``: spacing of the lattice.
+    ``give_up``: whether a walk ends where it comes no nearer to its goal in 4 steps: around a bend of smaller radius
+        than the goal's height there is no foot.
+    ``lengthened``: if false, a step is the tangential part itself: a fifth more steps, which follow sharper folds.
     """
     feet, strides, walking = start, np.zeros_like(goal), np.arange(len(goal))
     if source.manifold_dim == 0:

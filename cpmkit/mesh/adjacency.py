@@ -22,21 +22,15 @@ class HalfFacets:
     """Pairs of a cell and one of its facets, for all facets on boundaries and on the rim.
 
     A facet on a boundary occurs once for each cell beside it.
-
-    Attributes
-    ----------
-    cell, facet : (n,) int64
-        The number of the cell, and of the facet within the cell (the facet is opposite to this corner).
-    cut : (n,) int64
-        The row of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
-    along : (n,) int64
-        +1 where the cell traverses the facet in the direction of ``mesh.cut``, -1 where in the reverse direction; on
-        a curve +1 for a cell that ends there, -1 for a cell that starts there.
     """
 
+    #: cell, facet (n,): the number of the cell, and of the facet within the cell (the facet is opposite to this
+    #: corner).
     cell: Ints
     facet: Ints
-    cut: Ints
+    cut: Ints  #: (n,): the row of the facet in ``mesh.cut``; -1 on a rim where no boundary lies.
+    #: (n,): +1 where the cell traverses the facet in the direction of ``mesh.cut``, -1 where in the reverse direction;
+    #: on a curve +1 for a cell that ends there, -1 for a cell that starts there.
     along: Ints
 
 
@@ -89,18 +83,10 @@ def half_facets(mesh: Mesh) -> HalfFacets:
 
 @dataclass(frozen=True, eq=False)
 class Rim:
-    """The edges or vertices on the rim of a mesh, and the directions out of the mesh there.
+    """The edges or vertices on the rim of a mesh, and the directions out of the mesh there."""
 
-    Attributes
-    ----------
-    rows : (r,) int64
-        Numbers of these edges or vertices, ascending.
-    outward : (r, d) float64
-        Vectors tangent to the cell, pointing out of it, as long as the edge there.
-    """
-
-    rows: Ints
-    outward: Floats
+    rows: Ints  #: (r,): numbers of these edges or vertices, ascending.
+    outward: Floats  #: (r, d): vectors tangent to the cell, pointing out of it, as long as the edge there.
 
     def among(self, chosen: Ints) -> Rim:
         """Return the part of the rim among the distinct points ``chosen`` (n,), with rows counted in ``chosen``."""
@@ -147,11 +133,7 @@ def seam_midpoints(mesh: Mesh, half: HalfFacets) -> Floats:
 
     Such seams are not welded, so nothing flows across them.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    half : HalfFacets
-        The half facets of this mesh.
+    ``half``: the half facets of this mesh.
     """
     from scipy.spatial import cKDTree
 
@@ -176,21 +158,11 @@ WELDED_SIZE_SHARE = 1e-6
 
 @dataclass(frozen=True)
 class RepairReport:
-    """Number of repairs of each kind.
+    """Number of repairs of each kind."""
 
-    Attributes
-    ----------
-    welded : int
-        Vertices merged with another vertex at the same place.
-    doubled : int
-        Cells removed because they named a vertex twice after welding, or had the corners of another cell.
-    fans : int
-        Vertices added where fans of cells met that share no edge.
-    """
-
-    welded: int
-    doubled: int
-    fans: int
+    welded: int  #: Vertices merged with another vertex at the same place.
+    doubled: int  #: Cells removed because they named a vertex twice after welding, or had the corners of another cell.
+    fans: int  #: Vertices added where fans of cells met that share no edge.
 
 
 def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
@@ -199,10 +171,7 @@ def repair(mesh: Mesh) -> tuple[Mesh, RepairReport]:
     Contact in a single vertex does not connect: heat would flow through the point where two spheres touch. Curves stay
     connected where several segments meet.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat, without boundaries; its unused vertices are left out.
+    ``mesh``: flat, without boundaries; its unused vertices are left out.
     """
     vertex_of, cells, report = repaired_cells(mesh)
     return Mesh.of(mesh.vertices[vertex_of], cells), report

@@ -51,25 +51,14 @@ TRIANGLES_AT_ONCE = 1 << 11
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Quadrature points of the manifold, over which every integral is summed.
+    """Quadrature points of the manifold, over which every integral is summed."""
 
-    Attributes
-    ----------
-    points : (q, d) float64
-        Positions relative to the lattice's origin.
-    weights : (q,) float64
-        Quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is only
-        evaluated.
-    normals : (q, c, d) float64
-        Orthonormal bases of the normal space, of dimension c = d - manifold_dim.
-    cell : (q,) int32
-        The cell of the mesh that contains each sample.
-    """
-
-    points: Floats
+    points: Floats  #: (q, d): positions relative to the lattice's origin.
+    #: (q,): quadrature weights, whose sum is the measure of the manifold; zero for samples on boundaries, at which u is
+    #: only evaluated.
     weights: Floats
-    normals: Floats
-    cell: Any
+    normals: Floats  #: (q, c, d): orthonormal bases of the normal space, of dimension c = d - manifold_dim.
+    cell: Any  #: (q,) int32: the cell of the mesh that contains each sample.
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cell", np.ascontiguousarray(self.cell, dtype=np.int32))
@@ -165,18 +154,11 @@ def quadrature(
     of degree 2, tiny pieces their centroid; with ``fine`` pieces get six points of degree 4 on each triangle of their
     fan. The weights contain the measure of the flat or quadratic cell: the speed of a curve, |x_r x x_s| on a surface.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat or quadratic cells.
-    clipped_at : float, optional
-        The spacing h of the lattice if triangles are clipped at its knot planes x = (k + 1/2) h, else None.
-    further : Samples, optional
-        Samples that are appended.
-    clipped : (m,) bool, optional
-        Which triangles are clipped; by default all.
-    fine : bool
-        Whether pieces between knot planes get a rule of degree 4.
+    ``mesh``: flat or quadratic cells.
+    ``clipped_at``: the spacing h of the lattice if triangles are clipped at its knot planes x = (k + 1/2) h, else None.
+    ``further``: samples that are appended.
+    ``clipped`` (m,): which triangles are clipped; by default all.
+    ``fine``: whether pieces between knot planes get a rule of degree 4.
     """
     if mesh.manifold_dim == 1:
         points, tangents, weights, _ = quadratic_rule(mesh)

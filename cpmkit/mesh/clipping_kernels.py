@@ -218,19 +218,14 @@ def triangle_samples(
 ) -> tuple[Floats, Floats, Floats, Any]:
     """Return the points (q, 3), weights (q,), unit normals (q, 1, 3) and triangle numbers (q,) of quadrature points.
 
-    Parameters
-    ----------
-    nodes : (m, 3 or 6, 3) float64
-        Corners of the triangles, then the midpoints of curved ones, each opposite to a corner.
-    spacing : float
-        h: knot planes lie at (k + 1/2) h.
-    clipped : (m,) bool
-        Whether each triangle is clipped there; others get three points with barycentric coordinates (2/3, 1/6, 1/6), or
-        their centroid.
-    single : (m,) float64
-        Pieces of each triangle get one point if their area times their squared length, in spacings, is below this.
-    fine : bool
-        Whether pieces get a rule of degree 4 with six points on each triangle of their fan, as cubic splines need.
+    ``nodes`` (m, 3 or 6, 3): corners of the triangles, then the midpoints of curved ones, each opposite to a corner.
+    ``spacing``: h: knot planes lie at (k + 1/2) h.
+    ``clipped`` (m,): whether each triangle is clipped there; others get three points with barycentric coordinates (2/3,
+        1/6, 1/6), or their centroid.
+    ``single`` (m,): pieces of each triangle get one point if their area times their squared length, in spacings, is
+        below this.
+    ``fine``: whether pieces get a rule of degree 4 with six points on each triangle of their fan, as cubic splines
+        need.
     """
     curved = nodes.shape[1] == 6
     points, weights, normals = np.empty((MOST_POINTS, 3)), np.empty(MOST_POINTS), np.empty((MOST_POINTS, 1, 3))

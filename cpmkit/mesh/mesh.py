@@ -24,18 +24,10 @@ CellGeometry: TypeAlias = Literal["flat", "closest_point", "normals"]
 
 @dataclass(frozen=True, eq=False)
 class Edges:
-    """The edges of a mesh, each listed once; a segment is its own edge.
+    """The edges of a mesh, each listed once; a segment is its own edge."""
 
-    Attributes
-    ----------
-    ends : (e, 2) int64
-        The vertices of each edge.
-    of_cells : (m, 3) or (m, 1) int64
-        The edges of each cell; edge j of a triangle is opposite to corner j.
-    """
-
-    ends: Ints
-    of_cells: Ints
+    ends: Ints  #: (e, 2): the vertices of each edge.
+    of_cells: Ints  #: (m, 3) or (m, 1): the edges of each cell; edge j of a triangle is opposite to corner j.
 
     def lengths(self, vertices: Floats) -> Floats:
         """Return the distances (e,) between the ends of the edges."""
@@ -48,15 +40,9 @@ class Connectivity:
 
     The facet opposite to corner j of a triangle is the edge from corner j + 1 to corner j + 2; the facets of a segment
     are its ends.
-
-    Attributes
-    ----------
-    cells : (m, k) int64
-        The corners of each cell: k = 2 for segments, 3 for triangles.
-    vertex_count : int
     """
 
-    cells: Ints
+    cells: Ints  #: (m, k): the corners of each cell: k = 2 for segments, 3 for triangles.
     vertex_count: int
 
     @cached_property

@@ -87,12 +87,8 @@ def propagate_orientation(cells: Ints, facets: Ints, count: int) -> Any:
 
     Cells connected over facets form sets (union-find); each cell stores its orientation relative to its parent.
 
-    Parameters
-    ----------
-    cells : (m, k) int64
-    facets : (m, k) int64
-        The numbers, below ``count``, of the facets opposite to each corner.
-    count : int
+    ``cells`` (m, k).
+    ``facets`` (m, k): the numbers, below ``count``, of the facets opposite to each corner.
     """
     m, k = facets.shape
     first, times, total = np.full(count, -1), np.zeros(count, np.int32), np.zeros(count, np.int32)
@@ -157,13 +153,10 @@ def _signed_root(parent: Ints, sign: Any, cell: int) -> tuple[int, int]:
 def merge_near_vertices(vertices: Floats, along: Floats, order: Ints, tolerance: float) -> Ints:
     """Return for each vertex (v,) the representative of its cluster, in which steps are at most ``tolerance`` long.
 
-    Parameters
-    ----------
-    vertices : (v, d) float64
-    along : (v,) float64
-        Coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are compared.
-    order : (v,) int64
-        Numbers of the vertices by ascending coordinate.
+    ``vertices`` (v, d).
+    ``along`` (v,): coordinates of the vertices along a unit vector: only vertices within ``tolerance`` in these are
+        compared.
+    ``order`` (v,): numbers of the vertices by ascending coordinate.
     """
     parent = np.arange(len(vertices))
     for i in range(len(order)):
@@ -188,16 +181,11 @@ def edge_supports(
 ) -> tuple[Floats, Floats]:
     """Return the ratio (e,) and the height (e,) of the :class:`~cpmkit.mesh.normals_of_mesh.Support` of edges.
 
-    Parameters
-    ----------
-    vertices : (v, d) float64
-    ends : (e, 2) int64
-    normals : (e, 2, d) float64
-        Unit normals at the ends of each edge.
-    creased : (v,) bool
-        Vertices without a normal of the surface.
-    first, around : (v + 1,) and (2 e,) int64
-        ``around[first[v]:first[v + 1]]`` are the edges at vertex v.
+    ``vertices`` (v, d).
+    ``ends`` (e, 2).
+    ``normals`` (e, 2, d): unit normals at the ends of each edge.
+    ``creased`` (v,): vertices without a normal of the surface.
+    ``first``, ``around`` (v + 1,) and (2 e,): ``around[first[v]:first[v + 1]]`` are the edges at vertex v.
     """
     count, d = len(ends), vertices.shape[1]
     lengths, directions, slopes = np.empty(count), np.empty((count, d)), np.empty((count, 2))

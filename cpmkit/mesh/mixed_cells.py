@@ -62,10 +62,7 @@ def rotate_triangles(cells: Ints, of_edges: Ints, first: Ints) -> tuple[Ints, In
 def mesh_of(surface: ClosestPointSource) -> Callable[[float], tuple[Floats, Ints]]:
     """Return the bound method of ``surface`` that takes a spacing and returns vertices and cells.
 
-    Raises
-    ------
-    InputError
-        If the surface has no such method.
+    Raises InputError if the surface has no such method.
     """
     if isinstance(surface, HasMesh):
         return surface.mesh
@@ -84,10 +81,8 @@ def member_dimensions(surface: ClosestPointSource) -> list[int]:
 def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> Ints:
     """Return those of a surface's mesh ``cells`` that have dimension ``dim``, (m, dim + 1).
 
-    Raises
-    ------
-    InputError
-        If the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of this dimension.
+    Raises InputError if the mesh has cells of a dimension that no member has, such as a solid's boundary, or none of
+    this dimension.
     """
     dimensions = {corners - 1 for corners in (1, 2, 3) if len(with_corners(cells, corners))}
     if dim not in dimensions or not dimensions <= {member.manifold_dim for member in members_of(surface)}:
@@ -103,16 +98,10 @@ def cells_of_dimension(cells: Ints, surface: ClosestPointSource, dim: int) -> In
 def refine_mixed_cells(attributes: Floats, cells: Ints, dim: int, longest: float) -> tuple[Floats, Ints]:
     """Return the mesh with edges halved until none is longer than ``longest``.
 
-    Parameters
-    ----------
-    attributes : (v, w) float64
-        The first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
-    cells : (m, k) int64
-        Triangles, segments and points; shorter rows end in -1.
-    dim : int
-        2 or 3.
-    longest : float
-        Longest edge, in the unit of the positions.
+    ``attributes`` (v, w): the first ``dim`` columns are positions; the middle of an edge has the mean of all columns.
+    ``cells`` (m, k): triangles, segments and points; shorter rows end in -1.
+    ``dim``: 2 or 3.
+    ``longest``: longest edge, in the unit of the positions.
 
     Returns
     -------
@@ -196,20 +185,12 @@ def cut_by_distance(
 ) -> CutCells:
     """Return the mesh with all cells that a boundary crosses split, and separate vertices on its two sides.
 
-    Parameters
-    ----------
-    pieces : CutCells
-        The mesh before the cut.
-    boundary : int
-        The boundary's column in ``pieces.sides``.
-    distance : (v,) float64
-        Signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
-    dim : int
-        2 or 3.
-    curve : ClosestPointSource
-        The boundary.
-    spacing : float
-        Spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
+    ``pieces``: the mesh before the cut.
+    ``boundary``: the boundary's column in ``pieces.sides``.
+    ``distance`` (v,): signed distance of the vertices from it, positive on the left, NaN where a vertex has no side.
+    ``dim``: 2 or 3.
+    ``curve``: the boundary.
+    ``spacing``: spacing of the solution, the unit of :data:`ON_CURVE_SPACINGS`.
     """
     count, points = len(distance), pieces.attributes[:, :dim]
     # The distance is measured along the surface's tangent, so it also vanishes beside the boundary on another sheet,

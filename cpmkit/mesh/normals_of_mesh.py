@@ -26,18 +26,12 @@ LOW_HEIGHT = 0.002
 
 @dataclass(frozen=True, eq=False)
 class Support:
-    """The support of edges: how well the surface beyond their ends agrees with the curvature along them.
+    """The support of edges: how well the surface beyond their ends agrees with the curvature along them."""
 
-    Attributes
-    ----------
-    ratio : (e,) float64
-        Curvature along the edge over the curvature beyond its ends, times the length beyond over its own length; the
-        lesser value of both ends.
-    height : (e,) float64
-        Height of the surface defined by the normals at the ends above the middle of the edge, over its length.
-    """
-
+    #: (e,): curvature along the edge over the curvature beyond its ends, times the length beyond over its own length;
+    #: the lesser value of both ends.
     ratio: Floats
+    #: (e,): height of the surface defined by the normals at the ends above the middle of the edge, over its length.
     height: Floats
 
     @property

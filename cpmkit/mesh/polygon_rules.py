@@ -151,18 +151,11 @@ def polygon_rule(
     third moment; in a triangle they lie between the centroid and the corners. The weights are positive; on 5000 random
     polygons with 3 to 7 corners all four points were inside. The rule with one point, of degree 1, is the centroid.
 
-    Parameters
-    ----------
-    piece : (count, 2 or more) float64
-        Corners of the polygon; the first two columns are used.
-    count : int
-        Number of corners.
-    taken : int
-        Number of points: 1, 3 or 4.
-    frame, thirds, corners : (5,), (4,), (count, 2) float64
-        Work space.
-    places, shares : (taken or more, 2), (taken or more,) float64
-        Points, and weights with sum 1.
+    ``piece`` (count, 2 or more): corners of the polygon; the first two columns are used.
+    ``count``: number of corners.
+    ``taken``: number of points: 1, 3 or 4.
+    ``frame``, ``thirds``, ``corners`` (5,), (4,), (count, 2): work space.
+    ``places``, ``shares`` (taken or more, 2), (taken or more,): points, and weights with sum 1.
     """
     if taken == 3 and count == 3:  # the same points, in another order
         return triangle_rule(piece, places, shares)

@@ -36,12 +36,8 @@ def subdivide(mesh: Mesh, length: float) -> Mesh:
     Neighbours share the middles of their edges. Both halves of an edge on a boundary lie on it, in its direction. The
     longest edges of triangles are halved, so that angles stay as large as they were.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat cells.
-    length : float
-        Longest edge, in the unit of the vertices.
+    ``mesh``: flat cells.
+    ``length``: longest edge, in the unit of the vertices.
     """
     assert mesh.midpoints is None
     if mesh.manifold_dim == 1:
@@ -72,13 +68,8 @@ def halve_long_edges(mesh: Mesh, is_long: Callable[[Mesh], Bools], halves: tuple
 def halve_edges(mesh: Mesh, middle: Ints, points: Floats) -> Mesh:
     """Return triangles with chosen edges halved, and the facets on boundaries with them.
 
-    Parameters
-    ----------
-    mesh : Mesh
-    middle : (e,) int64
-        The vertex in the middle of each edge, -1 for edges that stay whole.
-    points : (k, d) float64
-        Positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
+    ``middle`` (e,): the vertex in the middle of each edge, -1 for edges that stay whole.
+    ``points`` (k, d): positions of the new vertices: the vertices in ``middle`` that the mesh does not have yet.
     """
     from cpmkit.mesh import subdivision_kernels
 
@@ -100,16 +91,10 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
     Both halves of an edge have its share, an edge between two middles that of the edge it is parallel to, an edge from
     a middle to the opposite corner the lesser of the shares of the two other edges there.
 
-    Parameters
-    ----------
-    edges : Edges
-        The edges before halving.
-    middle : (e,) int64
-        The vertex in the middle of each edge, -1 where the edge stayed whole.
-    share : (e,) float64
-        The share of its height that each edge keeps, see :class:`~cpmkit.mesh.normals_of_mesh.Support`.
-    of : Edges
-        The edges after halving.
+    ``edges``: the edges before halving.
+    ``middle`` (e,): the vertex in the middle of each edge, -1 where the edge stayed whole.
+    ``share`` (e,): the share of its height that each edge keeps, see :class:`~cpmkit.mesh.normals_of_mesh.Support`.
+    ``of``: the edges after halving.
     """
     if (share == 1.0).all():
         return np.ones(len(of.ends))
@@ -141,20 +126,11 @@ def inherit_shares(edges: Edges, middle: Ints, share: Floats, of: Edges) -> Floa
 
 @dataclass(frozen=True, eq=False)
 class _DividedEdges:
-    """Edges divided into equal parts, with consecutive numbers of the vertices between the parts.
+    """Edges divided into equal parts, with consecutive numbers of the vertices between the parts."""
 
-    Attributes
-    ----------
-    ends : (e, 2) int64
-    levels : (e,) int64
-        Each edge has 2^levels parts.
-    first : (e,) int64
-        The first of the vertices between the parts.
-    """
-
-    ends: Ints
-    levels: Ints
-    first: Ints
+    ends: Ints  #: (e, 2)
+    levels: Ints  #: (e,): each edge has 2^levels parts.
+    first: Ints  #: (e,): the first of the vertices between the parts.
 
     def vertex(self, edge: Ints, place: Ints) -> Ints:
         """Return the vertices (k,) at ``place`` (k,) of edges ``edge`` (k,), in parts counted from the first end."""
@@ -252,14 +228,9 @@ def split_at_knot_planes(mesh: Mesh, spacing: float, source: LocalSource | None 
     Otherwise the samples of one segment would lie in several lattice cells, and the error would not fall with the
     spacing.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat segments.
-    spacing : float
-        h, in the unit of the vertices.
-    source : LocalSource, optional
-        The curve: if given, the split points are where the curve crosses the planes, else where its chords do.
+    ``mesh``: flat segments.
+    ``spacing``: h, in the unit of the vertices.
+    ``source``: the curve: if given, the split points are where the curve crosses the planes, else where its chords do.
     """
     assert mesh.midpoints is None
     assert mesh.manifold_dim == 1

@@ -15,14 +15,9 @@ SAME_DIAGONAL = 1.0 + 1e-9
 def split_triangles(cells: Ints, of_cells: Ints, middle: Ints, vertices: Floats) -> Ints:
     """Return the triangles (k, 3) into which triangles with halved edges are split, in their order and orientation.
 
-    Parameters
-    ----------
-    cells, of_cells : (m, 3) int64
-        The corners, and the edges opposite to them.
-    middle : (e,) int64
-        The vertex in the middle of each edge, -1 where the edge stays whole.
-    vertices : (v, d) float64
-        Including the middles. They decide the split of a quadrilateral: along its shorter diagonal.
+    ``cells``, ``of_cells`` (m, 3): the corners, and the edges opposite to them.
+    ``middle`` (e,): the vertex in the middle of each edge, -1 where the edge stays whole.
+    ``vertices`` (v, d): including the middles. They decide the split of a quadrilateral: along its shorter diagonal.
     """
     pieces = len(cells)
     for cell in range(len(cells)):
@@ -73,18 +68,13 @@ def cut_needles(
 ) -> Ints:
     """Return the triangles (k, 3) into which needles are cut across, between the vertices on their two long edges.
 
-    Parameters
-    ----------
-    corners : (m, 3) int64
-        The tip first.
-    chains, parts : (m, 2) int64
-        The edges from the tip to the second and to the third corner, and the number of parts wanted of each.
-    ends : (e, 2) int64
-        The vertices of each edge.
-    divided, first : (e,) int64
-        The number of parts of each edge, a multiple of the number wanted, and its inner vertex next to its first end;
-        further inner vertices follow in number.
-    vertices : (v, d) float64
+    ``corners`` (m, 3): the tip first.
+    ``chains``, ``parts`` (m, 2): the edges from the tip to the second and to the third corner, and the number of parts
+        wanted of each.
+    ``ends`` (e, 2): the vertices of each edge.
+    ``divided``, ``first`` (e,): the number of parts of each edge, a multiple of the number wanted, and its inner vertex
+        next to its first end; further inner vertices follow in number.
+    ``vertices`` (v, d).
     """
     pieces = 0
     for cell in range(len(corners)):

@@ -41,18 +41,13 @@ def curve_cells(
 ) -> Mesh:
     """Return the cells on which quadrature samples are placed: flat or quadratic, segments ending on knot planes.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat cells, subdivided, with the boundaries inserted.
-    geometry : "flat", "closest_point" or "normals"
-        As returned by :func:`~cpmkit.meshing.source_cells.source_cells`; "closest_point" for a contoured mesh.
-    source : LocalSource
-        The manifold.
-    boundaries : sequence of LocalSource
-        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
-    spacing : float
-        Spacing h of the lattice.
+    ``mesh``: flat cells, subdivided, with the boundaries inserted.
+    ``geometry``: as returned by :func:`~cpmkit.meshing.source_cells.source_cells`; "closest_point" for a contoured
+        mesh.
+    ``source``: the manifold.
+    ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
+        vertices.
+    ``spacing``: spacing h of the lattice.
     """
     if geometry == "closest_point":
         return curve_from_points(mesh, source, boundaries, spacing)
@@ -63,18 +58,10 @@ def curve_cells(
 
 @dataclass(frozen=True, eq=False)
 class SmoothNormals:
-    """The normals at points of a mesh that is read as smooth.
+    """The normals at points of a mesh that is read as smooth."""
 
-    Attributes
-    ----------
-    across : (n, d) float64
-        Unit normals.
-    flat : (n,) bool
-        Whether they are normals of triangles that stay flat beside creases.
-    """
-
-    across: Floats
-    flat: Bools
+    across: Floats  #: (n, d): unit normals.
+    flat: Bools  #: (n,): whether they are normals of triangles that stay flat beside creases.
 
     def append(self, others: SmoothNormals) -> SmoothNormals:
         """Return these normals followed by ``others``."""
@@ -84,14 +71,9 @@ class SmoothNormals:
 def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
     """Return triangles with edges halved at points of the smooth surface until none is longer than ``length``.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The flat triangles of a mesh.
-    source : LocalSource
-        The same mesh, with normals.
-    length : float
-        Longest edge, in the unit of the vertices.
+    ``mesh``: the flat triangles of a mesh.
+    ``source``: the same mesh, with normals.
+    ``length``: longest edge, in the unit of the vertices.
     """
     normals, halving = smooth_vertex_normals(source, mesh), None
     while (long := mesh.edge_lengths > length).any():
@@ -107,14 +89,10 @@ def refine_smooth(mesh: Mesh, source: LocalSource, length: float) -> Mesh:
 def curve_from_normals(mesh: Mesh, source: LocalSource, boundaries: Sequence[LocalSource | None] = ()) -> Mesh:
     """Return quadratic triangles with nodes on the smooth surface, and nodes of boundary facets on the boundaries.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted.
-    source : LocalSource
-        The manifold.
-    boundaries : sequence of LocalSource
-        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
+    ``mesh``: triangles of :func:`refine_smooth`, subdivided, with the boundaries inserted.
+    ``source``: the manifold.
+    ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
+        vertices.
     """
     cache, edges = mesh_cache_of(source), mesh.edges
     if cache is not None and cache.has_cells_of(mesh) and not boundaries:
@@ -169,16 +147,10 @@ def smooth_midpoints(
     Edges of flat triangles keep their middles. The normals are the means of the normals at the ends; beside creases
     they are the source's normals at the middles.
 
-    Parameters
-    ----------
-    source : LocalSource
-    vertices : (v, d) float64
-    ends : (e, 2) int64
-        The vertices of each edge.
-    normals : SmoothNormals
-        Normals at the vertices.
-    share : (e,) float64
-        Share of its height that each edge keeps.
+    ``vertices`` (v, d).
+    ``ends`` (e, 2): the vertices of each edge.
+    ``normals``: normals at the vertices.
+    ``share`` (e,): share of its height that each edge keeps.
     """
     across, flat = unit(normals.across[ends].sum(axis=1)), np.asarray(normals.flat[ends].any(axis=1))
     if flat.any():

@@ -29,16 +29,11 @@ def curve_from_points(
 ) -> Mesh:
     """Return quadratic cells with nodes on the manifold; nodes on boundaries and rims of the mesh lie on the true ones.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat cells near the manifold, subdivided, with the boundaries inserted.
-    source : LocalSource
-        The manifold.
-    boundaries : sequence of LocalSource
-        The boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its vertices.
-    spacing : float, optional
-        Spacing of the lattice: segments are split where the curve crosses its knot planes.
+    ``mesh``: flat cells near the manifold, subdivided, with the boundaries inserted.
+    ``source``: the manifold.
+    ``boundaries``: the boundaries in the order of their numbers in ``mesh.owner``; None for a boundary that keeps its
+        vertices.
+    ``spacing``: spacing of the lattice: segments are split where the curve crosses its knot planes.
     """
     mesh = move_vertices_to_manifold(mesh, source, boundaries)
     if mesh.manifold_dim == 1 and spacing is not None:
@@ -103,14 +98,10 @@ def move_neighbours(mesh: Mesh, before: Floats, moved: Floats, free: Bools) -> t
     Each vertex gets the displacement of the nearest point of a boundary edge, reduced linearly to zero at a distance of
     half the longest edge on a boundary.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Triangles with edges on boundaries.
-    before, moved : (v, d) float64
-        The vertices of the mesh, and the same with the boundary vertices moved onto the boundaries.
-    free : (v,) bool
-        Which vertices may move.
+    ``mesh``: triangles with edges on boundaries.
+    ``before``, ``moved`` (v, d): the vertices of the mesh, and the same with the boundary vertices moved onto the
+        boundaries.
+    ``free`` (v,): which vertices may move.
     """
     from scipy.spatial import cKDTree
 

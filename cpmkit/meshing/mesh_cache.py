@@ -26,19 +26,10 @@ Value = TypeVar("Value")
 
 @dataclass(frozen=True, eq=False)
 class RepairedMesh:
-    """A repair that can be applied to any translated copy of a mesh.
+    """A repair that can be applied to any translated copy of a mesh."""
 
-    Attributes
-    ----------
-    vertex_of : (v,) int64
-        The vertex of the original mesh that each vertex of the repaired mesh copies.
-    mesh : Mesh
-        The repaired mesh where the source stands in the scene.
-    report : RepairReport
-    """
-
-    vertex_of: Ints
-    mesh: Mesh
+    vertex_of: Ints  #: (v,): the vertex of the original mesh that each vertex of the repaired mesh copies.
+    mesh: Mesh  #: The repaired mesh where the source stands in the scene.
     report: RepairReport
 
     def apply(self, mesh: Mesh) -> Mesh:
@@ -48,18 +39,11 @@ class RepairedMesh:
 
 @dataclass(frozen=True, eq=False)
 class MeshCache:
-    """The mesh of a source, its repair and further quantities that depend on the source alone.
+    """The mesh of a source, its repair and further quantities that depend on the source alone."""
 
-    Attributes
-    ----------
-    original : Mesh
-        The mesh as the source gives it, in the scene's coordinates; its array of cells is the source's own.
-    values : dict
-        Further quantities, by name.
-    """
-
+    #: The mesh as the source gives it, in the scene's coordinates; its array of cells is the source's own.
     original: Mesh
-    values: dict[str, Any] = field(default_factory=dict)
+    values: dict[str, Any] = field(default_factory=dict)  #: Further quantities, by name.
 
     @cached_property
     def first_repair(self) -> RepairedMesh:
@@ -98,12 +82,8 @@ MESH_CACHES: WeakKeyDictionary[Any, MeshCache] = WeakKeyDictionary()
 def mesh_cache_of(source: LocalSource, cells: Ints | None = None) -> MeshCache | None:
     """Return the cache of a source; None where the source has no mesh that is the same at any spacing.
 
-    Parameters
-    ----------
-    source : LocalSource
-    cells : (m, k) int64, optional
-        The cells that the source has just returned: a cache is created for them. Without cells, only an existing cache
-        is returned.
+    ``cells`` (m, k): the cells that the source has just returned: a cache is created for them. Without cells, only an
+        existing cache is returned.
     """
     of: Any = source.of
     try:
@@ -128,9 +108,11 @@ def in_scene_coordinates(source: LocalSource) -> LocalSource:
 
 
 def repair_source_mesh(source: LocalSource, mesh: Mesh, split: bool = False) -> tuple[Mesh, RepairReport]:
-    """Return a repaired mesh and the report of :func:`repair`, from the cache where the source has its cells there.
+    """Return a repaired mesh of a source, and the report of :func:`repair`.
 
-    ``split`` says that the cells are parts of repaired cells, which need no repair if no two vertices coincide.
+    Both come from the source's cache if ``mesh`` is a translated copy of the source's own mesh or of its first repair;
+    other meshes are repaired anew. ``split`` says that the cells are parts of repaired cells: such a mesh is returned
+    unchanged if no two of its vertices coincide.
     """
     cache = mesh_cache_of(source)
     if cache is not None and mesh.midpoints is None and not len(mesh.cut):

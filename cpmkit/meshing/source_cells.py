@@ -22,21 +22,13 @@ MOST_TRIANGLES_PER_SQUARE = 7.0
 
 @dataclass(frozen=True, eq=False)
 class SourceCells:
-    """The cells of a source that serve for quadrature.
+    """The cells of a source that serve for quadrature."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Flat cells with vertices on the manifold.
-    geometry : "flat", "closest_point" or "normals"
-        How the manifold runs between the vertices, see :data:`~cpmkit.mesh.mesh.CellGeometry`.
-    split : bool
-        Whether the cells are parts of repaired cells.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: Flat cells with vertices on the manifold.
+    #: "flat", "closest_point" or "normals": how the manifold runs between the vertices, see
+    #: :data:`~cpmkit.mesh.mesh.CellGeometry`.
     geometry: CellGeometry
-    split: bool = False
+    split: bool = False  #: Whether the cells are parts of repaired cells.
 
 
 def source_cells(source: LocalSource, length: float, shortest: float | None = None) -> SourceCells | None:
@@ -46,13 +38,9 @@ def source_cells(source: LocalSource, length: float, shortest: float | None = No
     of itself. Meshes of level sets in space have too many triangles, of bad shape. Members of a union have separate
     cells; where they meet, other than in vertices that they share, only closest points reveal the junction.
 
-    Parameters
-    ----------
-    source : LocalSource
-    length : float
-        Longest edge of the cells of a curved manifold; flat cells are left as they are.
-    shortest : float, optional
-        Edge length of the second attempt, where cells of ``length`` do not follow the manifold or have a bad shape.
+    ``length``: longest edge of the cells of a curved manifold; flat cells are left as they are.
+    ``shortest``: edge length of the second attempt, where cells of ``length`` do not follow the manifold or have a bad
+        shape.
     """
     if source.members[0] is not source:
         return _cells_of_union(source, length, shortest)

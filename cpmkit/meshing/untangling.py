@@ -68,18 +68,12 @@ def untangle_midpoints(
     First the other midpoints of such triangles move along with the midpoint on the boundary; boundaries whose triangles
     still turn over are left on their chords.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Triangles.
-    on_boundary : (c,) int64
-        The edges on boundaries.
-    midpoints, free : (e, d) float64
-        Midpoints on the manifold, the rim and boundaries, and midpoints without regard to boundaries.
-    source : LocalSource
-        The manifold.
-    project : callable
-        Projects points (k, d) near the free midpoints onto the manifold.
+    ``mesh``: triangles.
+    ``on_boundary`` (c,): the edges on boundaries.
+    ``midpoints``, ``free`` (e, d): midpoints on the manifold, the rim and boundaries, and midpoints without regard to
+        boundaries.
+    ``source``: the manifold.
+    ``project``: projects points (k, d) near the free midpoints onto the manifold.
     """
     folded = _folded_triangles(mesh, midpoints, source)
     if not len(folded):
@@ -176,12 +170,9 @@ def _move_with_boundary(
 def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> tuple[Mesh, Ints]:
     """Return triangles in which two edges on a boundary are replaced by the third where the triangle would turn over.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Triangles.
-    before, moved : (v, d) float64
-        The vertices of the mesh, and the same with the boundary vertices moved onto the boundaries.
+    ``mesh``: triangles.
+    ``before``, ``moved`` (v, d): the vertices of the mesh, and the same with the boundary vertices moved onto the
+        boundaries.
 
     Returns
     -------

@@ -113,10 +113,7 @@ def _as_floats(x: Any, accepted: str) -> Floats:
 def number(x: Any, label: str) -> float:
     """Return ``x`` as a float if it is a finite number; truth values and text are refused.
 
-    Raises
-    ------
-    InputError
-        If ``x`` is not a finite number.
+    Raises InputError if ``x`` is not a finite number.
     """
     value = _as_float(x)
     if not np.isfinite(value):
@@ -247,10 +244,7 @@ def as_colour(colour: Any, label: str = "a colour") -> Floats:
 def as_colours(colours: Any, label: str = "colours") -> Floats:
     """Return ``colours``, (k, 3) numbers from 0 to 1 in sRGB, as float64.
 
-    Raises
-    ------
-    InputError
-        If the shape differs, or a number is outside of this range.
+    Raises InputError if the shape differs, or a number is outside of this range.
     """
     checked = as_points(colours, 3, label)
     outside = checked[(checked < 0) | (checked > 1)]

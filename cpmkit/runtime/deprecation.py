@@ -102,10 +102,7 @@ class DeprecatedMember:
 def current_keywords(keywords: Mapping[str, Any], new_names: Mapping[str, str]) -> dict[str, Any]:
     """Return keywords, or keys of a file, under their new names, and warn of each old name.
 
-    Raises
-    ------
-    InputError
-        If a value is given under both names.
+    Raises InputError if a value is given under both names.
     """
     current: dict[str, Any] = {}
     for name, value in keywords.items():

@@ -71,12 +71,8 @@ def label_sets(parent: Any) -> tuple[int, Ints]:
 def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
     """Return the positions of each integer below ``n`` in ``values``, in compressed rows.
 
-    Parameters
-    ----------
-    values : (k,) integers
-        Integers from 0 to n - 1.
-    n : int
-        Number of integers that may occur.
+    ``values`` (k,) integers: integers from 0 to n - 1.
+    ``n``: number of integers that may occur.
 
     Returns
     -------

@@ -24,23 +24,13 @@ OPTION_KEY = "option"
 
 @dataclass(frozen=True)
 class Option:
-    """The declaration of an option, in addition to its name, type and default.
+    """The declaration of an option, in addition to its name, type and default."""
 
-    Attributes
-    ----------
-    summary : str
-        Sentences that describe its effect and its accepted values.
-    check : callable
-        Takes a value and the option's name in messages; returns the value to store, or raises an InputError.
-    plural : str
-        Key of a study under which the values to try are listed.
-    methods : mapping
-        Instead of such a list: the value of the option for each method of a study that sets it.
-    """
-
-    summary: str
+    summary: str  #: Sentences that describe its effect and its accepted values.
+    #: Takes a value and the option's name in messages; returns the value to store, or raises an InputError.
     check: Callable[[Any, str], Any]
-    plural: str = ""
+    plural: str = ""  #: Key of a study under which the values to try are listed.
+    #: Instead of such a list: the value of the option for each method of a study that sets it.
     methods: Mapping[str, Any] = field(default_factory=dict)
 
     def accepts(self, value: Any) -> bool:
@@ -134,10 +124,7 @@ TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", s
 def check_key_types(make: Callable[..., Any], label: str, table: Mapping[str, Any]) -> None:
     """Raise if a value does not have one of the plain types that the factory ``make`` declares for this parameter.
 
-    Raises
-    ------
-    SceneError
-        For the first such key of the ``table``; the message states the key and the accepted types.
+    Raises SceneError for the first such key of the ``table``; the message states the key and the accepted types.
     """
     try:
         hints = get_type_hints(make)

@@ -86,10 +86,7 @@ class ProgressLine:
 def shown_progress(target: ShownProgress, clock: Callable[[], float] = time.perf_counter) -> Iterator[Progress]:
     """Yield the progress callback for the block: ``target`` itself, a bar, or a callback that does nothing.
 
-    Raises
-    ------
-    InputError
-        If ``target`` is not a callable, True, False or None.
+    Raises InputError if ``target`` is not a callable, True, False or None.
     """
     if not callable(target) and target is not None and not isinstance(target, bool):
         raise InputError(f"progress must be True, False or a function of a stage and a share, got {shown(target)}.")

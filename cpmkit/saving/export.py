@@ -110,10 +110,7 @@ def save(
 def check_file(path: str | Path, surface: ClosestPointSource, vertices: str = "display") -> None:
     """Raise, before anything is solved, if a solution on ``surface`` cannot be saved as ``path``.
 
-    Raises
-    ------
-    InputError, MissingDependencyError
-        If :func:`save` would raise it for every solution on the surface.
+    Raises InputError or MissingDependencyError if :func:`save` would raise it for every solution on the surface.
     """
     path = Path(path)
     suffix = path.suffix.lower()
@@ -163,12 +160,8 @@ def save_series(solution: SolutionRecord, path: Path) -> None:
     """Write the index ``path`` and, in the folder ``<name>_frames`` beside it, one .vtp file per frame.
 
     All frames are written before the first one is moved to its place, and the index is written last, so that all files
-    of an index exist. Surplus frames of an earlier series are removed.
-
-    Raises
-    ------
-    InputError
-        If the solution has no frames, or a file cannot be written.
+    of an index exist. Surplus frames of an earlier series are removed. Raises InputError if the solution has no frames,
+    or a file cannot be written.
     """
     frames = frames_of(solution, path.name)
     assert isinstance(solution, EvolvedRecord)
@@ -206,10 +199,7 @@ def frames_folder(path: Path) -> Path:
 def draw_frames(solution: SolutionRecord, path: Path, look: Look) -> list[Path]:
     """Draw the frames into ``<name>-0000.png`` and so on, with one colour bar, and return the paths.
 
-    Raises
-    ------
-    InputError
-        If the solution has no frames.
+    Raises InputError if the solution has no frames.
     """
     count = len(frames_of(solution, "a picture of each frame"))
     files = [_numbered_path(path, number, count) for number in range(count)]

@@ -120,10 +120,7 @@ def colours_of(mesh: DisplayMesh) -> Floats:
 def poly_data(mesh: DisplayMesh, error: Floats | None = None) -> Any:
     """Return the mesh as a pyvista.PolyData with point data ``u`` and, where they apply, ``error`` and ``rgb``.
 
-    Raises
-    ------
-    MissingDependencyError
-        If pyvista is not installed, or a library of the system that it needs is absent.
+    Raises MissingDependencyError if pyvista is not installed, or a library of the system that it needs is absent.
     """
     try:
         import pyvista
@@ -204,12 +201,8 @@ def _mesh(solution: SolutionRecord, vertices: str) -> DisplayMesh:
 def _library_and_mesh(name: str, solution: SolutionRecord, vertices: str) -> tuple[Any, DisplayMesh]:
     """Return the module of a library and the mesh of :func:`_mesh`; raise if the library cannot take the mesh.
 
-    Raises
-    ------
-    MissingDependencyError
-        If the library is not installed.
-    InputError
-        If the mesh has no triangles, which all but meshio need.
+    Raises MissingDependencyError if the library is not installed. Raises InputError if the mesh has no triangles, which
+    all but meshio need.
     """
     try:
         library = import_module(name)

@@ -28,28 +28,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class WrittenResults:
-    """The outcome of writing results.
+    """The outcome of writing results."""
 
-    Attributes
-    ----------
-    summary : dict
-        Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of
-        others), ``picture`` (its file and the description of its camera), and the seconds of writing.
-    failures : mapping
-        The exceptions of the files that could not be written, by the names of the files.
-    """
-
+    #: Summary of the solution, with the keys ``folder``, ``files`` (those written), ``unwritten`` (reasons of others),
+    #: ``picture`` (its file and the description of its camera), and the seconds of writing.
     summary: dict[str, Any]
+    #: The exceptions of the files that could not be written, by the names of the files.
     failures: Mapping[str, Exception]
 
     def check(self) -> None:
         """Raise if a file could not be written.
 
-        Raises
-        ------
-        InputError
-            If a file is missing; the message names the missing files with reasons, and the written files. An exception
-            that is a defect of cpmkit is raised unchanged.
+        Raises InputError if a file is missing; the message names the missing files with reasons, and the written files.
+        An exception that is a defect of cpmkit is raised unchanged.
         """
         for error in self.failures.values():
             if not isinstance(error, (CpmkitError, MemoryError)):
@@ -67,18 +58,10 @@ def check_request(
 ) -> None:
     """Raise, before anything is solved, if a requested file cannot be written into ``folder``.
 
-    Parameters
-    ----------
-    request : OutputRequest
-    surface : ClosestPointSource
-    folder : Path
-    channels : int, optional
-        Number of channels of the solution, if it is known; a picture of another channel is refused.
+    Raises InputError or MissingDependencyError if a file or the picture cannot be made of a solution on ``surface``, or
+    cannot be written there.
 
-    Raises
-    ------
-    InputError, MissingDependencyError
-        If a file or the picture cannot be made of a solution on ``surface``, or cannot be written there.
+    ``channels``: number of channels of the solution, if it is known; a picture of another channel is refused.
     """
     for file in request.files:
         check_file(file, surface, _vertices_of(file, request))

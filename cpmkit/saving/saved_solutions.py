@@ -74,10 +74,8 @@ SCENE_KEYS = {
 def read_solution(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     """Return the arrays and the summary of a file that cpmkit wrote, with all arrays of the lattice or none.
 
-    Raises
-    ------
-    InputError
-        If there is no such file, it is damaged or of another format, or an array is not of the expected kind.
+    Raises InputError if there is no such file, it is damaged or of another format, or an array is not of the expected
+    kind.
     """
     try:
         exists = path.is_file()
@@ -120,12 +118,8 @@ def other_scene_error(path: Path, differs: str) -> InputError:
 def check_same_scene(path: Path, saved: Mapping[str, Any], scene: Scene) -> None:
     """Raise if a scene's equation, boundaries or edge differ from the ``saved`` ones, as far as these are plain values.
 
-    Of files from before the edge was saved, only the kinds of conditions are compared.
-
-    Raises
-    ------
-    InputError
-        If they differ; the message has the first difference.
+    Of files from before the edge was saved, only the kinds of conditions are compared. Raises InputError if they
+    differ; the message has the first difference.
     """
     described = json.loads(json.dumps(describe_scene(scene)))
     if "edge" not in saved:

@@ -202,13 +202,7 @@ def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[
 
 
 def boundary_number(boundaries: Sequence[Boundary], name: str) -> int:
-    """Return the number of the boundary called ``name``.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
+    """Return the number of the boundary called ``name``. Raises InputError if there is none."""
     names = [boundary.name for boundary in boundaries]
     if name not in names:
         raise InputError(f"no boundary has the name {name!r}; the scene has {', '.join(map(repr, names)) or 'none'}.")

@@ -24,10 +24,8 @@ if TYPE_CHECKING:
 def check_order(order: Any, label: str) -> int:
     """Return the order of accuracy of a condition, 1 or 2; ``label`` is the name of the argument in error messages.
 
-    Raises
-    ------
-    InputError
-        If the order is neither 1 nor 2. The Galerkin form, not the collocation form, has conditions of third order.
+    Raises InputError if the order is neither 1 nor 2. The Galerkin form, not the collocation form, has conditions of
+    third order.
     """
     if order in (3, 4):
         raise InputError(f'{label} must be 1 or 2, got {order}; use form="galerkin", with conditions of third order.')

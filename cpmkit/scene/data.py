@@ -177,10 +177,8 @@ class FieldOfEntries:
 def read_formulas(instance: Any, label: str) -> None:
     """Replace formulas by functions, in place, in all fields of a frozen dataclass declared as data or vector fields.
 
-    Raises
-    ------
-    SceneError
-        If a formula does not parse, or uses an unknown name; ``label`` is the name of the instance in the message.
+    Raises SceneError if a formula does not parse, or uses an unknown name; ``label`` is the name of the instance in the
+    message.
     """
     for member in fields(instance):
         value, kind = getattr(instance, member.name), str(member.type)
@@ -208,10 +206,7 @@ def as_data(value: Any, label: str) -> Any:
 def as_vector_field(components: Any, label: str) -> FieldOfEntries:
     """Return the vector field with these ``components``: a number, formula or function for each coordinate.
 
-    Raises
-    ------
-    SceneError
-        If a component depends on t.
+    Raises SceneError if a component depends on t.
     """
     entries = tuple(as_data(entry, f"entry {number} of {label}") for number, entry in enumerate(components, 1))
     if takes_time(entries):
@@ -222,10 +217,7 @@ def as_vector_field(components: Any, label: str) -> FieldOfEntries:
 def read_formula(kind: Callable[..., Any], text: Any, label: str, *more: Any) -> Any:
     """Return ``kind(text, *more)``, the formula of a text; ``label``, the name of the datum, begins its error messages.
 
-    Raises
-    ------
-    SceneError
-        If the text is not a formula of this kind.
+    Raises SceneError if the text is not a formula of this kind.
     """
     try:
         return kind(text, *more)
@@ -247,12 +239,8 @@ def call_pointwise(
     The function receives the first of ``arrays`` (p, ...), as many as it has parameters without defaults, but ``least``
     of them at least; and the ``time`` if it has a parameter ``t`` without a default. It may return one number for all
     points, and (p,) where (p, 1) is needed. Unless ``finite`` is False, values that are not finite are refused.
-    ``label`` is its name in messages.
-
-    Raises
-    ------
-    InputError
-        If the function fails, or does not return numbers of this shape.
+    ``label`` is its name in messages. Raises InputError if the function fails, or does not return numbers of this
+    shape.
     """
     timed = {"t": time} if time is not None and takes_time(function) else {}
     try:
@@ -298,12 +286,8 @@ Reaction = Callable[..., Any] | str | Sequence[str]
 def reaction_rates(reaction: Any, u: Floats, points: Floats, time: float, start: float = 0.0) -> Floats:
     """Return the rates (p, channels) of a reaction for values u (p, channels) at ``points`` (p, d) and ``time``.
 
-    Raises
-    ------
-    InputError
-        If the rates have another shape, or are not finite at the time ``start``.
-    ResolutionError
-        If the rates are not finite at a later time.
+    Raises InputError if the rates have another shape, or are not finite at the time ``start``. Raises ResolutionError
+    if the rates are not finite at a later time.
     """
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         values = call_pointwise(reaction, (u.copy(), points), u.shape, "the reaction", time, finite=False)

@@ -36,10 +36,7 @@ class TensorOfEntries:
 def as_diffusivity(value: Any, label: str) -> Any:
     """Return a diffusivity as the same number or function, or a tensor as a (d, d) array or a function of points.
 
-    Raises
-    ------
-    InputError
-        If a number is not above zero, or a constant tensor is not square, symmetric and finite.
+    Raises InputError if a number is not above zero, or a constant tensor is not square, symmetric and finite.
     """
     if callable(value):
         return value
@@ -63,10 +60,7 @@ def as_diffusivity(value: Any, label: str) -> Any:
 def evaluate_diffusivity(diffusivity: Any, points: Floats, label: str) -> Floats:
     """Return the values of a diffusivity at ``points`` (n, d): numbers (n,), or symmetric tensors (n, d, d).
 
-    Raises
-    ------
-    InputError
-        If a value is not finite, the shape is another one, or a tensor is not symmetric.
+    Raises InputError if a value is not finite, the shape is another one, or a tensor is not symmetric.
     """
     values = diffusivity(points) if callable(diffusivity) else diffusivity
     if np.ndim(values) < 2 or (callable(diffusivity) and np.ndim(values) != 3):
@@ -105,10 +99,8 @@ def principal_values(tensors: Floats, normals: Floats) -> tuple[Floats, Floats]:
 def _symmetric(tensors: Floats, label: str) -> Floats:
     """Return the symmetric part of ``tensors`` (..., d, d).
 
-    Raises
-    ------
-    InputError
-        If an entry is not finite, or a tensor is not symmetric up to rounding; ``label`` is its name in the message.
+    Raises InputError if an entry is not finite, or a tensor is not symmetric up to rounding; ``label`` is its name in
+    the message.
     """
     if not np.isfinite(tensors).all():
         raise InputError(f"{label} must be finite, got NaN or infinity.")
@@ -134,7 +126,9 @@ class StateDiffusivity:
         Its derivatives with respect to u and to s, of the same arguments; finite differences by default.
     """
 
-    function: Callable[..., Any]
+    function: Callable[..., Any]  #: a of u (k,); or of u and s; or of u, s and points (k, d): returns (k,).
+    #: by_value, by_slope: Its derivatives with respect to u and to s, of the same arguments; finite differences by
+    #: default.
     by_value: Callable[..., Any] | None = None
     by_slope: Callable[..., Any] | None = None
     #: Distinguishes this diffusivity from functions of points.

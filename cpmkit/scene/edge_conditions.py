@@ -56,11 +56,8 @@ def _is_pair(entry: Any) -> bool:
 def _as_part(entry: Any, number: int, is_last: bool) -> Part:
     """Return the part ``number`` of the edge given as a condition or as a pair (condition, where).
 
-    Raises
-    ------
-    SceneError
-        If it has no condition, if it holds everywhere and is not the last one, or if ``where`` is neither a formula nor
-        a function, or depends on t.
+    Raises SceneError if it has no condition, if it holds everywhere and is not the last one, or if ``where`` is neither
+    a formula nor a function, or depends on t.
     """
     label = f"`where` of part {number} of the edge"
     condition, where = entry if _is_pair(entry) else (entry, None)
@@ -95,10 +92,7 @@ EdgeInput = LoopConditions | Data | list[Condition | tuple[Condition | Data, Whe
 def as_edge(value: Any) -> Any:
     """Return the conditions of an edge from any value that a scene accepts; other values unchanged.
 
-    Raises
-    ------
-    SceneError
-        If a list of parts is not accepted by :func:`_as_part`.
+    Raises SceneError if a list of parts is not accepted by :func:`_as_part`.
     """
     if isinstance(value, Mapping):
         return {loop: as_edge(value[loop]) for loop in sorted(value, key=str)}
@@ -172,10 +166,7 @@ def conditions_along(edge: EdgeConditions, loops: Ints, points: Floats) -> list[
 def check_parts_used(edge: EdgeConditions, used: list[Condition]) -> None:
     """Raise if the condition of a part by position is not among ``used``, the conditions that hold at edge samples.
 
-    Raises
-    ------
-    SceneError
-        For the first such part.
+    Raises SceneError for the first such part.
     """
     ids = {id(condition) for condition in used}
     for part, loop in parts_of_edge(edge):
@@ -196,10 +187,7 @@ def edge_condition(edge: EdgeConditions, loop: int) -> Condition:
 def _conditions_of_loop(edge: EdgeConditions, loop: int | None) -> ByPosition:
     """Return the conditions of edge ``loop``; conditions that are not given loop by loop hold on every loop.
 
-    Raises
-    ------
-    SceneError
-        If the loop has none.
+    Raises SceneError if the loop has none.
     """
     loops = loops_of_edge(edge)
     if None not in loops and loop not in loops:

@@ -84,10 +84,7 @@ class Terms:
 def _check_scalar(value: ScalarData, label: str) -> ScalarData:
     """Return data that are a finite number or a function of points.
 
-    Raises
-    ------
-    InputError
-        If they are neither; ``label`` is their name in the message.
+    Raises InputError if they are neither; ``label`` is their name in the message.
     """
     try:
         return value if callable(value) else number(value, label)
@@ -128,10 +125,7 @@ class Equation(Generic[Family]):
     def __post_init__(self) -> None:
         """Replace formulas by functions, and check the fields by their declared types.
 
-        Raises
-        ------
-        InputError
-            If a field is not accepted, or the equation is conservative without a velocity.
+        Raises InputError if a field is not accepted, or the equation is conservative without a velocity.
         """
         read_formulas(self, self.kind)
         for member in fields(self):

@@ -96,10 +96,7 @@ class Evolution(Equation[TimeFamily]):
     def __post_init__(self) -> None:
         """Convert times to floats, and check the times, the scheme, the coefficients, the frames and ``after_step``.
 
-        Raises
-        ------
-        InputError
-            If an argument is not accepted, or kappa, c or the velocity depends on t.
+        Raises InputError if an argument is not accepted, or kappa, c or the velocity depends on t.
         """
         super().__post_init__()
         for name, accept in (("t0", number), ("until", number if self.t0 else positive), ("step", positive)):

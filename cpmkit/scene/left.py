@@ -26,30 +26,17 @@ MIN_CHORD_COSINE = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Left:
-    """The left side of a boundary.
+    """The left side of a boundary."""
 
-    Attributes
-    ----------
-    signs : Orientation
-        The conormals to the left at samples of the boundary.
-    named_by : str
-        How left is determined: by the sources, by the point ``left_of``, by a rule; or "nothing", if there is no left
-        side, as on a Moebius strip.
-    origin : (d,) float64
-        Origin of the points of the orientation, in the scene's coordinates.
-    side_points : (2, d) float64 or None
-        Where a rule determines the left, a point on the left and one on the right, in the scene's coordinates.
-    queries : tuple of int
-        Numbers of closest-point queries of the manifold and of the boundary.
-    contradicts_left_of : bool
-        True if the point ``left_of`` is on the right according to the directions that the sources provide.
-    """
-
-    signs: Orientation
+    signs: Orientation  #: The conormals to the left at samples of the boundary.
+    #: How left is determined: by the sources, by the point ``left_of``, by a rule; or "nothing", if there is no left
+    #: side, as on a Moebius strip.
     named_by: Literal["source", "left_of", "rule", "nothing"]
-    origin: Floats
+    origin: Floats  #: (d,): origin of the points of the orientation, in the scene's coordinates.
+    #: (2, d): where a rule determines the left, a point on the left and one on the right, in the scene's coordinates.
     side_points: Floats | None = None
-    queries: tuple[int, int] = (0, 0)
+    queries: tuple[int, int] = (0, 0)  #: Numbers of closest-point queries of the manifold and of the boundary.
+    #: True if the point ``left_of`` is on the right according to the directions that the sources provide.
     contradicts_left_of: bool = False
 
     @property
@@ -60,35 +47,19 @@ class Left:
 
 @dataclass(frozen=True, eq=False)
 class SampledBoundary:
-    """A boundary, or a member of a union, sampled with conormals whose signs agree between neighbouring samples.
+    """A boundary, or a member of a union, sampled with conormals whose signs agree between neighbouring samples."""
 
-    Attributes
-    ----------
-    source, surface : LocalSource
-        The closest-point sources of the boundary and of the manifold.
-    samples, on_surface : ClosestPoints
-        The s samples of the boundary, and their closest points on the manifold.
-    left : (s, d) float64
-        Unit conormals at the samples.
-    piece : (s,) int64
-        Number of the connected piece of each sample.
-    is_own : (s,) bool
-        Where the sources provide all directions, and so the left side.
-    consistent : bool
-        False where a conormal comes back reversed along some closed path.
-    spacing : float
-        Distance between the samples.
-    """
-
+    #: source, surface: The closest-point sources of the boundary and of the manifold.
     source: LocalSource
     surface: LocalSource
+    #: samples, on_surface: The s samples of the boundary, and their closest points on the manifold.
     samples: ClosestPoints
     on_surface: ClosestPoints
-    left: Floats
-    piece: Ints
-    is_own: Bools
-    consistent: bool
-    spacing: float
+    left: Floats  #: (s, d): unit conormals at the samples.
+    piece: Ints  #: (s,): number of the connected piece of each sample.
+    is_own: Bools  #: (s,): where the sources provide all directions, and so the left side.
+    consistent: bool  #: False where a conormal comes back reversed along some closed path.
+    spacing: float  #: Distance between the samples.
 
     @classmethod
     def of(cls, source: LocalSource, surface: LocalSource, dimension: int) -> SampledBoundary:

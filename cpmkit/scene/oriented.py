@@ -31,24 +31,14 @@ class OrientedBoundary:
     Points and vectors are relative to ``left.origin``. For a point z of the manifold, y = cp_S(cp_C(z)) is its
     closest point on the boundary, projected to the manifold, and z is on the left if (z - y) . v > 0, v the conormal
     to the left.
-
-    Attributes
-    ----------
-    boundary : Boundary
-        The boundary of the scene.
-    source, surface : LocalSource
-        The closest-point sources of the boundary and of the manifold.
-    dimension : int
-        Dimension of the manifold along the boundary.
-    left : Left
-        Orientation of the boundary.
     """
 
-    boundary: Boundary
+    boundary: Boundary  #: The boundary of the scene.
+    #: source, surface: The closest-point sources of the boundary and of the manifold.
     source: LocalSource
     surface: LocalSource
-    dimension: int
-    left: Left
+    dimension: int  #: Dimension of the manifold along the boundary.
+    left: Left  #: Orientation of the boundary.
 
     @property
     def has_sides(self) -> bool:
@@ -146,10 +136,7 @@ class OrientedBoundary:
 def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
     """Return ``boundary`` with its orientation in the manifold ``surface``, relative to the centre of its bounds.
 
-    Raises
-    ------
-    SceneError
-        If the boundary has the wrong dimension, or conditions for sides that it does not have.
+    Raises SceneError if the boundary has the wrong dimension, or conditions for sides that it does not have.
     """
     origin: Floats = np.asarray(boundary.source.bounds, dtype=np.float64).mean(axis=0)
     source, manifold = localize(boundary.source, origin), localize(surface, origin)
@@ -170,10 +157,7 @@ def orient(boundary: Boundary, surface: ClosestPointSource) -> OrientedBoundary:
 def dimension_along(name: str, source: LocalSource, surface: LocalSource, dimensions: Ints) -> int:
     """Return the dimension of the manifold along a boundary, given its ``dimensions`` (n,) at points of the boundary.
 
-    Raises
-    ------
-    SceneError
-        If the dimensions differ or are unknown, or the dimension is not above that of the boundary.
+    Raises SceneError if the dimensions differ or are unknown, or the dimension is not above that of the boundary.
     """
     if source.manifold_dim is None:
         raise SceneError(f"boundary {name!r} is of mixed dimension; make a boundary of each of its dimensions.")
@@ -232,10 +216,7 @@ def _find_left(oriented: OrientedBoundary, origin: Floats) -> Left:
 def _check_sides(oriented: OrientedBoundary) -> None:
     """Raise if a boundary has different conditions on its sides and has no left side, or only a rule determines it.
 
-    Raises
-    ------
-    SceneError
-        In these cases, and if ``left_of`` is on the right by the sources' own directions.
+    Raises SceneError in these cases, and if ``left_of`` is on the right by the sources' own directions.
     """
     boundary = oriented.boundary
     on_left, on_right = boundary.condition("left"), boundary.condition("right")

@@ -231,10 +231,8 @@ def _point_of(source: ClosestPointSource) -> Floats:
 def with_replaced_data(scene: Scene, problem: Equation | None, data: Mapping[str, Any] | None) -> Scene:
     """Return the scene with another ``problem`` and other ``data``; see :meth:`cpmkit.preparing.Prepared.solve`.
 
-    Raises
-    ------
-    SceneError
-        If the scene has no boundary with the name of data, or a new condition differs in more than its data.
+    Raises SceneError if the scene has no boundary with the name of data, or a new condition differs in more than its
+    data.
     """
     if problem is None and not data:
         return scene

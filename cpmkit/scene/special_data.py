@@ -97,11 +97,8 @@ class VertexArrays:
     def in_fields(self, instance: Any, label: str) -> Any:
         """Return an equation or a condition with arrays replaced by vertex data; the same result for the same object.
 
-        Raises
-        ------
-        SceneError
-            If an array has neither one row per vertex nor few channels, or may be both; ``label`` is the name of the
-            equation or condition.
+        Raises SceneError if an array has neither one row per vertex nor few channels, or may be both; ``label`` is the
+        name of the equation or condition.
         """
         if not hasattr(instance, "__dataclass_fields__"):
             return instance
@@ -116,10 +113,8 @@ class VertexArrays:
     def _datum(self, array: Any, label: str) -> Any:
         """Return an ``array`` with one row per vertex as :class:`VertexData`; other data unchanged.
 
-        Raises
-        ------
-        SceneError
-            If the array has neither one row per vertex nor few channels, or may be both; ``label`` is its name.
+        Raises SceneError if the array has neither one row per vertex nor few channels, or may be both; ``label`` is its
+        name.
         """
         if not isinstance(array, np.ndarray) or array.ndim == 0 or array.shape in TENSOR_SHAPES:
             return array

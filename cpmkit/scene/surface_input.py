@@ -69,10 +69,7 @@ def as_source(mesh: Any) -> Any:
 def _triangles_of(mesh: Any, cells: Any) -> Any:
     """Return ``cells`` if they are triangles (m, 3); ``mesh`` is the object that contains them.
 
-    Raises
-    ------
-    SceneError
-        If the cells do not have three corners, so that they may be solids.
+    Raises SceneError if the cells do not have three corners, so that they may be solids.
     """
     if cells.ndim != 2 or cells.shape[1] != 3:
         raise SceneError(
@@ -85,10 +82,7 @@ def _triangles_of(mesh: Any, cells: Any) -> Any:
 def _poly_data(mesh: Any) -> ClosestPointSource:
     """Return the source of a pyvista PolyData: of its polygons, or of its points as a cloud if it has no polygons.
 
-    Raises
-    ------
-    SceneError
-        If it has lines.
+    Raises SceneError if it has lines.
     """
     if int(mesh.n_lines):
         raise SceneError(
@@ -115,12 +109,8 @@ def _cloud(points: Any, normals: Any) -> ClosestPointSource:
 def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
     """Return the faces in blocks (kind, cells) of meshio: an array (m, k) if all have k corners, else a list of lists.
 
-    Kinds of lower dimension, which mark parts of meshes, are ignored.
-
-    Raises
-    ------
-    SceneError
-        If a block contains solids or curved cells, or no block contains faces.
+    Kinds of lower dimension, which mark parts of meshes, are ignored. Raises SceneError if a block contains solids or
+    curved cells, or no block contains faces.
     """
     faces = [np.asarray(cells) for kind, cells in blocks if kind in ("triangle", "quad", "polygon") and len(cells)]
     accepted = {"triangle", "quad", "polygon", "vertex", "line", "line3", "polyline"}
@@ -133,12 +123,8 @@ def faces_of_cells(blocks: Sequence[tuple[str, Any]]) -> Any:
 def faces_of_grid(grid: Any) -> Any:
     """Return the cells of a two-dimensional pyvista grid as faces, by point numbers.
 
-    The result is an array (m, k) if all faces have k corners, else a list of lists.
-
-    Raises
-    ------
-    SceneError
-        If the grid has solids or curved cells, or no faces.
+    The result is an array (m, k) if all faces have k corners, else a list of lists. Raises SceneError if the grid has
+    solids or curved cells, or no faces.
     """
     if not hasattr(grid, "celltypes"):  # a structured grid
         grid = grid.cast_to_unstructured_grid()

@@ -33,10 +33,7 @@ from cpmkit.types import Floats
 def read_directions(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``vector_field`` from the tables [[direction]] and [vectors].
 
-    Raises
-    ------
-    SceneError
-        If there is no direction, or a key or value is not accepted.
+    Raises SceneError if there is no direction, or a key or value is not accepted.
     """
     options = _options(tables, "vectors")
     pairs = [_direction(table, number, scene, folder) for number, table in list_of_tables(tables, "direction")]
@@ -55,10 +52,7 @@ def _options(tables: Mapping[str, Any], command: str) -> dict[str, Any]:
 def _direction(table: dict[str, Any], number: int, scene: Scene, folder: Path) -> tuple[Any, Any]:
     """Return the places and the vectors of [[direction]] ``number``: points and vectors, or a curve and its directions.
 
-    Raises
-    ------
-    SceneError
-        If a key or value is not accepted.
+    Raises SceneError if a key or value is not accepted.
     """
     where, dim = f"[[direction]] {number}", scene.surface.dim
     if "at" in table:
@@ -93,10 +87,7 @@ def _read_direction(value: Any, dim: int, label: str) -> Any:
 def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``harmonic_map``, and ``texture``, from [target], [[landmark]] and [map].
 
-    Raises
-    ------
-    SceneError
-        If a table is missing, or a key or value is not accepted.
+    Raises SceneError if a table is missing, or a key or value is not accepted.
     """
     if "target" not in tables:
         raise SceneError("a scene of a map needs the table [target], whose kind says where the map goes.")
@@ -132,10 +123,7 @@ def read_map(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str,
 def read_colours(tables: Mapping[str, Any], scene: Scene, folder: Path) -> dict[str, Any]:
     """Return the keyword arguments of ``diffusion_curves`` from the tables [[curve]].
 
-    Raises
-    ------
-    SceneError
-        If two curves have the same name, or a key or value is not accepted.
+    Raises SceneError if two curves have the same name, or a key or value is not accepted.
     """
     curves: dict[str, Any] = {}
     for number, table in list_of_tables(tables, "curve"):
@@ -179,12 +167,8 @@ def _points(value: Any, dim: int, label: str) -> Floats:
 def load_application(path: str | Path, command: str) -> SceneFile:
     """Return the contents of a scene file for the application of ``cpmkit COMMAND``.
 
-    Raises
-    ------
-    SceneError
-        If the file is missing, does not parse, or has a key or value that is not accepted.
-    PluginError
-        If no installed plugin has a kind that the file names.
+    Raises SceneError if the file is missing, does not parse, or has a key or value that is not accepted. Raises
+    PluginError if no installed plugin has a kind that the file names.
     """
     like = f", such as one that `cpmkit examples` lists as applications/{command}-...toml"
     return from_toml(path, partial(_application_file, command), "scene file", like)
@@ -193,10 +177,7 @@ def load_application(path: str | Path, command: str) -> SceneFile:
 def _application_file(command: str, tables: dict[str, Any], path: Path) -> SceneFile:
     """Return the contents of the ``tables`` of a scene file for the application of ``cpmkit COMMAND``.
 
-    Raises
-    ------
-    SceneError
-        If a table, key or value is missing or not accepted.
+    Raises SceneError if a table, key or value is missing or not accepted.
     """
     if "problem" in tables:
         raise SceneError(f"`cpmkit {command}` has its own equation; leave out [problem].")

@@ -49,14 +49,8 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 
     A number, a formula or a list of them is a Dirichlet condition. A table has the kind as a key, with the datum as
     its value; for the condition of a plugin it has ``kind = NAME`` and the keys of that kind. It may also have an
-    ``order``.
-
-    Raises
-    ------
-    SceneError
-        If the kind or its value is not accepted.
-    PluginError
-        If no installed plugin has the kind.
+    ``order``. Raises SceneError if the kind or its value is not accepted. Raises PluginError if no installed plugin has
+    the kind.
     """
     if _is_datum(table):
         return Dirichlet(read_data(table, dim, where))
@@ -84,10 +78,7 @@ def read_condition(table: Any, dim: int, where: str) -> Condition:
 def _condition_arguments(kind: str, value: Any, dim: int, where: str) -> list[Any]:
     """Return the positional arguments of a built-in kind of condition: a single datum, or the entries of its list.
 
-    Raises
-    ------
-    SceneError
-        If the value is not of the form that the kind needs.
+    Raises SceneError if the value is not of the form that the kind needs.
     """
     parameters = [member for member in fields(CONDITIONS[kind]) if member.name != "order"]
     if not parameters:
@@ -140,10 +131,7 @@ def _conditions_on_loop(table: Any, dim: int, where: str) -> Any:
 def read_data(value: Any, dim: int, where: str) -> Data:
     """Return data of a scene file: formulas as functions, numbers and vertex data unchanged, lists entry by entry.
 
-    Raises
-    ------
-    SceneError
-        If the value is none of these, or a formula does not parse; ``where`` is its name in the message.
+    Raises SceneError if the value is none of these, or a formula does not parse; ``where`` is its name in the message.
     """
     match value:
         case str():
@@ -188,12 +176,8 @@ def _read_tensor(value: Any, dim: int, where: str) -> Any:
 def read_vector(value: Any, dim: int, where: str, count: int | None = None) -> Any:
     """Return the function of points given as a list with a number or formula for each of ``count`` components.
 
-    By default these are the ``dim`` coordinates of a vector.
-
-    Raises
-    ------
-    SceneError
-        If the list has another length, or an entry depends on t.
+    By default these are the ``dim`` coordinates of a vector. Raises SceneError if the list has another length, or an
+    entry depends on t.
     """
     count = dim if count is None else count
     if not is_sequence(value) or len(value) != count:
@@ -220,10 +204,7 @@ DATA_READERS: dict[str, Callable[..., Any]] = {
 def as_table(value: Any, where: str) -> dict[str, Any]:
     """Return a copy of the table ``value``.
 
-    Raises
-    ------
-    SceneError
-        If it is not a table; ``where`` is its name in the message.
+    Raises SceneError if it is not a table; ``where`` is its name in the message.
     """
     if not isinstance(value, dict):
         raise SceneError(f"{where} must be a table, got {shown(value)}.")
@@ -235,14 +216,9 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
 
     The tables and lists of the value are searched, and files first in the ``folder``. The rows belong to the vertices
     of one of ``carriers``, sources after their names: of the one that a table names with ``of = NAME``, or of the only
-    one that has as many vertices as the array has rows. ``where`` is the name of the value in errors.
-
-    Raises
-    ------
-    SceneError
-        If an array fits no source, or several.
-    InputError
-        If a file is missing or does not contain an array of finite numbers.
+    one that has as many vertices as the array has rows. ``where`` is the name of the value in errors. Raises SceneError
+    if an array fits no source, or several. Raises InputError if a file is missing or does not contain an array of
+    finite numbers.
     """
     match value:
         case dict() if "values" in value:
@@ -257,10 +233,7 @@ def with_vertex_data(value: Any, folder: Path, carriers: Sequence[Carrier], wher
 def _vertex_data(table: dict[str, Any], folder: Path, carriers: Sequence[Carrier], where: str) -> VertexData:
     """Return the vertex data of a table ``{ values = "FILE.npy" }``; arguments as for :func:`with_vertex_data`.
 
-    Raises
-    ------
-    SceneError
-        If the table has other keys, or the array fits no source, or several.
+    Raises SceneError if the table has other keys, or the array fits no source, or several.
     """
     unknown = sorted(set(table) - {"values", "of"})
     names = [name for name, _ in carriers]
@@ -289,10 +262,7 @@ Carrier = tuple[str, ClosestPointSource]
 def list_of_tables(tables: Mapping[str, Any], name: str) -> list[tuple[int, dict[str, Any]]]:
     """Return copies of the tables of a list [[name]], each after its number, from 1; empty without the list.
 
-    Raises
-    ------
-    SceneError
-        If ``name`` is not a list of tables.
+    Raises SceneError if ``name`` is not a list of tables.
     """
     entries = tables.get(name, [])
     if not is_sequence(entries):

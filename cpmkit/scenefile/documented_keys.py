@@ -24,29 +24,14 @@ SHARED_KEYS = {
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a kind in scene files.
-
-    Attributes
-    ----------
-    name : str
-    type : str
-        Type in words, or as declared.
-    declared : str
-        Type in the signature.
-    needed : bool
-        True if the key has no default.
-    default : object
-        The default; None if there is none or it is a function.
-    summary : str
-        One sentence, "" if the docstring has none.
-    """
+    """A key of a kind in scene files."""
 
     name: str
-    type: str
-    declared: str
-    needed: bool
-    default: Any
-    summary: str
+    type: str  #: Type in words, or as declared.
+    declared: str  #: Type in the signature.
+    needed: bool  #: True if the key has no default.
+    default: Any  #: object: the default; None if there is none or it is a function.
+    summary: str  #: One sentence, "" if the docstring has none.
     told = DeprecatedMember("summary")
 
     def __str__(self) -> str:
@@ -109,28 +94,15 @@ _COLOURS = {
 
 @dataclass(frozen=True)
 class ApplicationKeys:
-    """The tables and keys of an application in scene files, with the JSON schema of each key's value.
+    """The tables and keys of an application in scene files, with the JSON schema of each key's value."""
 
-    Attributes
-    ----------
-    entry : str
-        Name of the tables in a list, each of a curve, with the keys of its kind, or of points.
-    on_curve, at_points : dict
-        Further keys of such a table of a curve, and all keys of such a table of points.
-    table : str
-        Name of the table of the application's options.
-    options : dict
-        The keys of that table.
-    has_target : bool
-        Whether the table [target] is needed.
-    """
-
-    entry: str
+    entry: str  #: Name of the tables in a list, each of a curve, with the keys of its kind, or of points.
+    #: on_curve, at_points: Further keys of such a table of a curve, and all keys of such a table of points.
     on_curve: dict[str, Any]
     at_points: dict[str, Any] = field(default_factory=dict)
-    table: str = ""
-    options: dict[str, Any] = field(default_factory=dict)
-    has_target: bool = False
+    table: str = ""  #: Name of the table of the application's options.
+    options: dict[str, Any] = field(default_factory=dict)  #: The keys of that table.
+    has_target: bool = False  #: Whether the table [target] is needed.
 
     @property
     def tables(self) -> tuple[str, ...]:

@@ -17,10 +17,7 @@ SCENE_FOLDERS = ("", "applications/", "studies/")
 def examples_folder() -> Path:
     """Return the folder of the examples, in the installed package or next to it in a clone.
 
-    Raises
-    ------
-    InputError
-        If neither place has examples.
+    Raises InputError if neither place has examples.
     """
     package = Path(__file__).parents[1]
     for folder in (package / "examples", package.parent / "examples"):
@@ -50,10 +47,7 @@ def example_title(file: Path) -> str:
 def copy_examples(to: Path) -> Path:
     """Copy all examples into the new folder ``to``, and return it.
 
-    Raises
-    ------
-    InputError
-        If ``to`` exists already, or cannot be written.
+    Raises InputError if ``to`` exists already, or cannot be written.
     """
     if to.exists():
         raise InputError(f"{shown(str(to))} is there already; give a folder that is not.")
@@ -73,10 +67,7 @@ def copy_examples(to: Path) -> Path:
 def write_first_scene(name: str) -> Path:
     """Write the first scene into the file ``name``, with ``.toml`` added if it has no suffix, and return its path.
 
-    Raises
-    ------
-    InputError
-        If the file exists already, has another suffix, or cannot be written.
+    Raises InputError if the file exists already, has another suffix, or cannot be written.
     """
     file = Path(name) if Path(name).suffix else Path(f"{name}.toml")
     if file.suffix != ".toml" or not file.stem.strip("."):

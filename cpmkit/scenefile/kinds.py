@@ -22,27 +22,13 @@ from cpmkit.scenefile.scene_files import PROBLEMS, SIDE_KEYS, SOLVER_KEYS
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of source, condition, equation, solver or back end.
+    """A kind of source, condition, equation, solver or back end."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the kind in scene files and in :func:`cpmkit.source`.
-    sort : str
-        ``source``, ``condition``, ``equation``, ``solver`` or ``back end``.
-    distribution : str
-        The installed package that provides the kind.
-    summary : str
-        One sentence that describes the kind.
-    keys : tuple of Key
-        The keys of the kind.
-    """
-
-    name: str
-    sort: str
-    distribution: str
-    summary: str
-    keys: tuple[Key, ...]
+    name: str  #: Name of the kind in scene files and in :func:`cpmkit.source`.
+    sort: str  #: ``source``, ``condition``, ``equation``, ``solver`` or ``back end``.
+    distribution: str  #: The installed package that provides the kind.
+    summary: str  #: One sentence that describes the kind.
+    keys: tuple[Key, ...]  #: The keys of the kind.
     told = DeprecatedMember("summary")
 
     def __str__(self) -> str:

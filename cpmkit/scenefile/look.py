@@ -210,10 +210,7 @@ class PictureRequest(Look):
 class OutputRequest:
     """The output folder, relative to the working directory, the files in it, their mesh ``vertices``, and a picture.
 
-    Raises
-    ------
-    SceneError
-        If a name is not a relative path, leads out of the folder, or is too long for file systems.
+    Raises SceneError if a name is not a relative path, leads out of the folder, or is too long for file systems.
     """
 
     folder: Path
@@ -241,10 +238,8 @@ class OutputRequest:
 def relative_name(name: object, label: str) -> str:
     """Return the relative path ``name`` of a file if it stays inside the folder into which the file is written.
 
-    Raises
-    ------
-    SceneError
-        If it is not text, is absolute, contains ``..``, or is too long for file systems; ``label`` is its name.
+    Raises SceneError if it is not text, is absolute, contains ``..``, or is too long for file systems; ``label`` is its
+    name.
     """
     if not isinstance(name, str) or not name.strip(" ./\\"):
         raise SceneError(f"{label} must be a name, got {shown(name)}.")
@@ -268,10 +263,7 @@ def relative_name(name: object, label: str) -> str:
 def check_links(path: Path, folder: Path, label: str) -> None:
     """Raise if symbolic links lead ``path`` out of a ``folder``.
 
-    Raises
-    ------
-    InputError
-        In this case, or if the file system does not accept the name; ``label`` is the name of the path.
+    Raises InputError in this case, or if the file system does not accept the name; ``label`` is the name of the path.
     """
     check_name(path)
     try:

@@ -53,26 +53,13 @@ SIDE_KEYS = ("both", "left", "right", "left_of", "across")
 
 @dataclass(frozen=True, eq=False)
 class SceneFile:
-    """The contents of a scene file: the scene, the options of its solution, and the output.
+    """The contents of a scene file: the scene, the options of its solution, and the output."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene.
-    spacing : float or None
-        Spacing of the lattice; None if the file has none.
-    options : dict
-        Further keyword arguments of ``solve``.
-    output : OutputRequest
-        The files to be written.
-    arguments : dict
-        Keyword arguments of the function of an application, empty for a scene.
-    """
-
-    scene: Scene
-    spacing: float | None
-    options: dict[str, Any]
-    output: OutputRequest
+    scene: Scene  #: The scene.
+    spacing: float | None  #: Spacing of the lattice; None if the file has none.
+    options: dict[str, Any]  #: Further keyword arguments of ``solve``.
+    output: OutputRequest  #: The files to be written.
+    #: Keyword arguments of the function of an application, empty for a scene.
     arguments: dict[str, Any] = field(default_factory=dict)
 
 
@@ -92,10 +79,7 @@ def load_scene(path: str | Path) -> SceneFile:
 def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
     """Return the contents of a scene file ``path`` with these ``tables``.
 
-    Raises
-    ------
-    SceneError
-        If a table, key or value is missing or not accepted.
+    Raises SceneError if a table, key or value is missing or not accepted.
     """
     for command, own in APPLICATIONS.items():
         name = next((name for name in own.tables if name in tables), None)
@@ -113,14 +97,8 @@ def _scene_file(tables: dict[str, Any], path: Path) -> SceneFile:
 def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
     """Return the scene of the tables [surface], [[boundary]] and [problem]; other tables are ignored.
 
-    The tables are not changed. Files are searched first in the ``folder``.
-
-    Raises
-    ------
-    SceneError
-        If a table is missing, or has a key or value that is not accepted.
-    PluginError
-        If no installed plugin has a kind that the file names.
+    The tables are not changed. Files are searched first in the ``folder``. Raises SceneError if a table is missing, or
+    has a key or value that is not accepted. Raises PluginError if no installed plugin has a kind that the file names.
     """
     if "surface" not in tables or "problem" not in tables:
         raise SceneError("a scene needs the tables [surface] and [problem].")
@@ -138,12 +116,7 @@ def read_scene(tables: Mapping[str, Any], folder: Path) -> Scene:
 def read_options(tables: Mapping[str, Any]) -> tuple[float | None, dict[str, Any]]:
     """Return the spacing and the further options of ``solve``, from the tables [discretization] and [solver].
 
-    The spacing is None if the table has none.
-
-    Raises
-    ------
-    SceneError
-        If a key or its value is not accepted.
+    The spacing is None if the table has none. Raises SceneError if a key or its value is not accepted.
     """
     grid = current_keywords(as_table(tables.get("discretization", {}), "[discretization]"), RENAMED_OPTIONS)
     with naming_table("[discretization]"):
@@ -185,12 +158,8 @@ def read_source(
 ) -> ClosestPointSource:
     """Return the closest-point source that a table describes.
 
-    A boundary's source receives the ``surface`` as an argument if it takes one and the table does not give it.
-
-    Raises
-    ------
-    SceneError
-        If the kind, a key or its value is not accepted; ``where`` is the name of the table in the message.
+    A boundary's source receives the ``surface`` as an argument if it takes one and the table does not give it. Raises
+    SceneError if the kind, a key or its value is not accepted; ``where`` is the name of the table in the message.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str):
@@ -219,13 +188,7 @@ def _as_source(value: Any, folder: Path, where: str) -> Any:
 
 
 def _boundary(table: dict[str, Any], number: int, folder: Path, surface: ClosestPointSource) -> Boundary:
-    """Return the boundary of table [[boundary]] ``number``.
-
-    Raises
-    ------
-    SceneError
-        If a key or its value is not accepted.
-    """
+    """Return the boundary of table [[boundary]] ``number``. Raises SceneError if a key or its value is not accepted."""
     name = table.pop("name", f"boundary {number}")
     if not isinstance(name, str) or not name.strip() or not name.isprintable() or len(name) > 100:
         raise SceneError(
@@ -245,10 +208,7 @@ def _boundary(table: dict[str, Any], number: int, folder: Path, surface: Closest
 def _problem(table: dict[str, Any], dim: int) -> Equation:
     """Return the equation of the table [problem], for a manifold in ``dim`` dimensions.
 
-    Raises
-    ------
-    SceneError
-        If the kind, a key or its value is not accepted.
+    Raises SceneError if the kind, a key or its value is not accepted.
     """
     kind = table.pop("kind", None)
     if not isinstance(kind, str) or kind not in PROBLEMS:
@@ -265,10 +225,7 @@ def _problem(table: dict[str, Any], dim: int) -> Equation:
 def read_output(table: dict[str, Any], path: Path) -> OutputRequest:
     """Return the output that the table [output] of the scene file ``path`` asks for.
 
-    Raises
-    ------
-    SceneError
-        If a key or its value is not accepted.
+    Raises SceneError if a key or its value is not accepted.
     """
     check_accepted("[output]", table, ("folder", "files", "picture", "vertices"))
     picture, files = table.get("picture"), table.get("files", ["summary.json"])

@@ -77,10 +77,7 @@ class DisplayMesh:
 def display_mesh(solution: SolutionRecord) -> DisplayMesh:
     """Return the surface's mesh, refined to the grid and cut along every boundary, with the solution at its vertices.
 
-    Raises
-    ------
-    InputError
-        If the surface has no mesh.
+    Raises InputError if the surface has no mesh.
     """
     surface = solution.scene.surface
     points, cells = mesh_of(surface)(solution.spacing)
@@ -104,7 +101,10 @@ def display_mesh(solution: SolutionRecord) -> DisplayMesh:
 
 
 def _normals(surface: ClosestPointSource, points: Floats, cells: Ints) -> Floats | None:
-    """Return unit normals (v, 3) for shading, zero at vertices of segments; None if there are only segments."""
+    """Return unit normals (v, 3) of the mesh before the cut, zero at vertices of segments, of any sign at points.
+
+    None in the plane, and where there are only segments.
+    """
     triangles, dots = with_corners(cells, 3), with_corners(cells, 1)[:, 0]
     if points.shape[1] == 2 or not len(triangles) + len(dots):
         return None
@@ -171,10 +171,7 @@ def _by_sides(sides: Ints) -> Iterator[tuple[Ints, Ints]]:
 def given_mesh_of(surface: ClosestPointSource) -> tuple[Floats, Ints]:
     """Return the vertices (n, d) and cells (m, k) of the mesh that the user made ``surface`` from, in their order.
 
-    Raises
-    ------
-    InputError
-        If the surface was not made from a mesh, a polyline or a cloud.
+    Raises InputError if the surface was not made from a mesh, a polyline or a cloud.
     """
     if isinstance(surface, HasGivenMesh):
         return surface.given_mesh

@@ -18,10 +18,7 @@ from cpmkit.types import Floats
 def check_frames_fit(frames: int, unknowns: int, channels: int) -> None:
     """Raise, before the first time step, if the available memory cannot hold the frames.
 
-    Raises
-    ------
-    ResolutionError
-        If it cannot; the message names a number of frames that fits.
+    Raises ResolutionError if it cannot; the message names a number of frames that fits.
     """
     frame_bytes, available = 2 * 8 * unknowns * channels, available_bytes()  # two copies while they are saved
     if frames * frame_bytes > available:
@@ -103,10 +100,7 @@ class EvolvedRecord(SolutionRecord):
 def frames_of(solution: SolutionRecord, label: str) -> tuple[EvolvedRecord, ...]:
     """Return the frames of a solution; ``label`` names their use in the error.
 
-    Raises
-    ------
-    InputError
-        If the solution has none.
+    Raises InputError if the solution has none.
     """
     frames = solution.frames if isinstance(solution, EvolvedRecord) else ()
     if not frames:

@@ -160,10 +160,7 @@ def _from_bump(
 def rim_rule(surface: ClosestPointSource, spacing: float, loop: int | None) -> tuple[ClosestPoints, Floats]:
     """Return quadrature points on the manifold's edge, or on one ``loop`` of it, as closest points, and weights (n,).
 
-    Raises
-    ------
-    InputError
-        If the surface has no mesh or no such edge, or is a solid in space.
+    Raises InputError if the surface has no mesh or no such edge, or is a solid in space.
     """
     points, cells = mesh_of(surface)(spacing)
     points, cells = refine_mixed_cells(points, cells, points.shape[1], LONGEST_EDGE_SPACINGS * spacing)

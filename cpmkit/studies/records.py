@@ -70,10 +70,7 @@ OPTIONAL_ENTRIES = {
 def read_records(file: Path) -> list[Record]:
     """Return the records of a file, none if the file does not exist; an unfinished last line is ignored.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a line is not a record; the message names the line and the fault.
+    Raises InputError if the file cannot be read, or a line is not a record; the message names the line and the fault.
     """
     *lines, _ = _bytes_of(file).split(b"\n")
     return [_parse_record(line, f"line {count} of {file}") for count, line in enumerate(lines, 1)]
@@ -102,10 +99,7 @@ def _parse_record(line: bytes, where: str) -> Record:
 def append_record(file: Path, record: Mapping[str, Any]) -> None:
     """Append a record as one line in a single write; earlier lines stay whole if the write is interrupted.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     line = json.dumps(record, allow_nan=False, default=float).encode() + b"\n"
     with explain_system_error(f"{file} cannot be written"), file.open("ab", buffering=0) as opened:
@@ -117,10 +111,7 @@ def append_record(file: Path, record: Mapping[str, Any]) -> None:
 def drop_unfinished_line(file: Path) -> None:
     """Remove an unfinished last line, left by an interrupted write, if there is one.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     content = _bytes_of(file)
     whole_lines = content.rfind(b"\n") + 1
@@ -155,41 +146,25 @@ METHOD_WORDS = {
 
 @dataclass(frozen=True)
 class Entry:
-    """Errors and costs of a series at one spacing or accuracy target.
+    """Errors and costs of a series at one spacing or accuracy target."""
 
-    Attributes
-    ----------
-    spacing : float
-        With an accuracy target the mean of the resulting spacings.
-    error : float
-        The largest error at any sample point; with several origins the root mean square of their largest errors.
-    rms_error, rms_without_mean : float
-        Root mean square of errors over sample points and origins, with and without the mean error.
-    half_range : float
-        Half the range of the reference.
-    shift : float
-        Largest correction of the mean; nan where it was not computed.
-    unknowns, twins, queries, iterations, cpu_seconds : float
-        Means over the origins; nan where a method has no such count.
-    bytes : float
-        Peak memory, mean; nan where it is not recorded.
-    target : float
-        Accuracy target in place of a spacing; nan without one.
-    """
-
-    spacing: float
+    spacing: float  #: With an accuracy target the mean of the resulting spacings.
+    #: The largest error at any sample point; with several origins the root mean square of their largest errors.
     error: float
+    #: rms_error, rms_without_mean: Root mean square of errors over sample points and origins, with and without the mean
+    #: error.
     rms_error: float
     rms_without_mean: float
-    half_range: float
-    shift: float
+    half_range: float  #: Half the range of the reference.
+    shift: float  #: Largest correction of the mean; nan where it was not computed.
+    #: unknowns, twins, queries, iterations, cpu_seconds: Means over the origins; nan where a method has no such count.
     unknowns: float
     twins: float
     queries: float
     iterations: float
     cpu_seconds: float
-    bytes: float
-    target: float
+    bytes: float  #: Peak memory, mean; nan where it is not recorded.
+    target: float  #: Accuracy target in place of a spacing; nan without one.
 
     def percent(self, quantity: str) -> float:
         """Return an error, or the shift, in percent of the half range; nan where that is zero."""
@@ -198,29 +173,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Series:
-    """The results of one method with given options, over spacings or accuracy targets.
-
-    Attributes
-    ----------
-    method : str
-    options : mapping
-        Values of the method's options that a study varies.
-    label : str
-        The method and the options in which it differs from other series.
-    entries : sequence of Entry
-        Results, the coarsest spacing, largest tolerance or shortest time first.
-    reference : str or None
-        The back end whose solution is the reference; None where the solution is known.
-    target : str
-        ``tolerance`` or ``seconds`` in place of spacings, else empty.
-    """
+    """The results of one method with given options, over spacings or accuracy targets."""
 
     method: str
-    options: Mapping[str, Any]
-    label: str
-    entries: Sequence[Entry]
-    reference: str | None
-    target: str = ""
+    options: Mapping[str, Any]  #: Values of the method's options that a study varies.
+    label: str  #: The method and the options in which it differs from other series.
+    entries: Sequence[Entry]  #: Results, the coarsest spacing, largest tolerance or shortest time first.
+    reference: str | None  #: The back end whose solution is the reference; None where the solution is known.
+    target: str = ""  #: ``tolerance`` or ``seconds`` in place of spacings, else empty.
 
     @property
     def spacings(self) -> list[float]:
@@ -268,7 +228,8 @@ def _series(key: tuple[Any, ...], keys: Sequence[tuple[Any, ...]], records: Sequ
 def _entry(records: Sequence[Record], target: str) -> Entry:
     """Return the entry of a series at one spacing or target, from the records of all origins.
 
-    Errors are root mean squares over the origins, other quantities are means; ``target`` is empty for a spacing.
+    Errors are root mean squares over the origins, ``shift`` is the largest, other quantities are means; ``target`` is
+    empty for a spacing.
     """
 
     def of(name: str) -> Any:

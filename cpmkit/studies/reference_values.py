@@ -39,17 +39,10 @@ from cpmkit.types import Bools, Floats, Ints, Progress, no_progress
 def sample_points(scene: Scene, wanted: int | str) -> Floats:
     """Return sample points (n, d) of the surface, off all boundaries, the same at every call.
 
-    Parameters
-    ----------
-    scene : Scene
-    wanted : int or "vertices"
-        Number of random points in a box around the surface, whose closest points are the samples; or the vertices of
-        a surface that is a mesh.
+    Raises SceneError if vertices are requested of a surface that is no mesh.
 
-    Raises
-    ------
-    SceneError
-        If vertices are requested of a surface that is no mesh.
+    ``wanted``: number of random points in a box around the surface, whose closest points are the samples; or the
+        vertices of a surface that is a mesh.
     """
     surface = scene.surface
     bounds = np.asarray(surface.bounds, dtype=np.float64)
@@ -73,18 +66,10 @@ def sample_points(scene: Scene, wanted: int | str) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Reference:
-    """Reference values of the runs of a study.
+    """Reference values of the runs of a study."""
 
-    Attributes
-    ----------
-    points : (n, d) float64
-        Points of the surface, none on a boundary.
-    values : (n,) float64
-        The solution there, at the final time of problems in time.
-    """
-
-    points: Floats
-    values: Floats
+    points: Floats  #: (n, d): points of the surface, none on a boundary.
+    values: Floats  #: (n,): the solution there, at the final time of problems in time.
 
     @property
     def half_range(self) -> float:
@@ -95,12 +80,8 @@ class Reference:
 def reference_of(study: Study) -> Reference:
     """Return the reference values of a study, from its formula or from one solution of another back end.
 
-    Raises
-    ------
-    SceneError
-        If the scene has several channels or eigenvalues, or vertices are requested of a surface that is no mesh.
-    CpmkitError
-        If the formula has no value somewhere, or the reference cannot solve the scene.
+    Raises SceneError if the scene has several channels or eigenvalues, or vertices are requested of a surface that is
+    no mesh. Raises CpmkitError if the formula has no value somewhere, or the reference cannot solve the scene.
     """
     scene = study.scene
     check_comparable(scene)
@@ -143,10 +124,7 @@ def solve_on_refined_mesh(
 ) -> Solution:
     """Solve a scene by finite elements on its surface's mesh, refined until no edge is longer than ``spacing``.
 
-    Raises
-    ------
-    CpmkitError
-        If the back end ``fem`` raises it, or the surface has no mesh.
+    Raises CpmkitError if the back end ``fem`` raises it, or the surface has no mesh.
     """
     refined = replace(scene, surface=refined_mesh(scene.surface))
     return solve(refined, spacing, backend="fem", progress=progress, **for_any_backend(options))
@@ -155,10 +133,7 @@ def solve_on_refined_mesh(
 def check_comparable(scene: Scene) -> None:
     """Raise if the solution of a scene is not a single function with one channel.
 
-    Raises
-    ------
-    SceneError
-        If the scene has several channels, or its solution is eigenfunctions, whose factors are arbitrary.
+    Raises SceneError if the scene has several channels, or its solution is eigenfunctions, whose factors are arbitrary.
     """
     if scene.problem.family == "eigen":
         raise SceneError("a study compares one function, and an eigenvalue problem has many; solve it without [exact].")
@@ -171,24 +146,16 @@ def solve_by_fixed_nodes(
 ) -> Solution:
     """Solve a scene with Dirichlet boundaries by the closest point method, with fixed values at nodes near boundaries.
 
-    Parameters
-    ----------
-    scene : Scene
-        A steady problem; each boundary has the same Dirichlet condition on both sides.
-    method : str
-        ``nearest`` or ``ball``.
-    spacing, progress, **options
-        As for :func:`cpmkit.solve`.
+    Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
+
+    ``scene``: a steady problem; each boundary has the same Dirichlet condition on both sides.
+    ``method``: ``nearest`` or ``ball``.
+    ``spacing``, ``progress``, ``**options``: as for :func:`cpmkit.solve`.
 
     Returns
     -------
     Solution
         The solution of the scene without its boundaries; its values include those of the fixed nodes.
-
-    Raises
-    ------
-    SceneError
-        If the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
     check_fixable(scene, method)
     clock = [time.perf_counter()]
@@ -218,10 +185,7 @@ def solve_by_fixed_nodes(
 def check_fixable(scene: Scene, method: str) -> None:
     """Raise if a scene cannot be solved by fixing nodes.
 
-    Raises
-    ------
-    SceneError
-        If the problem or a condition is of another kind, sides differ, or there is no boundary.
+    Raises SceneError if the problem or a condition is of another kind, sides differ, or there is no boundary.
     """
     if scene.problem.family != "steady":
         raise SceneError(f"the method {method!r} solves one steady system, got {scene.problem.kind!r}; use 'cpm'.")

@@ -151,24 +151,12 @@ def _with_legend(figure: Figure, columns: int) -> Figure:
 
 @dataclass(frozen=True)
 class Report:
-    """The report of a study.
+    """The report of a study."""
 
-    Attributes
-    ----------
-    title : str
-        Title of the study.
-    series : sequence of Series
-        Results of each method with each set of options.
-    failed : int
-        Number of runs that ended with an error.
-    files : sequence of Path
-        The page and its figures.
-    """
-
-    title: str
-    series: Sequence[Series]
-    failed: int
-    files: Sequence[Path]
+    title: str  #: Title of the study.
+    series: Sequence[Series]  #: Results of each method with each set of options.
+    failed: int  #: Number of runs that ended with an error.
+    files: Sequence[Path]  #: The page and its figures.
 
     @property
     def by_spacing(self) -> list[Series]:
@@ -189,17 +177,10 @@ class Report:
 def write_report(folder: Path, content: str | None = None) -> Report:
     """Write a page with tables and figures of the records in ``folder``, and return the report.
 
-    Parameters
-    ----------
-    folder : Path
-        Folder of the records.
-    content : str, optional
-        Content hash of the study file whose records are used; by default that of the last record.
+    Raises InputError if there is no such record, or no run without an error.
 
-    Raises
-    ------
-    InputError
-        If there is no such record, or no run without an error.
+    ``folder``: folder of the records.
+    ``content``: content hash of the study file whose records are used; by default that of the last record.
     """
     every = read_records(folder / RECORDS_FILE)
     wanted = content or (every[-1]["content"] if every else None)

@@ -48,12 +48,8 @@ from cpmkit.types import Progress, no_progress
 def check_study(study: Study) -> None:
     """Raise if a study cannot be run: if its scene, formula, sweep or a back end is not accepted.
 
-    Raises
-    ------
-    SceneError
-        If the scene, the formula or the sweep is not accepted, or the scene's solution is not one function.
-    PluginError
-        If a method or the reference is neither built in nor offered by a plugin.
+    Raises SceneError if the scene, the formula or the sweep is not accepted, or the scene's solution is not one
+    function. Raises PluginError if a method or the reference is neither built in nor offered by a plugin.
     """
     check_comparable(study.scene)
     if study.sweep.spacings is not None:
@@ -72,10 +68,7 @@ def check_study(study: Study) -> None:
 def at_spacing(scene: Scene, step_per_spacing: float | None, spacing: float | None) -> Scene:
     """Return the scene with equal time steps of at most ``step_per_spacing`` times the spacing, unchanged without one.
 
-    Raises
-    ------
-    SceneError
-        If the scene's problem has no time step.
+    Raises SceneError if the scene's problem has no time step.
     """
     if step_per_spacing is None or spacing is None:
         return scene
@@ -172,20 +165,13 @@ def costs_in_memory(solution: Solution, measured: int | None) -> Record:
 
 @dataclass(frozen=True)
 class Outcome:
-    """The outcome of running a study.
+    """The outcome of running a study."""
 
-    Attributes
-    ----------
-    made, skipped, failed : int
-        Numbers of new runs, of runs recorded before, and of new runs that ended with an error.
-    file : Path
-        The file of records.
-    """
-
+    #: made, skipped, failed: Numbers of new runs, of runs recorded before, and of new runs that ended with an error.
     made: int
     skipped: int
     failed: int
-    file: Path
+    file: Path  #: The file of records.
 
 
 def run_study(
@@ -201,30 +187,15 @@ def run_study(
     """Solve and record the runs of a study that are not recorded in ``folder`` yet, and return the numbers of runs.
 
     A run that ends with a ResolutionError or a ConvergenceError is recorded with its message, and the study continues.
-    An interrupted study continues at the next call.
+    An interrupted study continues at the next call. Raises InputError if the study has none of the ``spacings``. Raises
+    CpmkitError if the study itself is wrong: its scene, its formulas or its options.
 
-    Parameters
-    ----------
-    study : Study
-    folder : Path
-        Folder of the records, which is created.
-    cheap : bool
-        Use the study's cheap spacings only.
-    spacings : sequence of float
-        Use only these of the study's spacings; all if empty.
-    truth : Reference, optional
-        Reference values in place of the study's.
-    progress : callable, optional
-        Called with the number of the run and the completed share of its stage.
-    recorded : callable, optional
-        Called with each record once it is written.
-
-    Raises
-    ------
-    InputError
-        If the study has none of the ``spacings``.
-    CpmkitError
-        If the study itself is wrong: its scene, its formulas or its options.
+    ``folder``: folder of the records, which is created.
+    ``cheap``: use the study's cheap spacings only.
+    ``spacings``: use only these of the study's spacings; all if empty.
+    ``truth``: reference values in place of the study's.
+    ``progress``: called with the number of the run and the completed share of its stage.
+    ``recorded``: called with each record once it is written.
     """
     runs = study.sweep.runs(cheap)
     known = list(dict.fromkeys(run.spacing for run in runs if run.spacing is not None))

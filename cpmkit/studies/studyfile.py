@@ -32,10 +32,8 @@ from cpmkit.studies.sweep import TARGETS, Sweep, listed_options, read_sweep
 def expand_names(table: Any) -> dict[str, str]:
     """Return the formulas of a table [let]; names of earlier formulas in a formula are replaced by their formulas.
 
-    Raises
-    ------
-    SceneError
-        If [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes too long.
+    Raises SceneError if [let] is no table, a name is reserved or invalid, a value is no formula, or a formula becomes
+    too long.
 
     Examples
     --------
@@ -63,10 +61,7 @@ def expand_names(table: Any) -> dict[str, str]:
 def expand(formula: str, known: Mapping[str, str]) -> str:
     """Return ``formula`` with names replaced by the ``known`` formulas; text that does not parse is returned unchanged.
 
-    Raises
-    ------
-    SceneError
-        If the result is too long: each further name of [let] may double the length.
+    Raises SceneError if the result is too long: each further name of [let] may double the length.
     """
     try:
         tree = parse(formula)
@@ -107,20 +102,13 @@ STUDY_TABLES = ("title", "surface", "boundary", "problem", "discretization", "so
 
 @dataclass(frozen=True, eq=False)
 class Exact:
-    """The solution that runs are compared with: a formula, or the back end that computes it.
+    """The solution that runs are compared with: a formula, or the back end that computes it."""
 
-    Attributes
-    ----------
-    u : str or None
-        A formula in x, y, z and, where the problem has a time, t.
-    points : int or "vertices"
-        Number of points of the surface at which errors are measured; or the vertices of a surface that is a mesh.
-    reference : str or None
-        A back end, such as ``fem``, whose solution is the reference where no formula is known.
-    """
-
-    u: str | None = None
+    u: str | None = None  #: A formula in x, y, z and, where the problem has a time, t.
+    #: int or "vertices": number of points of the surface at which errors are measured; or the vertices of a surface
+    #: that is a mesh.
     points: int | str = 4000
+    #: A back end, such as ``fem``, whose solution is the reference where no formula is known.
     reference: str | None = None
 
     def __post_init__(self) -> None:
@@ -141,33 +129,16 @@ class Exact:
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """A scene, the solution that its runs are compared with, and the options that the runs vary.
+    """A scene, the solution that its runs are compared with, and the options that the runs vary."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the study file without its suffix.
-    title : str
-        Title of the report.
-    folder : Path
-        Folder of the study file, where the files that it names are looked for first.
-    tables : mapping
-        Tables of the scene, with the formulas of [let] in place of their names.
-    exact : Exact
-        The solution, or the back end that computes it.
-    sweep : Sweep
-        The options that are varied.
-    content : str
-        Hash that identifies the records of this study: it changes with everything that the result of a run depends on,
-        but not with the title or the lists of the sweep.
-    """
-
-    name: str
-    title: str
-    folder: Path
-    tables: Mapping[str, Any]
-    exact: Exact
-    sweep: Sweep
+    name: str  #: Name of the study file without its suffix.
+    title: str  #: Title of the report.
+    folder: Path  #: Folder of the study file, where the files that it names are looked for first.
+    tables: Mapping[str, Any]  #: Tables of the scene, with the formulas of [let] in place of their names.
+    exact: Exact  #: The solution, or the back end that computes it.
+    sweep: Sweep  #: The options that are varied.
+    #: Hash that identifies the records of this study: it changes with everything that the result of a run depends on,
+    #: but not with the title or the lists of the sweep.
     content: str
 
     @cached_property
@@ -202,10 +173,7 @@ class Study:
 def load_study(path: str | Path) -> Study:
     """Return the study in a TOML file; its scene is read at first access.
 
-    Raises
-    ------
-    SceneError
-        If the file is missing, does not parse, or holds a key or value that is not accepted.
+    Raises SceneError if the file is missing, does not parse, or holds a key or value that is not accepted.
     """
     return from_toml(path, _study, "study file", " with the tables [exact], [sweep]")
 

@@ -71,35 +71,20 @@ def read_sweep(table: Mapping[str, Any]) -> Sweep:
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """The options that a study varies.
+    """The options that a study varies."""
 
-    Attributes
-    ----------
-    lists : mapping
-        Values of options by name; an option that is not named has its default.
-    spacings : list of float
-        Spacings of the lattice, in the scene's unit.
-    tolerances, seconds : list of float
-        In place of spacings or with them: target errors as shares of the solution's range, the largest first; and
-        target times, the shortest first. Only for methods on a lattice.
-    cheap : list of float
-        The spacings of ``--cheap``, for tests; by default all but the finest. The last tolerance and the last time are
-        left out, too.
-    origins : int
-        Number of random positions of the lattice for each run; 1 is the lattice's own position.
-    methods : list of str
-        ``cpm``, another of :func:`lattice_methods`, ``nearest``, ``ball``, ``fem-refined``, or a
-        plugin's back end.
-    step_per_spacing : float, optional
-        For problems with a time step: the longest step, as a multiple of the spacing.
-    """
-
-    lists: Mapping[str, list[Any]]
-    spacings: list[float] | None = None
+    lists: Mapping[str, list[Any]]  #: Values of options by name; an option that is not named has its default.
+    spacings: list[float] | None = None  #: Spacings of the lattice, in the scene's unit.
+    #: The spacings of ``--cheap``, for tests; by default all but the finest. The last tolerance and the last time are
+    #: left out, too.
     cheap: list[float] | None = None
-    origins: int = 1
+    origins: int = 1  #: Number of random positions of the lattice for each run; 1 is the lattice's own position.
+    #: ``cpm``, another of :func:`lattice_methods`, ``nearest``, ``ball``, ``fem-refined``, or a plugin's back end.
     methods: tuple[str, ...] | list[str] = ("cpm",)
+    #: For problems with a time step: the longest step, as a multiple of the spacing.
     step_per_spacing: float | None = None
+    #: tolerances, seconds: In place of spacings or with them: target errors as shares of the solution's range, the
+    #: largest first; and target times, the shortest first. Only for methods on a lattice.
     tolerances: list[float] | None = None
     seconds: list[float] | None = None
 
@@ -157,7 +142,11 @@ class Sweep:
             )
 
     def _fineness(self, cheap: bool = False) -> list[tuple[str, list[float]]]:
-        """Return names and lists of spacings and targets, if ``cheap`` the cheap or all but the last, none empty."""
+        """Return the lists of spacings and targets that are given, each with the name of its entries.
+
+        If ``cheap``, spacings are replaced by :attr:`cheap` where that is given; every other list lacks its last entry,
+        the finest, unless it is the only one.
+        """
         spacings = self.cheap if cheap and self.cheap else self.spacings
         lists = {"spacing": spacings} | {name: getattr(self, key) for name, key in TARGETS.items()}
         present = {name: values for name, values in lists.items() if values}
@@ -192,26 +181,13 @@ class Sweep:
 
 @dataclass(frozen=True)
 class Run:
-    """One solve of a study.
+    """One solve of a study."""
 
-    Attributes
-    ----------
-    method : str
-        One of :func:`lattice_methods`, a baseline or a back end.
-    spacing : float or None
-        Spacing of the lattice, or the argument of a back end; None with an accuracy target.
-    options : tuple of (str, value)
-        Values of the method's options that a study varies.
-    origin : int or None
-        Number of the lattice's random position; None for its default position.
-    targets : tuple of (str, float)
-        Accuracy target in place of a spacing: its name and value.
-    """
-
-    method: str
-    spacing: float | None
-    options: tuple[tuple[str, Any], ...]
-    origin: int | None
+    method: str  #: One of :func:`lattice_methods`, a baseline or a back end.
+    spacing: float | None  #: Spacing of the lattice, or the argument of a back end; None with an accuracy target.
+    options: tuple[tuple[str, Any], ...]  #: tuple of (str, value): values of the method's options that a study varies.
+    origin: int | None  #: Number of the lattice's random position; None for its default position.
+    #: tuple of (str, float): accuracy target in place of a spacing: its name and value.
     targets: tuple[tuple[str, float], ...] = ()
 
     @classmethod

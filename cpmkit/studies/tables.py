@@ -55,10 +55,8 @@ def error_sentence(records: Sequence[Record]) -> str:
 def costs_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     """Return a Markdown table of errors, unknowns, queries, iterations, seconds and memory of each series and spacing.
 
-    Parameters
-    ----------
-    studies : sequence of (str, sequence of Series)
-        The title of each study, shown where there are several, and its series.
+    ``studies`` sequence of (str, sequence of Series): the title of each study, shown where there are several, and its
+        series.
     """
     heads = ["greatest error", "rms error", "unknowns", "queries", "iterations", "CPU seconds", "MiB"]
     titled = len(studies) > 1
@@ -102,10 +100,7 @@ def comparison_table(studies: Sequence[tuple[str, Sequence[Series]]]) -> str:
     Empty columns are left out. Unknowns, and the share of twins (second unknowns at a node) among them, are those of
     the first method with a result.
 
-    Parameters
-    ----------
-    studies : sequence of (str, sequence of Series)
-        The title of each study and its series.
+    ``studies`` sequence of (str, sequence of Series): the title of each study and its series.
     """
     quantities = {"rms_error": "rms mean kept", "rms_without_mean": "rms mean removed"}
     quantities |= {"error": "largest", "shift": "mean put right by"}
@@ -141,21 +136,14 @@ COSTS = {"seconds": "CPU seconds", "mebibytes": "MiB"}
 
 @dataclass(frozen=True)
 class Attempt:
-    """One entry of a series, with its error and its costs: the result of one method at one resolution.
+    """One entry of a series, with its error and its costs: the result of one method at one resolution."""
 
-    Attributes
-    ----------
-    label, setting : str
-        The method with its options; its spacing or accuracy target.
-    error : float
-        Root mean square error as a share of the solution's range; in the unit of the solution where it is constant.
-    seconds, mebibytes : float
-        CPU seconds and peak memory; nan where they were not recorded.
-    """
-
+    #: label, setting: The method with its options; its spacing or accuracy target.
     label: str
     setting: str
+    #: Root mean square error as a share of the solution's range; in the unit of the solution where it is constant.
     error: float
+    #: seconds, mebibytes: CPU seconds and peak memory; nan where they were not recorded.
     seconds: float
     mebibytes: float
 

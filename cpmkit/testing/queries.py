@@ -60,26 +60,13 @@ Law = Callable[[ConformanceCase], None]
 
 @dataclass(frozen=True, eq=False)
 class Subject:
-    """A source under test, and the length to which tolerances are relative.
+    """A source under test, and the length to which tolerances are relative."""
 
-    Attributes
-    ----------
-    case : ConformanceCase
-        The case that made the source.
-    source : ClosestPointSource
-        The source that ``case.make`` returned.
-    centre : (d,) float64
-        Centre of the source's bounds.
-    size : float
-        Diagonal of the bounds; for a single point its largest coordinate, or 1 at the origin.
-    answers : dict
-        Answers of the source by the bytes of their queries.
-    """
-
-    case: ConformanceCase
-    source: Any
-    centre: Floats
-    size: float
+    case: ConformanceCase  #: The case that made the source.
+    source: Any  #: ClosestPointSource: the source that ``case.make`` returned.
+    centre: Floats  #: (d,): centre of the source's bounds.
+    size: float  #: Diagonal of the bounds; for a single point its largest coordinate, or 1 at the origin.
+    #: Answers of the source by the bytes of their queries.
     answers: dict[bytes, ClosestPoints] = field(default_factory=dict)
 
     def round_off(self, x: Floats) -> Floats:
@@ -211,15 +198,10 @@ def law(
 ) -> Callable[[Callable[..., None]], Law]:
     """Return a decorator that makes a law of a check of a subject, or of a subject and queries (n, d).
 
-    Parameters
-    ----------
-    where : str
-        Where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty if the
-        check takes no queries.
-    ability : type
-        Sources without it obey the law.
-    together : bool
-        Whether queries of all batches are checked at once, for a law about each row or each pair of rows.
+    ``where``: where queries lie: anywhere, near (within the case's radius), or near unless the source is exact. Empty
+        if the check takes no queries.
+    ``ability``, type: sources without it obey the law.
+    ``together``: whether queries of all batches are checked at once, for a law about each row or each pair of rows.
     """
 
     def decorate(check: Callable[..., None]) -> Law:

@@ -15,27 +15,13 @@ from cpmkit.types import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """A parallel projection.
+    """A parallel projection."""
 
-    Attributes
-    ----------
-    centre : (3,) float64
-        The point in the middle of the picture.
-    axes : (3, 3) float64
-        Orthonormal rows: to the right, up, and towards the viewer.
-    half : (2,) float64
-        Half the width and half the height that the picture shows, in the scene's unit of length.
-    pixels : (2,) int
-        Width and height of the picture.
-    description : str
-        The direction of the view and the vertical axis, in words.
-    """
-
-    centre: Floats
-    axes: Floats
-    half: Floats
-    pixels: Ints
-    description: str = ""
+    centre: Floats  #: (3,): the point in the middle of the picture.
+    axes: Floats  #: (3, 3): orthonormal rows: to the right, up, and towards the viewer.
+    half: Floats  #: (2,): half the width and half the height that the picture shows, in the scene's unit of length.
+    pixels: Ints  #: (2,) int: width and height of the picture.
+    description: str = ""  #: The direction of the view and the vertical axis, in words.
 
     def project(self, points: Floats) -> Floats:
         """Return coordinates (n, 3) of points (n, 3): to the right of the centre, above it, and in front of it."""
@@ -48,10 +34,7 @@ def fit(points: Floats, more: Floats, width: int, look: Look) -> Camera:
     ``points`` are the model. In the plane it is seen from above, else from ``look.view``, with ``look.up`` vertical as
     far as the view allows. The height of the picture follows from the model.
 
-    Raises
-    ------
-    InputError
-        If ``view`` and ``up`` of the look are parallel, or one is zero.
+    Raises InputError if ``view`` and ``up`` of the look are parallel, or one is zero.
     """
     if points.shape[1] == 2:
         points = np.pad(points, ((0, 0), (0, 1)))
@@ -101,12 +84,7 @@ def axes_of(view: Any, up: Any) -> Floats:
     """Return the axes (3, 3) of a camera: rows to the right, up, and towards the viewer.
 
     By default z is up, and the view is a three-quarter one from the front, right and above; models with y up face
-    along z.
-
-    Raises
-    ------
-    InputError
-        If ``view`` or ``up`` is zero, or the two are parallel.
+    along z. Raises InputError if ``view`` or ``up`` is zero, or the two are parallel.
     """
     upward = _unit(np.eye(3)["xyz".index(up)] if isinstance(up, str) else up or (0.0, 0.0, 1.0), "up")
     axis = int(np.abs(upward).argmax()) if np.abs(upward).max() > 0.999 else 2

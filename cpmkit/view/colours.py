@@ -19,21 +19,11 @@ INK = np.array((0.12, 0.12, 0.14))
 
 @dataclass(frozen=True, eq=False)
 class Bar:
-    """A colour bar.
+    """A colour bar."""
 
-    Attributes
-    ----------
-    ends : (2,) float64
-        The values at its ends.
-    table : (256, 3) float64
-        Its colours, from 0 to 1.
-    label : str
-        The text beside the bar.
-    """
-
-    ends: Floats
-    table: Floats
-    label: str
+    ends: Floats  #: (2,): the values at its ends.
+    table: Floats  #: (256, 3): its colours, from 0 to 1.
+    label: str  #: The text beside the bar.
 
     def colours(self, values: Floats) -> Floats:
         """Return the colours (n, 3) of values (n,)."""
@@ -54,12 +44,8 @@ def make_bar(
 ) -> Bar:
     """Return the colour bar from the least to the greatest of ``values``, or between ``clim``; wider if equal.
 
-    Raises
-    ------
-    InputError
-        If matplotlib has no colour map of that name.
-    MissingDependencyError
-        If matplotlib is not installed.
+    Raises InputError if matplotlib has no colour map of that name. Raises MissingDependencyError if matplotlib is not
+    installed.
     """
     ends = np.array([values.min(), values.max()] if clim is None else clim, dtype=np.float64)
     size = float(np.abs(ends).max())

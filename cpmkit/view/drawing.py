@@ -31,18 +31,12 @@ LIFT = 0.004
 
 @dataclass(frozen=True, eq=False)
 class Shapes:
-    """Triangles with a colour at each vertex, interpolated between.
+    """Triangles with a colour at each vertex, interpolated between."""
 
-    Attributes
-    ----------
-    points, colours : (v, 3) float64
-        Vertices in the camera's axes, and their colours from 0 to 1.
-    triangles : (t, 3) int64
-    """
-
+    #: points, colours (v, 3): vertices in the camera's axes, and their colours from 0 to 1.
     points: Floats
     colours: Floats
-    triangles: Ints
+    triangles: Ints  #: (t, 3)
 
     @classmethod
     def join(cls, parts: list[Shapes]) -> Shapes:
@@ -120,34 +114,20 @@ def disc_radii(points: Floats, spacing: float, least: float, alone: float) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """The cells of a mesh without values, which pictures may share, the boundaries over them, and the camera.
-
-    Attributes
-    ----------
-    camera : Camera
-    points : (v, 3) float64
-        Vertices of ``triangles`` (t, 3), in the camera's axes: the mesh's own first, then those of strokes and discs,
-        which stand for segments and points.
-    owner : (v,) int64
-        The vertex of the mesh whose value each vertex shows.
-    normals : (v, 3) float64
-        Unit normals in the camera's axes, zero on strokes; no rows in the plane and where there are only segments.
-    mesh_triangles : int
-        Number of triangles of the mesh itself, which come first.
-    lit : bool
-        Whether the triangles are shaded.
-    ink : Shapes
-        The boundaries and, if requested, points at doubled nodes.
-    """
+    """The cells of a mesh without values, which pictures may share, the boundaries over them, and the camera."""
 
     camera: Camera
+    #: (v, 3): vertices of ``triangles`` (t, 3), in the camera's axes: the mesh's own first, then those of strokes and
+    #: discs, which stand for segments and points.
     points: Floats
-    owner: Ints
+    owner: Ints  #: (v,): the vertex of the mesh whose value each vertex shows.
+    #: (v, 3): unit normals in the camera's axes, zero on strokes; no rows in the plane and where there are only
+    #: segments.
     normals: Floats
     triangles: Ints
-    mesh_triangles: int
-    lit: bool
-    ink: Shapes
+    mesh_triangles: int  #: Number of triangles of the mesh itself, which come first.
+    lit: bool  #: Whether the triangles are shaded.
+    ink: Shapes  #: The boundaries and, if requested, points at doubled nodes.
 
 
 def draw(solution: SolutionRecord, mesh: DisplayMesh, look: Look, width: int, lit: bool) -> Drawing:

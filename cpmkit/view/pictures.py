@@ -95,12 +95,8 @@ def check_picture(path: str | Path, look: Look) -> Path:
 def check_look(look: Look) -> None:
     """Raise if the camera or the colour map of a look is not accepted, or matplotlib is not installed.
 
-    Raises
-    ------
-    InputError
-        If the options of the camera or the colour map are not accepted.
-    MissingDependencyError
-        If matplotlib is not installed.
+    Raises InputError if the options of the camera or the colour map are not accepted. Raises MissingDependencyError if
+    matplotlib is not installed.
     """
     if find_spec("matplotlib") is None:
         raise MissingDependencyError(f"Pictures need matplotlib; {install_command('view')} adds it.")
@@ -147,10 +143,7 @@ def mode_bar(mesh: DisplayMesh, look: Look) -> Bar:
 def shown_values(solution: SolutionRecord, mesh: DisplayMesh, look: Look) -> tuple[Floats, Bar | None]:
     """Return values (v, 1) at the mesh's vertices and their colour bar, or colours (v, 3) and None.
 
-    Raises
-    ------
-    InputError
-        If there is no such channel, the channels are no vectors, or isolines of colours are requested.
+    Raises InputError if there is no such channel, the channels are no vectors, or isolines of colours are requested.
     """
     values, label, count = mesh.values, look.label, mesh.values.shape[1]
     check_channels(look, count, mesh.points.shape[1])
@@ -182,10 +175,7 @@ def shade(drawing: Drawing, mesh: DisplayMesh, values: Floats, bar: Bar | None, 
 def check_channels(look: Look, channels: int, dim: int) -> None:
     """Raise if a solution of ``channels`` channels, in space of dimension ``dim``, cannot be drawn with this look.
 
-    Raises
-    ------
-    InputError
-        If there is no such channel, the channels are no vectors, or isolines of colours are requested.
+    Raises InputError if there is no such channel, the channels are no vectors, or isolines of colours are requested.
     """
     if look.channel is not None and look.channel >= channels:
         raise InputError(f"channel must be below {channels}, the number of channels, got {look.channel}.")
@@ -232,12 +222,8 @@ def animate(solution: SolutionRecord, path: str | Path, fps: float = 12.0, **opt
 def check_film(path: Path) -> None:
     """Raise if a film cannot be written as ``path``.
 
-    Raises
-    ------
-    InputError
-        If it does not end in ``.gif`` or ``.mp4``.
-    MissingDependencyError
-        If the library that writes the film is not installed.
+    Raises InputError if it does not end in ``.gif`` or ``.mp4``. Raises MissingDependencyError if the library that
+    writes the film is not installed.
     """
     if path.suffix.lower() not in (".gif", ".mp4"):
         raise InputError(f"A film must be a .gif or .mp4 file, got {shown(path.name)}.")
@@ -250,10 +236,7 @@ def check_film(path: Path) -> None:
 def frame_images(solution: SolutionRecord, look: Look) -> Iterator[Any]:
     """Yield the picture (rows, columns, 3) of each frame, as bytes, with its time in the title.
 
-    Raises
-    ------
-    InputError
-        If the solution has no frames.
+    Raises InputError if the solution has no frames.
     """
     frames = frames_of(solution, "a film")
     evolved: EvolvedRecord = frames[0]

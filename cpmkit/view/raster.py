@@ -30,27 +30,17 @@ def fill(
 ) -> None:
     """Draw triangles into the rows of an image, at the pixels where they are nearer to the viewer than its ``depth``.
 
-    Parameters
-    ----------
-    corners : (v, 3) float64
-        Column and row from the upper left corner of the picture, in pixels, and height towards the viewer.
-    triangles : (t, 3) int64
-    paint : (v, 3) or (v, 1) float64
-        Colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
-    normals : (v, 3) float64
-        Normals: to the right, up and towards the viewer; no rows if the triangles are not shaded.
-    signs : (t, 3) float64
-        1 or -1 for each corner of a triangle: the factor that turns its normal to the visible side.
-    light : (3,) float64
-        Unit vector towards the light.
-    ambient : float
-        Share of its colour that a face keeps where no light falls.
-    first_row : int
-        Number in the whole picture of the first row of ``depth`` and ``image``.
-    depth : (rows, columns) float64
-        Height towards the viewer of the nearest triangle so far; changed in place.
-    image : (rows, columns, 3) float64
-        Colours; changed in place.
+    ``corners`` (v, 3): column and row from the upper left corner of the picture, in pixels, and height towards the
+        viewer.
+    ``triangles`` (t, 3).
+    ``paint`` (v, 3) or (v, 1): colours of the vertices, or their places from 0 to 1 in ``table`` (k, 3).
+    ``normals`` (v, 3): normals: to the right, up and towards the viewer; no rows if the triangles are not shaded.
+    ``signs`` (t, 3): 1 or -1 for each corner of a triangle: the factor that turns its normal to the visible side.
+    ``light`` (3,): unit vector towards the light.
+    ``ambient``: share of its colour that a face keeps where no light falls.
+    ``first_row``: number in the whole picture of the first row of ``depth`` and ``image``.
+    ``depth`` (rows, columns): height towards the viewer of the nearest triangle so far; changed in place.
+    ``image`` (rows, columns, 3): colours; changed in place.
     """
     rows, columns = depth.shape
     channels, lit = paint.shape[1], len(normals) > 0
@@ -111,14 +101,8 @@ SAMPLES = 3
 def pixels(drawing: Drawing, values: Floats, bar: Bar | None, ink: Shapes) -> Floats:
     """Return the picture (rows, columns, 3), from 0 to 1, of a drawing with given values.
 
-    Parameters
-    ----------
-    drawing : Drawing
-    values : (v, 1) or (v, 3) float64
-        At the mesh's vertices: values on the scale of ``bar``, or colours.
-    bar : Bar or None
-    ink : Shapes
-        Shapes with colours of their own, drawn at their depth together with the model.
+    ``values`` (v, 1) or (v, 3): at the mesh's vertices: values on the scale of ``bar``, or colours.
+    ``ink``: shapes with colours of their own, drawn at their depth together with the model.
     """
     paint = values if bar is None else bar.shares(values)
     paint = np.ascontiguousarray(np.clip(paint, 0, 1)[drawing.owner])

@@ -35,11 +35,7 @@ if TYPE_CHECKING:
 def page_of(solution: SolutionRecord, **options: Unpack[LookKeywords]) -> str:
     """Return the HTML page of a solution, with a slider over frames in time or over modes.
 
-    Parameters
-    ----------
-    solution : Solution
-    **options
-        Options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn.
+    ``**options``: options of :class:`~cpmkit.scenefile.look.Look`; isolines, edges and vectors are not drawn.
     """
     look = Look.of(options, "a page")
     check_look(look)
@@ -121,17 +117,10 @@ def _as_base64(array: Any, kind: str) -> str:
 
 @dataclass(frozen=True)
 class Page:
-    """An interactive page, which a notebook displays.
-
-    Attributes
-    ----------
-    html : str
-    file : Path or None
-        The file of the page, if it was opened in a browser.
-    """
+    """An interactive page, which a notebook displays."""
 
     html: str
-    file: Path | None = None
+    file: Path | None = None  #: The file of the page, if it was opened in a browser.
 
     def _repr_html_(self) -> str:
         page = escape(self.html, quote=True)

@@ -39,13 +39,9 @@ class FunctionBlock:
 def block_pairs(iteration: InverseIteration, count: int, width: int) -> EigenPairs:
     """Return the ``width`` eigenpairs next above the shift, ascending; only the first ``count`` have converged.
 
-    Raises
-    ------
-    ResolutionError
-        If the functions do not fit into the memory of this process.
-    ConvergenceError
-        If a residual of the first ``count`` pairs is above the tolerance after all rounds, or A - sigma B is not
-        positive definite.
+    Raises ResolutionError if the functions do not fit into the memory of this process. Raises ConvergenceError if a
+    residual of the first ``count`` pairs is above the tolerance after all rounds, or A - sigma B is not positive
+    definite.
     """
     _check_fits(iteration, count, width)
     target = 0.5 * iteration.context.tolerance  # residuals are recomputed at the end
@@ -105,12 +101,8 @@ def _block_of(iteration: InverseIteration, functions: Floats) -> FunctionBlock:
 def _orthonormal(iteration: InverseIteration, functions: Floats, blocks: Sequence[FunctionBlock] = ()) -> Floats:
     """Return combinations (n, m) of ``functions`` (n, k) orthonormal in energy, and orthogonal to ``blocks``.
 
-    m is less than k if functions are linearly dependent. Orthogonalisation is done twice, because of rounding.
-
-    Raises
-    ------
-    ConvergenceError
-        If an energy is not above zero.
+    m is less than k if functions are linearly dependent. Orthogonalisation is done twice, because of rounding. Raises
+    ConvergenceError if an energy is not above zero.
     """
     iteration.products += functions.shape[1]
     energies = np.einsum("nk,nk->k", functions, iteration.operator.apply(functions))

@@ -37,36 +37,16 @@ class EigenPairs:
 
 @dataclass(eq=False)
 class InverseIteration:
-    """A step of inverse iteration: ``(A - sigma B)^-1 B``.
+    """A step of inverse iteration: ``(A - sigma B)^-1 B``."""
 
-    Attributes
-    ----------
-    context : SolveContext
-        The context, with the discretised scene.
-    operator : Operator
-        A - sigma B.
-    prepared : PreparedSolver
-        Solver of systems with the operator.
-    mass : Operator or None
-        B; None for the identity.
-    shift : float
-        sigma.
-    unit : float
-        A typical eigenvalue of a manifold of this size.
-    products : int
-        Number of products with the operator so far.
-    solves : int
-        Number of linear solves so far.
-    """
-
-    context: SolveContext
-    operator: Operator
-    prepared: PreparedSolver
-    mass: Any
-    shift: float
-    unit: float
-    products: int = 0
-    solves: int = 0
+    context: SolveContext  #: The context, with the discretised scene.
+    operator: Operator  #: A - sigma B.
+    prepared: PreparedSolver  #: Solver of systems with the operator.
+    mass: Any  #: Operator or None: B; None for the identity.
+    shift: float  #: sigma.
+    unit: float  #: A typical eigenvalue of a manifold of this size.
+    products: int = 0  #: Number of products with the operator so far.
+    solves: int = 0  #: Number of linear solves so far.
 
     @property
     def symmetric(self) -> bool:
@@ -115,12 +95,8 @@ class InverseIteration:
 def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffness) -> InverseIteration:
     """Return inverse iteration for a problem, with a shift near the number near which eigenvalues are sought.
 
-    Without such a number the shift is below the spectrum.
-
-    Raises
-    ------
-    SceneError
-        If no shift below the spectrum is found, or a Steklov problem has a piece with Neumann conditions alone.
+    Without such a number the shift is below the spectrum. Raises SceneError if no shift below the spectrum is found, or
+    a Steklov problem has a piece with Neumann conditions alone.
     """
     form = context.discretized
     bounds = np.asarray(context.scene.surface.bounds, dtype=np.float64)
@@ -152,12 +128,7 @@ def inverse_iteration(context: SolveContext, problem: Eigen, stiffness: Stiffnes
 def _below_spectrum(stiffness: Stiffness, mass: Any, shift: float, unit: float) -> float:
     """Return a number below all eigenvalues, ``shift`` itself or lower.
 
-    Conditions that add energy may cause eigenvalues far below zero.
-
-    Raises
-    ------
-    SceneError
-        If no such number is found.
+    Conditions that add energy may cause eigenvalues far below zero. Raises SceneError if no such number is found.
     """
     for _ in range(12):
         try:
@@ -183,10 +154,7 @@ def _prepare_shifted(
 def arpack_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     """Return the ``count`` eigenpairs nearest to the shift, by ARPACK.
 
-    Raises
-    ------
-    ConvergenceError
-        If a linear solve or the iteration does not reach the tolerance.
+    Raises ConvergenceError if a linear solve or the iteration does not reach the tolerance.
     """
     from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigs, eigsh
 
@@ -230,10 +198,7 @@ def mass_unknowns(iteration: InverseIteration) -> Ints | None:
 def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int) -> EigenPairs:
     """Return all eigenpairs with finite eigenvalues; ``unknowns`` are the numbers of those in the range of B.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than ``count`` pairs.
+    Raises InputError if there are fewer than ``count`` pairs.
     """
     mass, n = iteration.mass.to_csr()[unknowns][:, unknowns].toarray(), iteration.operator.size
     sizes, directions = np.linalg.eigh(0.5 * (mass + mass.T))
@@ -256,10 +221,7 @@ def pairs_of_small_mass(iteration: InverseIteration, unknowns: Ints, count: int)
 def dense_pairs(iteration: InverseIteration, count: int) -> EigenPairs:
     """Return all eigenpairs with finite eigenvalues of a problem with few unknowns, by a dense matrix.
 
-    Raises
-    ------
-    InputError
-        If there are fewer than ``count`` pairs.
+    Raises InputError if there are fewer than ``count`` pairs.
     """
     n = iteration.operator.size
     theta, vectors = np.linalg.eig(iteration.step(np.eye(n)))

@@ -32,16 +32,10 @@ from cpmkit.types import Floats
 def solve_eigen(context: SolveContext) -> EigenRecord:
     """Return the eigenvalues and eigenfunctions that a problem requests, as its solution.
 
-    Raises
-    ------
-    InputError
-        If more eigenvalues are requested than there are unknowns.
-    SceneError
-        If a Steklov problem has a piece of the manifold with Neumann conditions alone.
-    ResolutionError
-        If there is an eigenvalue of the wrong sign, or functions do not fit into memory.
-    ConvergenceError
-        If a linear solve, the iteration, or the residual of a pair does not reach the tolerance.
+    Raises InputError if more eigenvalues are requested than there are unknowns. Raises SceneError if a Steklov problem
+    has a piece of the manifold with Neumann conditions alone. Raises ResolutionError if there is an eigenvalue of the
+    wrong sign, or functions do not fit into memory. Raises ConvergenceError if a linear solve, the iteration, or the
+    residual of a pair does not reach the tolerance.
     """
     problem, form = cast("Eigen", context.scene.problem), context.discretized
     form.check(context.solver_name)
@@ -71,10 +65,7 @@ def solve_eigen(context: SolveContext) -> EigenRecord:
 def _check_signs(form: Discretized, least: float, negligible: float) -> None:
     """Raise if the ``least`` eigenvalue is below ``-negligible`` and the continuous operator has none below zero.
 
-    Raises
-    ------
-    ResolutionError
-        In this case.
+    Raises ResolutionError in this case.
     """
     if least < -negligible and surely_positive(form):
         raise ResolutionError(
@@ -87,10 +78,7 @@ def _check_signs(form: Discretized, least: float, negligible: float) -> None:
 def _compute_pairs(problem: Eigen, iteration: InverseIteration) -> EigenPairs:
     """Return more eigenpairs than are requested, if there are more, by the method that suits their number.
 
-    Raises
-    ------
-    InputError, ConvergenceError
-        As :func:`solve_eigen` does.
+    Raises InputError or ConvergenceError as :func:`solve_eigen` does.
     """
     unknowns = mass_unknowns(iteration)
     if unknowns is not None:
@@ -178,10 +166,7 @@ def _mean_squares(iteration: InverseIteration, vectors: Any) -> Floats:
 def _checked_report(iteration: InverseIteration, modes: Modes) -> SolveReport:
     """Return the report of the solve, whose residual is the largest of the modes.
 
-    Raises
-    ------
-    ConvergenceError
-        If the residual of a mode is above the tolerance, and above the effect of rounding.
+    Raises ConvergenceError if the residual of a mode is above the tolerance, and above the effect of rounding.
     """
     context, residual = iteration.context, float(modes.residuals.max())
     reason = (
@@ -229,14 +214,9 @@ SPLIT_MULTIPLET = "ends inside a multiplet"
 def split_multiplet_warning(problem: Eigen, values: Floats, shift: float) -> list[str]:
     """Return a warning in a list if an eigenvalue that is left out is nearly equal to a returned one; else [].
 
-    Parameters
-    ----------
-    problem : Eigen
-        The problem, with the number of eigenvalues and the number near which they are sought.
-    values : (k,) float64
-        More eigenvalues than are requested, in any order.
-    shift : float
-        The shift, from which distances are measured.
+    ``problem``: the problem, with the number of eigenvalues and the number near which they are sought.
+    ``values`` (k,): more eigenvalues than are requested, in any order.
+    ``shift``: the shift, from which distances are measured.
     """
     about = shift if problem.near is None else problem.near
     ordered = values[np.argsort(np.abs(values - about), kind="stable")]

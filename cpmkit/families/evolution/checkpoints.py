@@ -51,10 +51,7 @@ CHECKPOINT_WORDS = "a checkpoint of a run in time"
 def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTally) -> None:
     """Write ``state`` into a file, completely or not at all, with the digests that identify its run.
 
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
+    Raises InputError if the file cannot be written.
     """
     arrays: dict[str, Any] = {
         f"{name}_{k}": array
@@ -80,11 +77,8 @@ def write_checkpoint(path: Path, plan: RunPlan, state: RunState, tally: SolveTal
 def read_checkpoint(path: Path, plan: RunPlan) -> tuple[RunState, SolveTally]:
     """Return the state of the run ``plan`` in a checkpoint, and the counts of its solves so far.
 
-    Raises
-    ------
-    InputError
-        If the file is not a checkpoint, is damaged or altered, or belongs to another run: scene, spacing, scheme, step
-        and frames so far must agree.
+    Raises InputError if the file is not a checkpoint, is damaged or altered, or belongs to another run: scene, spacing,
+    scheme, step and frames so far must agree.
     """
     (text,) = read_saved(path, CHECKPOINT_ARRAYS[:1], CHECKPOINT_WORDS).values()
     run = read_json_table(text, path, "run")

@@ -27,47 +27,25 @@ REMEMBERED_MOMENTS = 3
 
 @dataclass(frozen=True)
 class Step:
-    """One step in time.
+    """One step in time."""
 
-    Attributes
-    ----------
-    start, end : float
-        Times at the ends of the step.
-    length : float
-        ``end - start`` up to rounding; equal steps have equal lengths.
-    is_frame : bool
-        Whether the solution at the end is stored.
-    """
-
+    #: start, end: Times at the ends of the step.
     start: float
     end: float
-    length: float
-    is_frame: bool
+    length: float  #: ``end - start`` up to rounding; equal steps have equal lengths.
+    is_frame: bool  #: Whether the solution at the end is stored.
 
 
 @dataclass(frozen=True, eq=False)
 class Moment:
-    """The unknowns at one time.
+    """The unknowns at one time."""
 
-    Attributes
-    ----------
-    u : (n, channels) float64
-        Values of the unknowns.
-    rate : (n, channels) float64 or None
-        For a wave the time derivatives of the unknowns; for leapfrog those half a step before.
-    length : float
-        Length of the step that ends at this time; zero at the start.
-    acceleration : (n, channels) float64 or None
-        For leapfrog the second derivatives at the start of that step.
-    time : float
-        The time, as the schedule has it.
-    """
-
-    u: Floats
+    u: Floats  #: (n, channels): values of the unknowns.
+    #: (n, channels): for a wave the time derivatives of the unknowns; for leapfrog those half a step before.
     rate: Floats | None
-    length: float
-    acceleration: Floats | None = None
-    time: float = 0.0
+    length: float  #: Length of the step that ends at this time; zero at the start.
+    acceleration: Floats | None = None  #: (n, channels): for leapfrog the second derivatives at the start of that step.
+    time: float = 0.0  #: The time, as the schedule has it.
 
 
 History = Sequence[Moment]
@@ -105,45 +83,22 @@ def _between(start: float, stop: float, step: float, is_frame: bool) -> Iterator
 
 @dataclass(frozen=True, eq=False)
 class RunPlan:
-    """The definition of a run.
+    """The definition of a run."""
 
-    Attributes
-    ----------
-    problem : SemiDiscrete
-        The equation discretised in space.
-    evolution : Evolution
-        The equation, its scheme and its step.
-    steps : sequence of Step
-        All steps from the start to the end.
-    start : Moment
-        The unknowns at the start.
-    """
-
-    problem: SemiDiscrete
-    evolution: Evolution
-    steps: Sequence[Step]
-    start: Moment
+    problem: SemiDiscrete  #: The equation discretised in space.
+    evolution: Evolution  #: The equation, its scheme and its step.
+    steps: Sequence[Step]  #: All steps from the start to the end.
+    start: Moment  #: The unknowns at the start.
 
 
 @dataclass(frozen=True, eq=False)
 class RunState:
-    """The state of a run after some of its steps.
+    """The state of a run after some of its steps."""
 
-    Attributes
-    ----------
-    done : int
-        Number of steps taken.
-    history : tuple of Moment
-        The last moments, the latest last.
-    frames : tuple of (n, channels) float64
-        Values of the unknowns at the frames so far.
-    energies : tuple of (channels,) float64
-        The energy of a wave at each frame, if it has an energy.
-    """
-
-    done: int
-    history: tuple[Moment, ...]
-    frames: tuple[Floats, ...] = ()
+    done: int  #: Number of steps taken.
+    history: tuple[Moment, ...]  #: The last moments, the latest last.
+    frames: tuple[Floats, ...] = ()  #: tuple of (n, channels) float64: values of the unknowns at the frames so far.
+    #: tuple of (channels,) float64: the energy of a wave at each frame, if it has an energy.
     energies: tuple[Floats, ...] = ()
 
     def with_frame(self, u: Floats, energy: Floats | None) -> RunState:

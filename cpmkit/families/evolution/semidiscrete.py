@@ -26,43 +26,21 @@ from cpmkit.types import Floats
 
 @dataclass(frozen=True, eq=False)
 class ChannelGroup:
-    """The channels that have the same operator A.
+    """The channels that have the same operator A."""
 
-    Attributes
-    ----------
-    channels : tuple of int
-        Numbers of the channels.
-    terms : Terms
-        Terms of the equation's spatial part.
-    stiffness : Stiffness
-        The operator A.
-    """
-
-    channels: tuple[int, ...]
-    terms: Terms
-    stiffness: Stiffness
+    channels: tuple[int, ...]  #: Numbers of the channels.
+    terms: Terms  #: Terms of the equation's spatial part.
+    stiffness: Stiffness  #: The operator A.
 
 
 @dataclass(frozen=True, eq=False)
 class SemiDiscrete:
-    """The operator A of each group of channels, the mass matrix M, the reaction r(u) and the forcing b(t).
+    """The operator A of each group of channels, the mass matrix M, the reaction r(u) and the forcing b(t)."""
 
-    Attributes
-    ----------
-    form : Discretized
-        The discretised scene, with M.
-    groups : tuple of ChannelGroup
-        The groups; each channel belongs to one.
-    f : Data
-        Right-hand side.
-    reaction : callable, optional
-        Reaction, a function of values of u, points and the time.
-    """
-
-    form: Discretized
-    groups: tuple[ChannelGroup, ...]
-    f: Data
-    reaction: Reaction | None = None
+    form: Discretized  #: The discretised scene, with M.
+    groups: tuple[ChannelGroup, ...]  #: The groups; each channel belongs to one.
+    f: Data  #: Right-hand side.
+    reaction: Reaction | None = None  #: Reaction, a function of values of u, points and the time.
     #: The cached loads of the reaction, each after the values u of its moment.
     _reactions: list[tuple[Floats, Floats]] = field(default_factory=list)
 
@@ -111,7 +89,11 @@ class SemiDiscrete:
         return self.by_group(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
 
     def reacting(self, moment: Moment) -> Floats:
-        """Return the load r(u) (n, channels) of the reaction at a moment; those of the last two moments are cached."""
+        """Return the load r(u) (n, channels) of the reaction at a moment.
+
+        The last two loads are cached by the array ``u`` itself, whatever its moment's time: for the same values at
+        another time, pass a moment with a copy of ``u``.
+        """
         for u, load in self._reactions:
             if u is moment.u:
                 return load
@@ -141,24 +123,12 @@ def largest_eigenvalue(problem: SemiDiscrete, speed: float) -> float:
 
 @dataclass
 class SolveTally:
-    """Counts of the linear solves of a run.
+    """Counts of the linear solves of a run."""
 
-    Attributes
-    ----------
-    iterations : int
-        Iterations of all solves.
-    operator_applications : int
-        Products with A, one counted for each channel.
-    residual : float
-        The largest relative residual of a solve.
-    solver : str
-        Name of the solver of the last step; empty before the first step.
-    """
-
-    iterations: int = 0
-    operator_applications: int = 0
-    residual: float = 0.0
-    solver: str = ""
+    iterations: int = 0  #: Iterations of all solves.
+    operator_applications: int = 0  #: Products with A, one counted for each channel.
+    residual: float = 0.0  #: The largest relative residual of a solve.
+    solver: str = ""  #: Name of the solver of the last step; empty before the first step.
 
     def add(self, other: SolveReport | SolveTally) -> None:
         """Add the counts of one solve, or of an earlier part of the run."""
@@ -170,29 +140,16 @@ class SolveTally:
 
 @dataclass(frozen=True, eq=False)
 class ShiftedSolver:
-    """Solver of systems ``(M + factor A) u = right_side``.
+    """Solver of systems ``(M + factor A) u = right_side``."""
 
-    Attributes
-    ----------
-    problem : SemiDiscrete
-        The problem, with A and M.
-    context : SolveContext
-        The context, with the linear solver and its tolerance.
-    tally : SolveTally
-        Counts of the solves.
-    """
-
-    problem: SemiDiscrete
-    context: SolveContext
-    tally: SolveTally = field(default_factory=SolveTally)
+    problem: SemiDiscrete  #: The problem, with A and M.
+    context: SolveContext  #: The context, with the linear solver and its tolerance.
+    tally: SolveTally = field(default_factory=SolveTally)  #: Counts of the solves.
 
     def solve(self, factor: float, right_side: Floats, guess: Floats) -> Floats:
         """Return the solution u (n, channels) of ``(M + factor A) u = right_side``, from the initial guess ``guess``.
 
-        Raises
-        ------
-        ConvergenceError
-            If the solver does not reach the tolerance.
+        Raises ConvergenceError if the solver does not reach the tolerance.
         """
         columns = self.problem.columns
         return self.problem.by_group(

@@ -53,14 +53,9 @@ SCHEMES: dict[str, Scheme] = {
 def solve_in_time(context: SolveContext) -> EvolvedRecord:
     """Solve an equation in time up to its end, and return the solution there with its frames.
 
-    Raises
-    ------
-    ResolutionError, SceneError
-        If the scheme would be unstable, or the solution grows without a cause.
-    ConvergenceError
-        If a step does not reach the tolerance; the message contains the time.
-    InputError
-        If a checkpoint is of another run.
+    Raises ResolutionError or SceneError if the scheme would be unstable, or the solution grows without a cause. Raises
+    ConvergenceError if a step does not reach the tolerance; the message contains the time. Raises InputError if a
+    checkpoint is of another run.
     """
     form = context.discretized
     evolution = cast("Evolution", context.scene.problem).with_scheme("explicit steps" not in form.cannot)
@@ -126,12 +121,8 @@ def _take_step(
 ) -> RunState:
     """Return the state after one more step.
 
-    Raises
-    ------
-    ConvergenceError
-        If the linear solver does not reach the tolerance.
-    ResolutionError
-        If the solution is not finite, or fails ``check_growth``.
+    Raises ConvergenceError if the linear solver does not reach the tolerance. Raises ResolutionError if the solution is
+    not finite, or fails ``check_growth``.
     """
     step = plan.steps[state.done]
     try:

@@ -40,41 +40,20 @@ from cpmkit.types import Progress, no_progress
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """The unknowns of a scene and the formulas of their rows in the extension matrix E.
+    """The unknowns of a scene and the formulas of their rows in the extension matrix E."""
 
-    Attributes
-    ----------
-    options : Options
-        Options that lay out the same scene in the same way; their origin is that of the lattice.
-    lattice : Lattice
-        Origin and spacing.
-    surface : LocalSource
-        The manifold, relative to the lattice's origin.
-    band : Band
-        The nodes near the manifold and their closest points.
-    formula : RowFormula
-        The formula of each node of the band, the edge's conditions included.
-    sources : RowFormula
-        The points at which each node reads right-hand sides.
-    boundaries : BoundariesOnBand
-        The boundaries, and the distances and sides of the band's nodes from each.
-    ghosts : sequence of Ghosts
-        The ghosts of each boundary.
-    channels : int
-        Number of right-hand sides that are solved together.
-    rims, meetings : sequences of UnresolvedPlace
-        Places at rims, and places where boundaries meet each other or themselves, that the spacing does not resolve.
-    """
-
+    #: Options: options that lay out the same scene in the same way; their origin is that of the lattice.
     options: Options[CollocationOptions]
-    lattice: Lattice
-    surface: LocalSource
-    band: Band
-    formula: RowFormula
-    sources: RowFormula
-    boundaries: BoundariesOnBand
-    ghosts: Sequence[Ghosts]
-    channels: int
+    lattice: Lattice  #: Origin and spacing.
+    surface: LocalSource  #: The manifold, relative to the lattice's origin.
+    band: Band  #: The nodes near the manifold and their closest points.
+    formula: RowFormula  #: The formula of each node of the band, the edge's conditions included.
+    sources: RowFormula  #: The points at which each node reads right-hand sides.
+    boundaries: BoundariesOnBand  #: The boundaries, and the distances and sides of the band's nodes from each.
+    ghosts: Sequence[Ghosts]  #: The ghosts of each boundary.
+    channels: int  #: Number of right-hand sides that are solved together.
+    #: rims, meetings: Places at rims, and places where boundaries meet each other or themselves, that the spacing does
+    #: not resolve.
     rims: Sequence[UnresolvedPlace] = ()
     meetings: Sequence[UnresolvedPlace] = ()
 
@@ -100,10 +79,7 @@ class Layout:
 def lay_out(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Layout:
     """Return the layout of a scene on a lattice; ``progress`` is called with the stage and its share done.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
     """
     lattice = lattice_of(scene.surface, options.spacing, options.origin, COARSEST_BAND_SHARE)
     options = replace(options, origin=lattice.origin)

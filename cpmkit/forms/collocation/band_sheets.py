@@ -73,20 +73,11 @@ def has_signed_normals(source: LocalSource) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class FootDirections:
-    """Unit vectors and distances from feet to their nodes; the vector is the surface's normal at the foot.
+    """Unit vectors and distances from feet to their nodes; the vector is the surface's normal at the foot."""
 
-    Attributes
-    ----------
-    unit : (n, d) float64
-        Unit vectors; zero where the node is its own foot.
-    length : (n,) float64
-        Distances, in units of length.
-    reliable : (n,) bool
-        Whether the vector is the normal: not at an edge, nor where the foot is doubtful or too near to the node.
-    """
-
-    unit: Floats
-    length: Floats
+    unit: Floats  #: (n, d): unit vectors; zero where the node is its own foot.
+    length: Floats  #: (n,): distances, in units of length.
+    #: (n,): whether the vector is the normal: not at an edge, nor where the foot is doubtful or too near to the node.
     reliable: Bools
 
 
@@ -102,32 +93,15 @@ def foot_directions(band: Band) -> FootDirections:
 
 @dataclass(frozen=True, eq=False)
 class Sheets:
-    """The twins of a band's nodes, and the choice of the site of a node that is on the sheet of a stencil.
+    """The twins of a band's nodes, and the choice of the site of a node that is on the sheet of a stencil."""
 
-    Attributes
-    ----------
-    source : LocalSource
-        The surface.
-    spacing : float
-        Spacing of the lattice.
-    feet : ClosestPoints
-        Feet of all sites of the band.
-    normals : (n, d) float64
-        Unit normals at the feet.
-    first : (n + 1,) int64
-        ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
-    twins : (t,) int64
-        Numbers of the sites that are twins.
-    mixed : (m,) int64
-        Sites whose stencils still read a node of another sheet, because it has no foot on their own sheet.
-    """
-
-    source: LocalSource
-    spacing: float
-    feet: ClosestPoints
-    normals: Floats
-    first: Ints
-    twins: Ints
+    source: LocalSource  #: The surface.
+    spacing: float  #: Spacing of the lattice.
+    feet: ClosestPoints  #: Feet of all sites of the band.
+    normals: Floats  #: (n, d): unit normals at the feet.
+    first: Ints  #: (n + 1,): ``twins[first[k]:first[k + 1]]`` are the twins of site k; a twin has none itself.
+    twins: Ints  #: (t,): numbers of the sites that are twins.
+    #: (m,): sites whose stencils still read a node of another sheet, because it has no foot on their own sheet.
     mixed: Ints
 
     @property
@@ -144,18 +118,11 @@ class Sheets:
     ) -> tuple[Ints, tuple[Ints, Ints]]:
         """Return stencils (n, s) with sites of other sheets replaced by twins on the stencil's own sheet.
 
-        Parameters
-        ----------
-        at : ClosestPoints
-            The centres of the stencils, n points of the surface.
-        normals : (n, d) float64
-            Unit normals there.
-        columns : (n, s) int
-            Sites that the stencils read.
-        readable : (sites,) bool
-            Whether a site may be chosen.
-        every : bool
-            True to test also sites without twins, for a complete list of ``missing``.
+        ``at``: the centres of the stencils, n points of the surface.
+        ``normals`` (n, d): unit normals there.
+        ``columns`` (n, s) int: sites that the stencils read.
+        ``readable`` (sites,): whether a site may be chosen.
+        ``every``: True to test also sites without twins, for a complete list of ``missing``.
 
         Returns
         -------
@@ -204,18 +171,10 @@ REACHED_GOAL_SPACINGS = 0.25
 
 @dataclass(frozen=True, eq=False)
 class SurfacePoints(Rows):
-    """Points of a surface with their normals.
+    """Points of a surface with their normals."""
 
-    Attributes
-    ----------
-    feet : ClosestPoints
-        The surface's records of the points.
-    normals : (n, d) float64
-        Unit normals of the surface there.
-    """
-
-    feet: ClosestPoints
-    normals: Floats
+    feet: ClosestPoints  #: The surface's records of the points.
+    normals: Floats  #: (n, d): unit normals of the surface there.
 
     @classmethod
     def on(cls, surface: LocalSource, points: Floats, spacing: float) -> SurfacePoints:
@@ -231,37 +190,21 @@ class SurfacePoints(Rows):
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnSheets:
-    """A boundary on a surface that has several sheets in one band.
+    """A boundary on a surface that has several sheets in one band."""
 
-    Attributes
-    ----------
-    source, surface : LocalSource
-        The boundary and the surface.
-    samples : SurfacePoints
-        Points of the boundary on the surface, a spacing apart or less.
-    spacing : float
-        Spacing of the lattice.
-    signed : bool
-        Whether the sign of the surface's normals is consistent everywhere.
-    """
-
+    #: source, surface: The boundary and the surface.
     source: LocalSource
     surface: LocalSource
-    samples: SurfacePoints
-    spacing: float
-    signed: bool
+    samples: SurfacePoints  #: Points of the boundary on the surface, a spacing apart or less.
+    spacing: float  #: Spacing of the lattice.
+    signed: bool  #: Whether the sign of the surface's normals is consistent everywhere.
 
     def relative_to(self, points: Floats, nearest: ClosestPoints, radius: float) -> tuple[ClosestPoints, Floats, Bools]:
         """Return the points of the boundary nearest to ``points``, each on the sheet of its point.
 
-        Parameters
-        ----------
-        points : (n, d) float64
-            Points of the surface.
-        nearest : ClosestPoints
-            Their closest points on the boundary, on any sheet.
-        radius : float
-            The boundary's samples are searched within this distance.
+        ``points`` (n, d): points of the surface.
+        ``nearest``: their closest points on the boundary, on any sheet.
+        ``radius``: the boundary's samples are searched within this distance.
 
         Returns
         -------

@@ -115,10 +115,7 @@ class CollocationCost(CostModel[CollocationOptions]):
     def _finest_spacing(self) -> float:
         """Return the spacing of the dry run: the spacing times the smallest power of two at which a layout is small.
 
-        Raises
-        ------
-        ResolutionError
-            If the spacing itself would need more memory than this process may have.
+        Raises ResolutionError if the spacing itself would need more memory than this process may have.
         """
         spacing, degree = self.options.spacing, self.options.own.degree
         lattice = lattice_of(self.scene.surface, spacing, coarsest=COARSEST_BAND_SHARE)

@@ -36,25 +36,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Discretization:
-    """The tables of a scene on a band; they do not depend on the equation, but for transmissions.
+    """The tables of a scene on a band; they do not depend on the equation, but for transmissions."""
 
-    Attributes
-    ----------
-    layout : Layout
-        Lattice, band, boundaries and ghosts.
-    extension : csr_array (rows, unknowns)
-        E, with a row for each node of the band and then for each ghost. Its arrays are read-only, as operators share
-        them.
-    data : sequence of BoundaryData
-        Terms that are added to E u.
-    neighbours : (unknowns, 2 d) int, read-only
-        Rows of E that the difference stencil of each unknown reads, in the order of
-        :func:`cpmkit.grid.stencils.cross_offsets`.
-    """
-
-    layout: Layout
+    layout: Layout  #: Lattice, band, boundaries and ghosts.
+    #: (rows, unknowns): E, with a row for each node of the band and then for each ghost. Its arrays are read-only, as
+    #: operators share them.
     extension: csr_array
-    data: Sequence[BoundaryData]
+    data: Sequence[BoundaryData]  #: Terms that are added to E u.
+    #: (unknowns, 2 d) int, read-only: rows of E that the difference stencil of each unknown reads, in the order of
+    #: :func:`cpmkit.grid.stencils.cross_offsets`.
     neighbours: Ints
 
     @cached_property
@@ -140,10 +130,8 @@ def build_tables(
 ) -> Discretization:
     """Return the tables of a scene after all checks; ``progress`` is called with the stage and its share done.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary, a condition or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary, a condition or the spacing
+    does not fit.
     """
     layout = lay_out(scene, options, progress)
     check_layout(layout, scene)
@@ -193,12 +181,9 @@ def _neighbours(unknowns: Unknowns, centres: Centres) -> Ints:
 def with_new_data(tables: Discretization, old: Scene, new: Scene) -> Discretization:
     """Return the tables of the scene ``old`` with the data of ``new``, which differs only in its equation and data.
 
-    Raises
-    ------
-    SceneError
-        If a change affects the tables themselves: that of a diffusivity that a transmission uses, of data of a
-        condition without data in the tables (zero flux), or to different data where one condition object serves several
-        loops or sides.
+    Raises SceneError if a change affects the tables themselves: that of a diffusivity that a transmission uses, of data
+    of a condition without data in the tables (zero flux), or to different data where one condition object serves
+    several loops or sides.
     """
     laws = list(zip(_laws(old), _laws(new), strict=True))
     coupled = [law for (_, law), _ in laws if isinstance(law, Interface) and None in (law.left, law.right)]

@@ -39,27 +39,18 @@ def extend(
 ) -> csr_array:
     """Return the matrix that interpolates the unknowns at ``points`` of the manifold.
 
-    Parameters
-    ----------
-    unknowns : Unknowns
-        Unknowns of the band that is interpolated in.
-    points : (n, d) float64
-        Points of the manifold, relative to the lattice's origin.
-    centres : Centres
-        The side of each boundary, and the sheet, that each point is on.
-    coefficient : (n,) float64, optional
-        Factor of each row.
-    progress : callable, optional
-        Called with the stage "tables" and the share of it that is done.
+    Raises ResolutionError if a stencil leaves the band, which cannot happen with a source that obeys the rules of
+    closest point sources.
+
+    ``unknowns``: unknowns of the band that is interpolated in.
+    ``points`` (n, d): points of the manifold, relative to the lattice's origin.
+    ``centres``: the side of each boundary, and the sheet, that each point is on.
+    ``coefficient`` (n,): factor of each row.
+    ``progress``: called with the stage "tables" and the share of it that is done.
 
     Returns
     -------
     csr_array (n, unknowns)
-
-    Raises
-    ------
-    ResolutionError
-        If a stencil leaves the band, which cannot happen with a source that obeys the rules of closest point sources.
     """
     band, n = unknowns.band, len(points)
     width = (band.degree + 1) ** band.dim

@@ -37,24 +37,12 @@ MOST_CELL_PECLET = 2.0
 
 @dataclass(frozen=True, eq=False)
 class ExtensionOperator:
-    """The operator ``A u = diagonal u - scale W E u``, with E and W stored separately.
+    """The operator ``A u = diagonal u - scale W E u``, with E and W stored separately."""
 
-    Attributes
-    ----------
-    extension : csr_array (rows, n)
-        The extension matrix E.
-    differences : csr_array (n, rows)
-        W, the weights of the difference neighbours.
-    diagonal : float or (n, 1) float64
-        The diagonal of c I - diag(L).
-    scale : float
-        Factor of W, often ``1 / spacing^2``.
-    """
-
-    extension: csr_array
-    differences: csr_array
-    diagonal: float | Floats
-    scale: float
+    extension: csr_array  #: (rows, n): the extension matrix E.
+    differences: csr_array  #: (n, rows): W, the weights of the difference neighbours.
+    diagonal: float | Floats  #: float or (n, 1) float64: the diagonal of c I - diag(L).
+    scale: float  #: Factor of W, often ``1 / spacing^2``.
 
     @property
     def size(self) -> int:
@@ -136,17 +124,10 @@ class BoundaryMass:
 
     With ``u(ghost) = u(mirror) + s lambda u(y)``, y the closest point on the boundary, ``E u`` becomes
     ``E u + lambda S u``.
-
-    Attributes
-    ----------
-    operator : ExtensionOperator
-        A, whose W and scale are used.
-    reads : csr_array (rows, n)
-        S, which interpolates u at y and multiplies by the ghost's factor s.
     """
 
-    operator: ExtensionOperator
-    reads: csr_array
+    operator: ExtensionOperator  #: A, whose W and scale are used.
+    reads: csr_array  #: (rows, n): S, which interpolates u at y and multiplies by the ghost's factor s.
 
     @cached_property
     def matrix(self) -> csr_array:
@@ -165,12 +146,8 @@ class BoundaryMass:
 def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
     """Return the operator A of an equation: c u - div(a grad u), and the advection v . grad u if there is a velocity.
 
-    Raises
-    ------
-    InputError
-        If a coefficient is not a number or a callable of points, or a diffusivity is not above zero.
-    ResolutionError
-        If the spacing is too coarse for the velocity.
+    Raises InputError if a coefficient is not a number or a callable of points, or a diffusivity is not above zero.
+    Raises ResolutionError if the spacing is too coarse for the velocity.
     """
     layout = tables.layout
     scale = 1.0 / layout.lattice.spacing**2
@@ -194,10 +171,7 @@ def build_operator(tables: Discretization, terms: Terms) -> ExtensionOperator:
 def check_terms(terms: Terms) -> None:
     """Raise if the form cannot discretise one of the terms: a conservative velocity.
 
-    Raises
-    ------
-    SceneError
-        With the alternatives.
+    Raises SceneError with the alternatives.
     """
     if terms.conservative:
         raise SceneError(
@@ -264,12 +238,8 @@ def _advection_weights(tables: Discretization, velocity: VectorField, diffusive:
 
     ``diffusive`` (n, 2 d) are the weights of diffusion.
 
-    Raises
-    ------
-    InputError
-        If the velocity has the wrong number of coordinates.
-    ResolutionError
-        If advection over one spacing is more than twice as strong as diffusion: the solution would oscillate.
+    Raises InputError if the velocity has the wrong number of coordinates. Raises ResolutionError if advection over one
+    spacing is more than twice as strong as diffusion: the solution would oscillate.
     """
     spacing, dim = tables.layout.lattice.spacing, tables.layout.lattice.dim
     v = tables.read_at_rows(velocity, "the velocity", None)[tables.unknowns.row_of_unknown]

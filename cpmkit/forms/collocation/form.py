@@ -101,10 +101,7 @@ class Collocation(Reader):
     def check(self, solver: str) -> None:
         """Raise if a factorisation would not fit in memory, or if waves would grow without bound.
 
-        Raises
-        ------
-        InputError, ResolutionError
-            With the alternatives.
+        Raises InputError or ResolutionError with the alternatives.
         """
         layout = self.tables.layout
         if solver == "direct":  # the memory of other solvers was checked before the tables
@@ -114,10 +111,7 @@ class Collocation(Reader):
     def with_scene(self, scene: Scene) -> Collocation:
         """Return the same tables for a scene that differs in its equation and its data alone.
 
-        Raises
-        ------
-        SceneError
-            If the form cannot discretise the equation, or a change affects the tables themselves.
+        Raises SceneError if the form cannot discretise the equation, or a change affects the tables themselves.
         """
         check_terms(scene.problem.terms())
         return replace(self, scene=scene, tables=with_new_data(self.tables, self.scene, scene))
@@ -345,10 +339,7 @@ class Collocation(Reader):
 def check(scene: Scene, options: Options[CollocationOptions]) -> None:
     """Raise if the form cannot discretise a term or condition of the scene; called before anything is built.
 
-    Raises
-    ------
-    SceneError, InputError
-        With the alternatives.
+    Raises SceneError or InputError with the alternatives.
     """
     del options
     if scene.has_tensor:
@@ -372,9 +363,6 @@ def check(scene: Scene, options: Options[CollocationOptions]) -> None:
 def discretize(scene: Scene, options: Options[CollocationOptions], progress: Progress = no_progress) -> Collocation:
     """Return the scene discretised by collocation; ``progress`` is called with the stage and its share done.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
     """
     return Collocation(scene, build_tables(scene, options, progress))

@@ -40,14 +40,10 @@ IMPLICIT_LEAST_SPACINGS = 0.3
 def check_layout(layout: Layout, scene: Scene) -> None:
     """Raise if conditions would have no effect, or contradict each other.
 
-    Raises
-    ------
-    SceneError
-        If two boundaries at one place have different conditions, a boundary on a rim has another condition than the
-        edge, a flux is given at a point that no flux passes, a condition for an edge that the manifold does not have,
-        or conductivities that differ from the problem's diffusivity.
-    ResolutionError
-        If the spacing does not resolve a boundary, an edge, or a gap.
+    Raises SceneError if two boundaries at one place have different conditions, a boundary on a rim has another
+    condition than the edge, a flux is given at a point that no flux passes, a condition for an edge that the manifold
+    does not have, or conductivities that differ from the problem's diffusivity. Raises ResolutionError if the spacing
+    does not resolve a boundary, an edge, or a gap.
     """
     _check_fluxes_at_points(layout)
     _check_same_place(layout)
@@ -63,10 +59,7 @@ def check_layout(layout: Layout, scene: Scene) -> None:
 def check_effect(layout: Layout, extension: csr_array, neighbours: Ints) -> None:
     """Raise if no node reads the ghosts of a boundary, unless another boundary repeats its condition at the same place.
 
-    Raises
-    ------
-    ResolutionError
-        If there is such a boundary.
+    Raises ResolutionError if there is such a boundary.
     """
     unknowns, nodes, inner = layout.unknowns, len(layout.band.nodes), layout.band.inner
     is_read, is_neighbour = np.zeros(extension.shape[1], dtype=bool), np.zeros(extension.shape[0], dtype=bool)
@@ -192,12 +185,8 @@ def _check_edges(scene: Scene, layout: Layout) -> None:
 def check_waves(scene: Scene, layout: Layout) -> None:
     """Raise if waves would grow without bound.
 
-    Raises
-    ------
-    InputError
-        If leapfrog is used with an even degree.
-    ResolutionError
-        If the step is too long for leapfrog, or too short for the implicit scheme.
+    Raises InputError if leapfrog is used with an even degree. Raises ResolutionError if the step is too long for
+    leapfrog, or too short for the implicit scheme.
     """
     if not isinstance(scene.problem, Wave):
         return

@@ -28,26 +28,14 @@ class FluxRows:
 
     With F the datum's factor, such a row is ``R u + F du/db``, and its value at the boundary ``R u + F0 du/db``: with
     ``du/db = gamma - beta u`` at the boundary this becomes the formula of a Robin condition.
-
-    Attributes
-    ----------
-    law : Nonlinear
-        The law of the flux.
-    datum : BoundaryData
-        The rows, their factors F, and the points where u is read.
-    reads : csr_array (rows, unknowns)
-        Interpolates u at the boundary, in each row from the side that the row continues.
-    rest : csr_array (rows, unknowns)
-        R; in rows that read several points, equal to ``reads``.
-    half : (k,) float64
-        F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
     """
 
-    law: Nonlinear
-    datum: BoundaryData
+    law: Nonlinear  #: The law of the flux.
+    datum: BoundaryData  #: The rows, their factors F, and the points where u is read.
+    #: (rows, unknowns): interpolates u at the boundary, in each row from the side that the row continues.
     reads: csr_array
-    rest: csr_array
-    half: Floats
+    rest: csr_array  #: (rows, unknowns): R; in rows that read several points, equal to ``reads``.
+    half: Floats  #: (k,): F0 / F: 1/2 at order 2, 1 at order 1, and 0 for rows that read several points.
 
     @property
     def points(self) -> Floats:
@@ -106,10 +94,7 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
     ``seen`` gives the values v (k,) of u at each flux's points. A flux that does not depend on u remains a Neumann
     condition, and fixes no constant.
 
-    Raises
-    ------
-    ResolutionError
-        If a flux grows with u so strongly that the spacing is too coarse.
+    Raises ResolutionError if a flux grows with u so strongly that the spacing is too coarse.
     """
     from scipy.sparse import diags_array
 
@@ -132,10 +117,7 @@ def linearise_fluxes(tables: Discretization, fluxes: Sequence[FluxRows], seen: S
 def _divisor(flux: FluxRows, slope: Floats, spacing: float) -> Floats:
     """Return ``1 - F0 slope`` (k,), by which the rows of a linearised flux are divided.
 
-    Raises
-    ------
-    ResolutionError
-        If it is not positive: the flux grows with u so strongly that the spacing is too coarse.
+    Raises ResolutionError if it is not positive: the flux grows with u so strongly that the spacing is too coarse.
     """
     growth = flux.half * flux.datum.factor * slope
     worst = int(growth.argmax()) if len(growth) else -1

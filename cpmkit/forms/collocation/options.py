@@ -15,10 +15,7 @@ from cpmkit.scene.conditions import check_order
 def check_sheets(sheets: Any, what: str) -> bool:
     """Return ``sheets``, whether sheets are separated, if it is true or false; ``what`` is its name in the error.
 
-    Raises
-    ------
-    InputError
-        If it is neither true nor false.
+    Raises InputError if it is neither true nor false.
     """
     if isinstance(sheets, bool):
         return sheets
@@ -27,13 +24,7 @@ def check_sheets(sheets: Any, what: str) -> bool:
 
 
 def refuse_removed(names: Iterable[str]) -> None:
-    """Raise if ``names`` contain an option that only former releases had.
-
-    Raises
-    ------
-    InputError
-        With the replacement.
-    """
+    """Raise if ``names`` contain an option that only former releases had. Raises InputError with the replacement."""
     if "balance" in names:
         raise InputError(
             'there is no option `balance` any more: use form="galerkin", in which fluxes balance by construction, and '
@@ -43,13 +34,7 @@ def refuse_removed(names: Iterable[str]) -> None:
 
 @dataclass(frozen=True)
 class CollocationOptions(DeclaredOptions):
-    """The options that belong to the closest point method.
-
-    Raises
-    ------
-    InputError
-        If a value is not accepted.
-    """
+    """The options that belong to the closest point method. Raises InputError if a value is not accepted."""
 
     degree: int = option(
         3,

@@ -36,18 +36,10 @@ READ_FROM_SIDE_SPACINGS = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Reader(Discretized):
-    """A discretised scene that evaluates vectors of unknowns at points.
+    """A discretised scene that evaluates vectors of unknowns at points."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene, with its boundaries' names and conditions.
-    tables : Discretization
-        The band with its extension and differences.
-    """
-
-    scene: Scene
-    tables: Discretization
+    scene: Scene  #: The scene, with its boundaries' names and conditions.
+    tables: Discretization  #: The band with its extension and differences.
 
     @property
     def spacing(self) -> float:
@@ -93,10 +85,14 @@ class Reader(Discretized):
         return np.asarray(-to_left if side == "left" else to_left)
 
     def signed_distance(self, name: str, points: Any) -> Floats:
-        """Return the distance (k,) of points of the manifold from boundary ``name``, positive on its left.
+        """Return (z - y) . v (k,), positive on the left: near a smooth boundary ``name`` the signed distance from it.
 
-        It is NaN where the point has no side: past an open end, farther away than twice the tube's radius, where no
-        part of the boundary is on the point's sheet, and everywhere if the boundary is a point on a surface.
+        z is the closest point of each of ``points`` on the manifold, y its foot on the boundary, v the conormal to the
+        left at y. A point on the boundary counts as left of it. The value is NaN where the point has no side: past an
+        open end, farther away than about twice the tube's radius, where no part of the boundary is on the point's
+        sheet, and everywhere if the boundary is a point on a surface. Where the boundary has no consistent left the
+        sign is only local, and no value is NaN for that. Raises InputError if a point is farther from the manifold than
+        the tube's radius.
         """
         boundary = self.tables.layout.boundaries.on_lattice[boundary_number(self.scene.boundaries, name)]
         local = self.checked_closest_points(self.to_local_points(points)).points
@@ -108,10 +104,7 @@ class Reader(Discretized):
     def checked_closest_points(self, local: Floats) -> ClosestPoints:
         """Return the closest points of ``local`` (k, d), both relative to the lattice's origin.
 
-        Raises
-        ------
-        InputError
-            If a point is farther from the manifold than the tube's radius.
+        Raises InputError if a point is farther from the manifold than the tube's radius.
         """
         feet = self.tables.layout.surface.closest_point(local)
         worst = float(feet.distance.max(initial=0.0))
@@ -170,21 +163,12 @@ INSIDE_SLACK_SHARE = 0.1
 def surface_gradient(reader: Reader, values: Floats, local: Floats, sides: Mapping[int, Side]) -> Floats:
     """Return the gradient (n, channels, d) at the points of the manifold nearest to ``local`` (n, d).
 
-    Parameters
-    ----------
-    reader : Reader
-        The discretised scene.
-    values : (unknowns, channels) float64
-        The solution.
-    local : (n, d) float64
-        Points relative to the lattice's origin.
-    sides : mapping
-        The side from which points on a boundary are read, by the boundary's number.
+    Raises InputError if a point is too far from the manifold.
 
-    Raises
-    ------
-    InputError
-        If a point is too far from the manifold.
+    ``reader``: the discretised scene.
+    ``values`` (unknowns, channels): the solution.
+    ``local`` (n, d): points relative to the lattice's origin.
+    ``sides``: the side from which points on a boundary are read, by the boundary's number.
     """
     gradient = np.empty((len(local), values.shape[1], local.shape[1]))
     for start in range(0, len(local), GRADIENT_CHUNK_POINTS):
@@ -231,21 +215,11 @@ def _tangential(reader: Reader, feet: ClosestPoints, vectors: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Bends(Rows):
-    """Points of a batch near a bend of the interpolant, at a boundary or edge with a Dirichlet condition.
+    """Points of a batch near a bend of the interpolant, at a boundary or edge with a Dirichlet condition."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Numbers of the points in the batch.
-    distance : (k,) float64
-        Distances from the boundary or the edge.
-    inward : (k, d) float64
-        Unit vectors away from it, on the point's side.
-    """
-
-    rows: Ints
-    distance: Floats
-    inward: Floats
+    rows: Ints  #: (k,): numbers of the points in the batch.
+    distance: Floats  #: (k,): distances from the boundary or the edge.
+    inward: Floats  #: (k, d): unit vectors away from it, on the point's side.
 
 
 def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends]:
@@ -261,9 +235,10 @@ def _at_boundaries(reader: Reader, side_views: Sequence[SideView]) -> list[Bends
 
 
 def _at_edge(reader: Reader, feet: ClosestPoints) -> Bends:
-    """Return the points whose stencils contain a node past an edge with a Dirichlet condition.
+    """Return the bends at points whose stencils contain a node past an edge with a Dirichlet condition.
 
-    Their distances are those from the nearest point of the edge that is the closest point of such a node.
+    The edge is represented by its tangent at one point: of the closest points of such nodes the nearest to the point
+    read. The distance is that from this tangent, along the conormal.
     """
     layout = reader.tables.layout
     band, nothing = layout.band, Bends(np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros((0, feet.points.shape[1])))

@@ -19,36 +19,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class BoundaryData:
-    """The term ``factor * data(points)`` of boundary data in some rows of a batch.
+    """The term ``factor * data(points)`` of boundary data in some rows of a batch."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Numbers of the rows in the batch.
-    factor : (k,) float64
-        Factors of the data.
-    points : (k, d) float64
-        Points at which the data are evaluated, in the scene's coordinates.
-    data : Data
-        The data of a condition.
-    label : str
-        Name of the boundary or edge, for errors.
-    law : Law
-        The law of the condition.
-    part : "datum", "jump" or "flux"
-        Which of the law's data these are.
-    at_corners : bool
-        Whether the points are near corners, across which a flux jumps.
-    """
-
-    rows: Ints
-    factor: Floats
-    points: Floats
-    data: Data
-    label: str
-    law: Law
-    part: str = "datum"
-    at_corners: bool = False
+    rows: Ints  #: (k,): numbers of the rows in the batch.
+    factor: Floats  #: (k,): factors of the data.
+    points: Floats  #: (k, d): points at which the data are evaluated, in the scene's coordinates.
+    data: Data  #: The data of a condition.
+    label: str  #: Name of the boundary or edge, for errors.
+    law: Law  #: The law of the condition.
+    part: str = "datum"  #: "datum", "jump" or "flux": which of the law's data these are.
+    at_corners: bool = False  #: Whether the points are near corners, across which a flux jumps.
 
     @property
     def name(self) -> str:
@@ -81,29 +61,15 @@ def sum_of_data(data: Iterable[BoundaryData], rows: int, channels: int, time: fl
 
 @dataclass(frozen=True, eq=False)
 class ExtraPoint:
-    """A further point of the manifold at which each of some rows reads u.
+    """A further point of the manifold at which each of some rows reads u."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Numbers of the rows in a batch.
-    points : (k, d) float64
-        Points of the manifold, relative to the lattice's origin.
-    coefficient : (k,) float64
-        Factors of u there.
-    side_views : sequence of SideView
-        For each boundary, the distances and sides of the points near it; their rows number the points.
-    owner : int
-        The boundary whose ghosts read the points; -1 for nodes.
-    feet : ClosestPoints, optional
-        The surface's records of the points; given where several of its sheets share the band.
-    """
-
-    rows: Ints
-    points: Floats
-    coefficient: Floats
+    rows: Ints  #: (k,): numbers of the rows in a batch.
+    points: Floats  #: (k, d): points of the manifold, relative to the lattice's origin.
+    coefficient: Floats  #: (k,): factors of u there.
+    #: For each boundary, the distances and sides of the points near it; their rows number the points.
     side_views: Sequence[SideView] = ()
-    owner: int = -1
+    owner: int = -1  #: The boundary whose ghosts read the points; -1 for nodes.
+    #: The surface's records of the points; given where several of its sheets share the band.
     feet: ClosestPoints | None = None
 
     def renumber(self, numbers: Ints) -> ExtraPoint:
@@ -115,26 +81,13 @@ class ExtraPoint:
 
 @dataclass(frozen=True, eq=False)
 class RowFormula:
-    """The formulas of a batch of n rows.
+    """The formulas of a batch of n rows."""
 
-    Attributes
-    ----------
-    points : (n, d) float64
-        The point of the manifold that each row reads, relative to the lattice's origin.
-    coefficient : (n,) float64
-        Factors of u there.
-    data : sequence of BoundaryData
-        Terms of boundary data.
-    terms : sequence of ExtraPoint
-        Further points that some rows read.
-    feet : ClosestPoints, optional
-        The surface's records of the points; given where several of its sheets share the band.
-    """
-
-    points: Floats
-    coefficient: Floats
-    data: Sequence[BoundaryData] = ()
-    terms: Sequence[ExtraPoint] = ()
+    points: Floats  #: (n, d): the point of the manifold that each row reads, relative to the lattice's origin.
+    coefficient: Floats  #: (n,): factors of u there.
+    data: Sequence[BoundaryData] = ()  #: Terms of boundary data.
+    terms: Sequence[ExtraPoint] = ()  #: Further points that some rows read.
+    #: The surface's records of the points; given where several of its sheets share the band.
     feet: ClosestPoints | None = None
 
     def __len__(self) -> int:

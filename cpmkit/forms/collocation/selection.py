@@ -27,24 +27,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Centres:
-    """The points of a surface at which n stencils are centred.
+    """The points of a surface at which n stencils are centred."""
 
-    Attributes
-    ----------
-    side_views : sequence of SideView
-        For each boundary, the distances and sides of the centres near it; their rows are numbers of stencils.
-    owner : (n,) int64
-        The boundary whose ghost the stencil belongs to; -1 for the stencil of a node or of any other point.
-    feet : ClosestPoints, optional
-        The surface's closest point records of the centres; needed where several of its sheets share the band.
-    normals : (n, d) float64, optional
-        Unit normals of the surface at the centres, NaN where not computed yet.
-    """
-
+    #: For each boundary, the distances and sides of the centres near it; their rows are numbers of stencils.
     side_views: Sequence[SideView]
+    #: (n,): the boundary whose ghost the stencil belongs to; -1 for the stencil of a node or of any other point.
     owner: Ints
+    #: The surface's closest point records of the centres; needed where several of its sheets share the band.
     feet: ClosestPoints | None = None
-    normals: Floats | None = None
+    normals: Floats | None = None  #: (n, d): unit normals of the surface at the centres, NaN where not computed yet.
 
     @classmethod
     def of_points(cls, feet: ClosestPoints, side_views: Sequence[SideView] = ()) -> Centres:
@@ -74,17 +65,10 @@ class Unknowns:
 
     Rows are the nodes of the band, then the ghosts of each boundary in turn. Unknowns are numbered in the same order,
     but are only the rows whose values E reads: the inner nodes, and the first ghosts of each boundary.
-
-    Attributes
-    ----------
-    band : Band
-        The nodes and their closest points.
-    ghosts : sequence of Ghosts
-        The ghosts of each boundary.
     """
 
-    band: Band
-    ghosts: Sequence[Ghosts] = ()
+    band: Band  #: The nodes and their closest points.
+    ghosts: Sequence[Ghosts] = ()  #: The ghosts of each boundary.
 
     @property
     def rows(self) -> int:
@@ -204,16 +188,11 @@ def visible_ghosts(
     belongs to is read, else that of the boundary nearest to the stencil. (Differs from adding the weight once for each
     boundary, which counts it twice where two boundaries are crossed.)
 
-    Parameters
-    ----------
-    centres : Centres
-        Centres of the n stencils.
-    nodes : (n, s) int64
-        Node numbers of the stencils.
-    numbers : sequence of (nodes,) int64
-        For each boundary, the number of each node's ghost, -1 where it has none that can be read here.
-    directors : sequence of (ghosts, d) float64
-        For each boundary, the directors of its ghosts' nodes.
+    ``centres``: centres of the n stencils.
+    ``nodes`` (n, s): node numbers of the stencils.
+    ``numbers`` sequence of (nodes,) int64: for each boundary, the number of each node's ghost, -1 where it has none
+        that can be read here.
+    ``directors`` sequence of (ghosts, d) float64: for each boundary, the directors of its ghosts' nodes.
 
     Returns
     -------

@@ -42,32 +42,15 @@ UNCLEAR_SIDE_COSINE = 0.5
 
 @dataclass(frozen=True, eq=False)
 class SideView(Rows):
-    """Those of a batch of surface points that are near one boundary, with their distances and sides.
+    """Those of a batch of surface points that are near one boundary, with their distances and sides."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Numbers of the points in the batch, ascending.
-    foot : (k, d) float64
-        y, the closest point on the boundary, snapped to the manifold.
-    end : (k,) bool
-        Whether y is an end of an open curve inside the manifold, not on its rim.
-    distance : (k,) float64
-        ``|z - y|``.
-    signed : (k,) float64
-        ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
-    conormal : (k, d) float64
-        v, the conormal that points to the left; zero where the boundary has no sides.
-    director : (k, d) float64
-        D, whose product with that of another point is negative on the other side; zero where no side is crossed.
-    """
-
-    rows: Ints
-    foot: Floats
-    end: Bools
-    distance: Floats
-    signed: Floats
-    conormal: Floats
+    rows: Ints  #: (k,): numbers of the points in the batch, ascending.
+    foot: Floats  #: (k, d): y, the closest point on the boundary, snapped to the manifold.
+    end: Bools  #: (k,): whether y is an end of an open curve inside the manifold, not on its rim.
+    distance: Floats  #: (k,): ``|z - y|``.
+    signed: Floats  #: (k,): ``(z - y) . v``, positive on the left; NaN where the boundary has no sides.
+    conormal: Floats  #: (k, d): v, the conormal that points to the left; zero where the boundary has no sides.
+    #: (k, d): D, whose product with that of another point is negative on the other side; zero where no side is crossed.
     director: Floats
 
 
@@ -89,26 +72,14 @@ def points_near(source: LocalSource, points: Floats, radius: float, spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class BoundaryOnLattice:
-    """An oriented boundary on a lattice.
+    """An oriented boundary on a lattice."""
 
-    Attributes
-    ----------
-    oriented : OrientedBoundary
-        The boundary with the definition of its left, relative to the lattice's origin.
-    gap : float
-        Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.
-    samples : (s, d) float64
-        Points of the boundary, ``spacing`` apart or less.
-    spacing : float
-        Spacing of the lattice.
-    sheets : Sheets or None
-        Given where the manifold has several sheets in one band: a point then sees only the boundary on its own sheet.
-    """
-
-    oriented: OrientedBoundary
+    oriented: OrientedBoundary  #: The boundary with the definition of its left, relative to the lattice's origin.
+    #: Largest distance of the boundary's samples from the manifold: the boundary is moved by up to this distance.
     gap: float
-    samples: Floats
-    spacing: float
+    samples: Floats  #: (s, d): points of the boundary, ``spacing`` apart or less.
+    spacing: float  #: Spacing of the lattice.
+    #: Given where the manifold has several sheets in one band: a point then sees only the boundary on its own sheet.
     sheets: Sheets | None = None
 
     @property
@@ -193,28 +164,15 @@ class BoundaryOnLattice:
 
 @dataclass(frozen=True, eq=False)
 class BoundariesOnBand:
-    """All boundaries of a scene, with the distances and sides of the band's nodes.
+    """All boundaries of a scene, with the distances and sides of the band's nodes."""
 
-    Attributes
-    ----------
-    definitions : sequence of Boundary
-        Their names and conditions, as the scene gives them.
-    on_lattice : sequence of BoundaryOnLattice
-        The boundaries on the lattice.
-    side_views : sequence of SideView
-        For each boundary, the distances and sides of the band's nodes near it.
-    behind : (k,) int64
-        The nodes past an edge that read their closest points, because a boundary separates them from their mirror
-        points.
-    diffusivity : Data
-        The diffusivity of the problem.
-    """
-
-    definitions: Sequence[Boundary]
-    on_lattice: Sequence[BoundaryOnLattice]
-    side_views: Sequence[SideView]
+    definitions: Sequence[Boundary]  #: Their names and conditions, as the scene gives them.
+    on_lattice: Sequence[BoundaryOnLattice]  #: The boundaries on the lattice.
+    side_views: Sequence[SideView]  #: For each boundary, the distances and sides of the band's nodes near it.
+    #: (k,): the nodes past an edge that read their closest points, because a boundary separates them from their mirror
+    #: points.
     behind: Ints
-    diffusivity: Data = 1.0
+    diffusivity: Data = 1.0  #: The diffusivity of the problem.
 
 
 def put_on_lattice(
@@ -227,26 +185,16 @@ def put_on_lattice(
 ) -> BoundaryOnLattice:
     """Return ``boundary`` on the lattice, snapped to the surface and oriented.
 
-    Parameters
-    ----------
-    boundary : Boundary
-        A point or curve of lower dimension than the surface.
-    surface : LocalSource
-        The manifold.
-    lattice : Lattice
-        Origin and spacing.
-    radius : float
-        Largest distance of the boundary from the surface: the radius of the tube.
-    oriented : callable
-        :meth:`cpmkit.Scene.oriented`, which returns the orientation of a boundary and caches it. It is called after the
-        other checks.
-    sheets : Sheets, optional
-        Given where the manifold has several sheets in one band.
+    Raises SceneError if the boundary is of the wrong dimension, too far from the surface, or has no sides where the
+    scene needs them.
 
-    Raises
-    ------
-    SceneError
-        If the boundary is of the wrong dimension, too far from the surface, or has no sides where the scene needs them.
+    ``boundary``: a point or curve of lower dimension than the surface.
+    ``surface``: the manifold.
+    ``lattice``: origin and spacing.
+    ``radius``: largest distance of the boundary from the surface: the radius of the tube.
+    ``oriented``: :meth:`cpmkit.Scene.oriented`, which returns the orientation of a boundary and caches it. It is called
+        after the other checks.
+    ``sheets``: given where the manifold has several sheets in one band.
     """
     source = localize(boundary.source, lattice.origin)
     if source.dim != surface.dim:

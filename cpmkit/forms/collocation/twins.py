@@ -35,24 +35,12 @@ MOST_TWIN_ROUNDS, TWINS_PER_ROUND = 8, 4
 
 @dataclass(frozen=True, eq=False)
 class Sites(Rows):
-    """Nodes with their feet while twins are added: the band's nodes first, then twins in the order found.
+    """Nodes with their feet while twins are added: the band's nodes first, then twins in the order found."""
 
-    Attributes
-    ----------
-    base : (m,) int64
-        Number of each site's node in the band.
-    feet : ClosestPoints
-        Feet of the sites.
-    normals : (m, d) float64
-        Unit normals at the feet.
-    unknown : (m,) bool
-        Whether interpolation stencils read the site.
-    """
-
-    base: Ints
-    feet: ClosestPoints
-    normals: Floats
-    unknown: Bools
+    base: Ints  #: (m,): number of each site's node in the band.
+    feet: ClosestPoints  #: Feet of the sites.
+    normals: Floats  #: (m, d): unit normals at the feet.
+    unknown: Bools  #: (m,): whether interpolation stencils read the site.
 
     def sheets(self, source: LocalSource, band: Band) -> Sheets:
         """Return the sites as the twins of a band."""
@@ -62,21 +50,11 @@ class Sites(Rows):
 
 @dataclass(frozen=True, eq=False)
 class MissingSites(Rows):
-    """Nodes that stencils read without a site on their own sheet, sorted by node, those where u is read first.
+    """Nodes that stencils read without a site on their own sheet, sorted by node, those where u is read first."""
 
-    Attributes
-    ----------
-    nodes : (k,) int64
-        Numbers of the nodes in the band.
-    by : (k,) int64
-        The sites whose stencils read them.
-    unknown : (k,) bool
-        True where u is read, False where only E u is read.
-    """
-
-    nodes: Ints
-    by: Ints
-    unknown: Bools
+    nodes: Ints  #: (k,): numbers of the nodes in the band.
+    by: Ints  #: (k,): the sites whose stencils read them.
+    unknown: Bools  #: (k,): True where u is read, False where only E u is read.
 
 
 def separate_sheets(source: LocalSource, band: Band) -> Band:

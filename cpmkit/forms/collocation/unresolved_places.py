@@ -47,37 +47,21 @@ FACING_FLANKS_COSINE, FLANK_SEARCH_SPACINGS = -0.7, 1.0
 
 @dataclass(frozen=True, eq=False)
 class UnresolvedPlace:
-    """A place that the spacing does not resolve.
+    """A place that the spacing does not resolve."""
 
-    Attributes
-    ----------
-    kind : str
-        "crossing": two boundaries with different values in the sectors around. "strip", "same place": two boundaries
-        less than a spacing apart, or at one place. "tip", "flanks": an open end with different values on its sides, or
-        two flanks of one curve that face each other. "gap", "opening": rims that face each other; an opening, the tip
-        of a notch or a small hole, is narrow only there. "rim strip", "on rim": a boundary near a rim or along it.
-    boundaries : tuple of int
-        Numbers of the boundaries.
-    point : (d,) float64
-        The place, in the scene's coordinates.
-    size : float
-        Width of a strip or gap, distance of flanks; for a crossing the largest difference of the two boundaries' values
-        in one sector.
-    more : int
-        Number of further tips of the boundary.
-    reversed : bool
-        Whether the left of the first boundary is the right of the second.
-    loop : int
-        Number of the rim's loop.
-    """
-
+    #: "crossing": two boundaries with different values in the sectors around. "strip", "same place": two boundaries
+    #: less than a spacing apart, or at one place. "tip", "flanks": an open end with different values on its sides, or
+    #: two flanks of one curve that face each other. "gap", "opening": rims that face each other; an opening, the tip of
+    #: a notch or a small hole, is narrow only there. "rim strip", "on rim": a boundary near a rim or along it.
     kind: str
-    boundaries: tuple[int, ...]
-    point: Floats
+    boundaries: tuple[int, ...]  #: Numbers of the boundaries.
+    point: Floats  #: (d,): the place, in the scene's coordinates.
+    #: Width of a strip or gap, distance of flanks; for a crossing the largest difference of the two boundaries' values
+    #: in one sector.
     size: float
-    more: int = 0
-    reversed: bool = False
-    loop: int = -1
+    more: int = 0  #: Number of further tips of the boundary.
+    reversed: bool = False  #: Whether the left of the first boundary is the right of the second.
+    loop: int = -1  #: Number of the rim's loop.
 
     def warning(self, names: Sequence[str], spacing: float) -> str:
         """Return the warning for a solve at ``spacing``, empty if there is none; ``names`` are those of boundaries."""
@@ -222,7 +206,11 @@ def find_mixed_sides(
 def _tips(
     number: int, boundaries: BoundariesOnBand, lattice: Lattice, channels: int, time: float | None
 ) -> list[UnresolvedPlace]:
-    """Return the open ends of a boundary, as one record, if its values on both sides differ there."""
+    """Return one record, or none, of the boundary's open ends at which it prescribes different values on its two sides.
+
+    Ends at another boundary are left out, and conditions other than values give none. The record has the place of one
+    end and the number of further ones.
+    """
     view, boundary, h = boundaries.side_views[number], boundaries.definitions[number], lattice.spacing
     ends = view.foot[view.end]
     if not len(ends):

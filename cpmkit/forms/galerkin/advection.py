@@ -121,24 +121,16 @@ def add_advection(
 
     The advection is ``convective`` times sum w (v . grad u) phi, less ``conservative`` times sum w u v . grad phi.
 
-    Parameters
-    ----------
-    unknowns, order, start : (p, width), (q,) and (p + 1,) integers
-        The unknowns of each patch, and its samples ``order[start[p]:start[p + 1]]``.
-    places, directions : (q, d), (q, c, e) int32
-        Places and normals of the samples, as stored by `QuantisedSamples`.
-    velocity : (q, d) float64
-        The velocity v at the samples, tangential.
-    upstream : (q,) float64
-        The upwinding time tau at the samples.
-    a, c : (q,) or (1,) float64
-        The diffusivity, and the factor of u.
-    gradient_of_a : (q, d) or (0, d) float64
-        The gradient of the diffusivity, tangential; none where it is constant.
-    convective, conservative : float
-        Factors of the advection.
-    matrix : (indptr, indices, data)
-        A matrix in CSR format, with the pattern of the space.
+    ``unknowns``, ``order``, ``start`` (p, width), (q,) and (p + 1,) integers: the unknowns of each patch, and its
+        samples ``order[start[p]:start[p + 1]]``.
+    ``places``, ``directions`` (q, d), (q, c, e) int32: places and normals of the samples, as stored by
+        `QuantisedSamples`.
+    ``velocity`` (q, d): the velocity v at the samples, tangential.
+    ``upstream`` (q,): the upwinding time tau at the samples.
+    ``a``, ``c`` (q,) or (1,): the diffusivity, and the factor of u.
+    ``gradient_of_a`` (q, d) or (0, d): the gradient of the diffusivity, tangential; none where it is constant.
+    ``convective``, ``conservative``: factors of the advection.
+    ``matrix`` (indptr, indices, data): a matrix in CSR format, with the pattern of the space.
     """
     indptr, indices, data = matrix
     d = places.shape[1]
@@ -173,31 +165,17 @@ def add_advection(
 
 @dataclass(frozen=True, eq=False)
 class Advection:
-    """The terms of an equation with a velocity, at the samples.
+    """The terms of an equation with a velocity, at the samples."""
 
-    Attributes
-    ----------
-    space : SplineSpace
-        The splines and their samples.
-    velocity : (q, d) float64
-        The tangential part v of the velocity at the samples.
-    upstream : (q,) float64
-        The upwinding time tau at the samples.
-    a, c : (q,) or (1,) float64
-        The diffusivity, and the factor of u in the tested equation, which is c + div v if the equation is conservative.
-    gradient_of_a : (q, d) or (0, d) float64
-        The gradient of a; empty where a is constant.
-    conservative : bool
-        Whether the equation has div(v u) in place of v . grad u.
-    """
-
-    space: SplineSpace
-    velocity: Floats
-    upstream: Floats
+    space: SplineSpace  #: The splines and their samples.
+    velocity: Floats  #: (q, d): the tangential part v of the velocity at the samples.
+    upstream: Floats  #: (q,): the upwinding time tau at the samples.
+    #: a, c (q,) or (1,): the diffusivity, and the factor of u in the tested equation, which is c + div v if the
+    #: equation is conservative.
     a: Floats
     c: Floats
-    gradient_of_a: Floats
-    conservative: bool
+    gradient_of_a: Floats  #: (q, d) or (0, d): the gradient of a; empty where a is constant.
+    conservative: bool  #: Whether the equation has div(v u) in place of v . grad u.
 
     def add_to(self, matrix: csr_array, stabilisation: Stabilisation) -> csr_array:
         """Return a stiffness ``matrix`` plus the terms of the velocity and the stabilisation that they need."""
@@ -264,7 +242,11 @@ def convection_matrix(space: SplineSpace, field: Floats) -> csr_array:
 
 
 def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
-    """Return tau (q,), see the module, from the speed |v| (q,), the diffusivity ``a`` (q,) or (1,), and h."""
+    """Return the factor tau (q,) of streamline upwinding, by the formula at the top of the module.
+
+    ``speed`` (q,) is |v|, ``a`` (q,) or (1,) the diffusivity. tau is zero where the speed is, and where |v| h <= a; for
+    a = 0 it is h / (2 |v|).
+    """
     moving = speed > 0
     crossing_time = np.divide(spacing, speed, out=np.zeros_like(speed), where=moving)
     inverse = np.divide(a, speed * spacing, out=np.full_like(speed, np.inf), where=moving)  # of the cell number
@@ -276,10 +258,7 @@ def upstream_times(speed: Floats, a: Floats, spacing: float) -> Floats:
 def tangential_velocity(velocity: VectorField, points: Floats, normals: Floats, lattice: Lattice) -> Floats:
     """Return the tangential part (k, d) of a velocity at ``points`` (k, d) with ``normals`` (k, c, d).
 
-    Raises
-    ------
-    InputError
-        If the velocity does not have d components.
+    Raises InputError if the velocity does not have d components.
     """
     v = evaluate_data(velocity, lattice.to_scene(points), None, "the velocity")
     if v.shape[1] != points.shape[1]:

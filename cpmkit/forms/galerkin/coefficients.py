@@ -86,10 +86,7 @@ class SampleCoefficients(PointReader):
     def diffusivity(self, data: Any) -> Floats:
         """Return the diffusivity at all samples, (q,) or (q, d, d), or (1,) if ``data`` are a number.
 
-        Raises
-        ------
-        InputError
-            If the diffusivity is not positive, or not positive definite on tangents.
+        Raises InputError if the diffusivity is not positive, or not positive definite on tangents.
         """
         if isinstance(data, StateDependentCoefficient):
             a = self.evaluate_at_state(data)
@@ -160,10 +157,7 @@ class SampleCoefficients(PointReader):
 def check_diffusivity(a: Floats) -> Floats:
     """Return the diffusivity ``a`` (k,), or raise if it is not positive everywhere.
 
-    Raises
-    ------
-    InputError
-        If a value is not above zero; the message has the smallest value.
+    Raises InputError if a value is not above zero; the message has the smallest value.
     """
     if np.any(a <= 0):
         raise InputError(f"the diffusivity must be above zero, got {a.min():g}.")
@@ -173,12 +167,8 @@ def check_diffusivity(a: Floats) -> Floats:
 def check_tensor(a: Floats, normals: Floats, points: Floats) -> Floats:
     """Return the diffusivity ``a`` (k, d, d), or raise if it is not positive definite on tangents of the manifold.
 
-    The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d).
-
-    Raises
-    ------
-    InputError
-        If a tensor is not; the message has its place and its extreme eigenvalues on tangents.
+    The samples are the ``points`` (k, d) in the scene's coordinates, with orthonormal ``normals`` (k, c, d). Raises
+    InputError if a tensor is not; the message has its place and its extreme eigenvalues on tangents.
     """
     least, largest = principal_values(a, normals)
     worst = int(np.argmin(least - SINGULAR_SHARE * largest))

@@ -55,10 +55,7 @@ LEAST_GAIN = 3.0
 def discretize(scene: Scene, options: Options[GalerkinOptions], progress: Progress = no_progress) -> Galerkin:
     """Return the discretisation of a scene; ``progress`` receives the stage and the share of it that is done.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
     """
     check(scene, options)
     SolveMemory(scene, options).check_samples_fit()

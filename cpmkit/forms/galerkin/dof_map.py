@@ -32,32 +32,16 @@ class DofMap:
     Lattice cells are bounded by knot planes: cell r holds the points whose nearest lattice point is r. Splines of even
     degree p are centred at lattice points, those of odd degree half a spacing below along every axis. A cell reads the
     p + 1 nodes from r - p // 2 on along every axis.
-
-    Attributes
-    ----------
-    spacing : float
-        Spacing h of the lattice, in the unit of the scene.
-    cells : (p, d) int64
-        The lattice cell of each patch.
-    unknowns : (p, (degree + 1)^d) int32
-        The unknowns at the nodes that a patch reads, the last axis running fastest.
-    nodes : (n, d) int64
-        The node of each unknown.
-    touching : (t, 2) int32
-        Pairs of patches with samples that touch, each pair once.
-    patch : (q,) int32
-        The patch of each sample.
-    degree : int
-        Degree of the splines: 1, 2 or 3.
     """
 
-    spacing: float
-    cells: Ints
+    spacing: float  #: Spacing h of the lattice, in the unit of the scene.
+    cells: Ints  #: (p, d): the lattice cell of each patch.
+    #: (p, (degree + 1)^d) int32: the unknowns at the nodes that a patch reads, the last axis running fastest.
     unknowns: Any
-    nodes: Ints
-    touching: Any
-    patch: Any
-    degree: int = 2
+    nodes: Ints  #: (n, d): the node of each unknown.
+    touching: Any  #: (t, 2) int32: pairs of patches with samples that touch, each pair once.
+    patch: Any  #: (q,) int32: the patch of each sample.
+    degree: int = 2  #: Degree of the splines: 1, 2 or 3.
 
     @property
     def size(self) -> int:

@@ -30,20 +30,12 @@ from cpmkit.types import Floats, Side
 
 @dataclass(frozen=True, eq=False)
 class EquationAssembly:
-    """The part of the form that assembles the equation of a scene, and other equations with the same conditions.
+    """The part of the form that assembles the equation of a scene, and other equations with the same conditions."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene with the equation.
-    conditions : tuple of ImposedCondition
-        The conditions with their laws, and the samples at which each is imposed.
-    coefficients : SampleCoefficients
-        Evaluates the coefficients at the samples; contains the samples and the function space.
-    """
-
-    scene: Scene
+    scene: Scene  #: The scene with the equation.
+    #: The conditions with their laws, and the samples at which each is imposed.
     conditions: tuple[ImposedCondition, ...]
+    #: Evaluates the coefficients at the samples; contains the samples and the function space.
     coefficients: SampleCoefficients = field(repr=False)
 
     __getstate__ = state_without_cached
@@ -53,10 +45,7 @@ class EquationAssembly:
     def stiffness(self, terms: Terms) -> GalerkinOperator:
         """Return A: the energy with its stabilisation, c u v, the advection, and the terms of the conditions.
 
-        Raises
-        ------
-        InputError
-            If the diffusivity is not positive, or not definite on tangents.
+        Raises InputError if the diffusivity is not positive, or not definite on tangents.
         """
         space, coefficients = self.coefficients.space, self.coefficients
         a = coefficients.diffusivity(terms.diffusivity)

@@ -57,28 +57,18 @@ UNRESOLVED_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Galerkin(EquationAssembly, Discretized):
-    """A scene discretised on a function space; the unknowns are coefficients, which only the form interprets.
-
-    Attributes
-    ----------
-    options : Options
-        The options of the discretisation.
-    sampled : SampledScene
-        The manifold as a mesh with quadrature samples, and its boundaries as facets of the cells.
-    space : FunctionSpace
-        The functions whose coefficients are the unknowns: splines of one spacing, refined or enriched splines.
-    lattice_resolution : LatticeResolution
-        How the lattice resolves the manifold. It is shared by all scenes on the same space.
-    """
+    """A scene discretised on a function space; the unknowns are coefficients, which only the form interprets."""
 
     form: ClassVar[str] = "galerkin"
     cannot: ClassVar[Mapping[str, str]] = {
         "explicit steps": "use scheme 'newmark' or 'implicit', or the form 'collocation'",
     }
 
-    options: Options[GalerkinOptions]
-    sampled: SampledScene
+    options: Options[GalerkinOptions]  #: Options: the options of the discretisation.
+    sampled: SampledScene  #: The manifold as a mesh with quadrature samples, and its boundaries as facets of the cells.
+    #: The functions whose coefficients are the unknowns: splines of one spacing, refined or enriched splines.
     space: FunctionSpace
+    #: How the lattice resolves the manifold. It is shared by all scenes on the same space.
     lattice_resolution: LatticeResolution = field(repr=False)
 
     # Operators

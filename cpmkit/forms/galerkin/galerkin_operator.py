@@ -28,30 +28,16 @@ MOST_RADIANS, MOST_RADIANS_OF_FIRST = 1.0, 1.6
 
 @dataclass(frozen=True, eq=False)
 class GalerkinOperator(CsrOperator):
-    """The operator A, with the properties of it that solvers need.
+    """The operator A, with the properties of it that solvers need."""
 
-    Attributes
-    ----------
-    conditions : ConditionTerms, optional
-        The terms of the conditions that A contains.
-    fixed : bool
-        Whether c u alone determines constants, as c is positive everywhere.
-    waves : float
-        The largest squared wavenumber k^2 = -c / a; 0 if c is nowhere negative.
-    least, lowest : float
-        The smallest diffusivity a, and the smallest c.
-    advection : Advection, optional
-        The terms of a velocity.
-    share : float
-        The factor of the advection in this operator, which may be the sum of a mass and a multiple of A.
-    """
-
-    conditions: ConditionTerms | None = None
-    fixed: bool = False
-    waves: float = 0.0
+    conditions: ConditionTerms | None = None  #: The terms of the conditions that A contains.
+    fixed: bool = False  #: Whether c u alone determines constants, as c is positive everywhere.
+    waves: float = 0.0  #: The largest squared wavenumber k^2 = -c / a; 0 if c is nowhere negative.
+    #: least, lowest: The smallest diffusivity a, and the smallest c.
     least: float = 1.0
     lowest: float = 0.0
-    advection: Advection | None = None
+    advection: Advection | None = None  #: The terms of a velocity.
+    #: The factor of the advection in this operator, which may be the sum of a mass and a multiple of A.
     share: float = 1.0
 
     def scaled_plus_mass(self, factor: float, mass: Operator | None = None) -> CsrOperator:

@@ -36,13 +36,7 @@ def _check_degree(degree: Any, label: str) -> int:
 
 @dataclass(frozen=True)
 class GalerkinOptions(DeclaredOptions):
-    """The options that belong to the Galerkin form.
-
-    Raises
-    ------
-    InputError
-        If a value is not accepted.
-    """
+    """The options that belong to the Galerkin form. Raises InputError if a value is not accepted."""
 
     degree: int = option(
         2,
@@ -98,10 +92,7 @@ class GalerkinOptions(DeclaredOptions):
 def check(scene: Scene, options: Options[GalerkinOptions]) -> None:
     """Raise if the form, with these options, cannot discretise a scene.
 
-    Raises
-    ------
-    SceneError
-        If the form cannot; the message has the reason and advice.
+    Raises SceneError if the form cannot; the message has the reason and advice.
     """
     problem, surface = scene.problem, scene.surface
     if problem.family not in FAMILIES:

@@ -40,29 +40,14 @@ class CellSides:
     """The side of each boundary on which cells lie, propagated from half facets over shared corners of the cut mesh.
 
     Both sides meet around a tip: a cell there has the side that is propagated to it first, or none.
-
-    Attributes
-    ----------
-    corners : (m, k) int64
-        The vertices of the cells after cutting.
-    places : (m, d) float64
-        A point of each cell.
-    spacing : float
-        Spacing h of the lattice.
-    half : HalfFacets
-        Facets on boundaries, seen from the cells beside them.
-    owner : (n,) int64
-        The number of the boundary on which each half facet lies, -1 on rims and past tips.
-    left : (n,) bool
-        Whether each half facet is on its boundary's left.
     """
 
-    corners: Ints
-    places: Floats
-    spacing: float
-    half: HalfFacets
-    owner: Ints
-    left: Bools
+    corners: Ints  #: (m, k): the vertices of the cells after cutting.
+    places: Floats  #: (m, d): a point of each cell.
+    spacing: float  #: Spacing h of the lattice.
+    half: HalfFacets  #: Facets on boundaries, seen from the cells beside them.
+    owner: Ints  #: (n,): the number of the boundary on which each half facet lies, -1 on rims and past tips.
+    left: Bools  #: (n,): whether each half facet is on its boundary's left.
 
     def of_boundary(self, number: int) -> Ints:
         """Return the side (m,) of each cell: 1 on the left of boundary ``number``, -1 on its right, 0 if unknown."""
@@ -92,28 +77,14 @@ class CellSides:
 
 @dataclass(frozen=True, eq=False)
 class PatchLocator:
-    """The search for the patch in which u is evaluated at a point, by the nearest samples.
-
-    Attributes
-    ----------
-    lattice : Lattice
-    samples : Samples or QuantisedSamples
-        All samples, those on boundaries included.
-    dof_map : DofMap
-        The dof map of these samples.
-    sides : CellSides
-        The side of each boundary on which the cells beside it lie.
-    boundaries : sequence of OrientedBoundary
-        The boundaries in the order of their numbers.
-    sheets : SheetSeparation, optional
-        Distinguishes sheets that lie close together, if the manifold was made from a mesh.
-    """
+    """The search for the patch in which u is evaluated at a point, by the nearest samples."""
 
     lattice: Lattice
-    samples: Samples | QuantisedSamples
-    dof_map: DofMap
-    sides: CellSides
-    boundaries: Sequence[OrientedBoundary]
+    samples: Samples | QuantisedSamples  #: Samples or QuantisedSamples: all samples, those on boundaries included.
+    dof_map: DofMap  #: The dof map of these samples.
+    sides: CellSides  #: The side of each boundary on which the cells beside it lie.
+    boundaries: Sequence[OrientedBoundary]  #: The boundaries in the order of their numbers.
+    #: Distinguishes sheets that lie close together, if the manifold was made from a mesh.
     sheets: SheetSeparation | None
 
     def patches(self, feet: ClosestPoints, side_of: Mapping[int, Side]) -> tuple[Ints, Ints]:

@@ -34,18 +34,10 @@ READING_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class PointReader:
-    """Evaluation of the functions of a space at points, whatever the equation and the conditions.
+    """Evaluation of the functions of a space at points, whatever the equation and the conditions."""
 
-    Attributes
-    ----------
-    sampled : SampledScene
-        The manifold and its boundaries.
-    space : FunctionSpace
-        The function space.
-    """
-
-    sampled: SampledScene
-    space: FunctionSpace
+    sampled: SampledScene  #: The manifold and its boundaries.
+    space: FunctionSpace  #: The function space.
 
     __getstate__ = state_without_cached
 
@@ -102,10 +94,7 @@ class PointReader:
     def closest_points(self, points: Any) -> ClosestPoints:
         """Return the closest points on the manifold of ``points`` (k, d), relative to the lattice's origin.
 
-        Raises
-        ------
-        InputError
-            If a point is farther away than three spacings.
+        Raises InputError if a point is farther away than three spacings.
         """
         at = as_points(points, self.sampled.lattice.dim)
         feet = self.sampled.surface.closest_point(self.sampled.lattice.to_local(at))

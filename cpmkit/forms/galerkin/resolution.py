@@ -36,37 +36,22 @@ LAYER_SPACINGS = 0.9
 
 @dataclass(frozen=True, eq=False)
 class NormalSpread:
-    """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges.
+    """The share of the manifold under splines whose normals spread: limbs, creases, folds and thin edges."""
 
-    Attributes
-    ----------
-    unresolved_share : float
-        Share of the manifold's measure under unresolved splines.
-    place : (d,) float64
-        The node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if all are resolved.
-    bending_share : float
-        Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
-    """
-
-    unresolved_share: float
+    unresolved_share: float  #: Share of the manifold's measure under unresolved splines.
+    #: (d,): the node, relative to the lattice's origin, of the spline whose normals cancel most; NaN if all are
+    #: resolved.
     place: Floats
+    #: Share under splines on which the manifold bends about as sharply as the spacing, unresolved ones included.
     bending_share: float
 
 
 @dataclass(frozen=True, eq=False)
 class LatticeResolution:
-    """How the lattice resolves the manifold, whatever the equation.
+    """How the lattice resolves the manifold, whatever the equation."""
 
-    Attributes
-    ----------
-    sampled : SampledScene
-        The manifold and its boundaries.
-    space : FunctionSpace
-        The splines.
-    """
-
-    sampled: SampledScene
-    space: FunctionSpace
+    sampled: SampledScene  #: The manifold and its boundaries.
+    space: FunctionSpace  #: The splines.
 
     __getstate__ = state_without_cached
 
@@ -121,24 +106,12 @@ class LatticeResolution:
 
 @dataclass(frozen=True, eq=False)
 class Resolution:
-    """How the lattice resolves the manifold and the layers of an equation.
+    """How the lattice resolves the manifold and the layers of an equation."""
 
-    Attributes
-    ----------
-    scene : Scene
-        The scene with the equation.
-    conditions : tuple of ImposedCondition
-        The conditions of the scene.
-    coefficients : SampleCoefficients
-        Evaluates coefficients at the samples.
-    of_manifold : LatticeResolution
-        The part that does not depend on the equation.
-    """
-
-    scene: Scene
-    conditions: tuple[ImposedCondition, ...]
-    coefficients: SampleCoefficients
-    of_manifold: LatticeResolution
+    scene: Scene  #: The scene with the equation.
+    conditions: tuple[ImposedCondition, ...]  #: The conditions of the scene.
+    coefficients: SampleCoefficients  #: Evaluates coefficients at the samples.
+    of_manifold: LatticeResolution  #: The part that does not depend on the equation.
 
     __getstate__ = state_without_cached
 

@@ -62,69 +62,35 @@ AWAY_SPACINGS = 3.0
 
 @dataclass(frozen=True, eq=False)
 class InsertedScene:
-    """The manifold of a scene as a mesh with the boundaries inserted, which can be sampled at any fineness.
+    """The manifold of a scene as a mesh with the boundaries inserted, which can be sampled at any fineness."""
 
-    Attributes
-    ----------
-    lattice : Lattice
-        The lattice; all coordinates are relative to its origin.
-    surface : LocalSource
-        The manifold.
-    sources : sequence of LocalSource
-        The boundaries.
-    oriented : sequence of OrientedBoundary
-        The boundaries with the rule that names their left.
-    mesh : Mesh
-        A mesh of flat cells, not yet subdivided.
-    points : mapping of int to (k,) int64
-        The vertices at boundaries that are points of a surface, by the number of the boundary.
-    geometry : "flat", "closest_point" or "normals"
-        How the cells follow the manifold between their vertices.
-    warnings : tuple of str
-        Warnings of the mesh and of the insertion of boundaries.
-    """
-
-    lattice: Lattice
-    surface: LocalSource
-    sources: Sequence[LocalSource]
-    oriented: Sequence[OrientedBoundary]
-    mesh: Mesh
+    lattice: Lattice  #: The lattice; all coordinates are relative to its origin.
+    surface: LocalSource  #: The manifold.
+    sources: Sequence[LocalSource]  #: The boundaries.
+    oriented: Sequence[OrientedBoundary]  #: The boundaries with the rule that names their left.
+    mesh: Mesh  #: A mesh of flat cells, not yet subdivided.
+    #: mapping of int to (k,) int64: the vertices at boundaries that are points of a surface, by the number of the
+    #: boundary.
     points: Mapping[int, Ints]
+    #: "flat", "closest_point" or "normals": how the cells follow the manifold between their vertices.
     geometry: CellGeometry
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...]  #: Warnings of the mesh and of the insertion of boundaries.
 
 
 @dataclass(frozen=True, eq=False)
 class SampledScene(InsertedScene):
-    """A scene with samples; its mesh is subdivided, curved and cut, with cells stored in 32 bits.
+    """A scene with samples; its mesh is subdivided, curved and cut, with cells stored in 32 bits."""
 
-    Attributes
-    ----------
-    corners : (m, k) int32
-        The vertices of the cells after cutting.
-    half : HalfFacets
-        The facets of cells on boundaries and rims.
-    samples : Samples or QuantisedSamples
-        The samples on the manifold, then those on boundaries; quantised once the dof map is known.
-    boundary : BoundarySamples
-        The samples on boundaries.
-    left : (b,) bool
-        Whether each sample on a boundary is on its left.
-    conditions : tuple of ImposedCondition
-        The conditions of the scene, with the samples at which each is imposed.
-    winding : (m,) int8
-        The orientation of the cells, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
-    singular : tuple of SingularFunction
-        The singular functions at the ends of boundaries, if the options ask for them.
-    """
-
-    corners: Any
-    half: HalfFacets
+    corners: Any  #: (m, k) int32: the vertices of the cells after cutting.
+    half: HalfFacets  #: The facets of cells on boundaries and rims.
+    #: Samples or QuantisedSamples: the samples on the manifold, then those on boundaries; quantised once the dof map is
+    #: known.
     samples: Samples | QuantisedSamples
-    boundary: BoundarySamples
-    left: Bools
-    conditions: tuple[ImposedCondition, ...]
-    winding: Any
+    boundary: BoundarySamples  #: The samples on boundaries.
+    left: Bools  #: (b,): whether each sample on a boundary is on its left.
+    conditions: tuple[ImposedCondition, ...]  #: The conditions of the scene, with the samples at which each is imposed.
+    winding: Any  #: (m,) int8: the orientation of the cells, see :attr:`cpmkit.mesh.mesh.Connectivity.winding`.
+    #: The singular functions at the ends of boundaries, if the options ask for them.
     singular: tuple[SingularFunction, ...]
 
     @property
@@ -142,10 +108,7 @@ class SampledScene(InsertedScene):
 def insert_scene(scene: Scene, options: Options[GalerkinOptions]) -> InsertedScene:
     """Return a mesh of a scene's manifold with the boundaries inserted.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        If the lattice's origin, a boundary or the spacing does not fit.
+    Raises InputError, SceneError or ResolutionError if the lattice's origin, a boundary or the spacing does not fit.
     """
     spacing = options.spacing
     lattice = lattice_of(scene.surface, spacing, options.origin)
@@ -167,10 +130,7 @@ def sample_inserted(
 ) -> SampledScene:
     """Return the samples of a scene whose boundaries are inserted, with smaller cells in ``regions``.
 
-    Raises
-    ------
-    InputError, SceneError, ResolutionError
-        As :func:`insert_scene` does.
+    Raises InputError, SceneError or ResolutionError as :func:`insert_scene` does.
     """
     spacing, sampling, geometry = options.spacing, options.own.sampling, inserted.geometry
     lattice, surface, oriented, warnings = inserted.lattice, inserted.surface, inserted.oriented, inserted.warnings
@@ -248,10 +208,7 @@ def _repaired_cells(
 def check_insertion(insertion: Insertion, boundaries: Sequence[Boundary], spacing: float) -> None:
     """Raise if a boundary is not in the mesh, is far away, or coincides with a boundary of different conditions.
 
-    Raises
-    ------
-    SceneError
-        In each of these cases; the message has the names of the boundaries.
+    Raises SceneError in each of these cases; the message has the names of the boundaries.
     """
     for number, gap in insertion.max_distances.items():
         if gap > AWAY_SPACINGS * spacing:

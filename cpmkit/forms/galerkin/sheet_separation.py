@@ -29,21 +29,14 @@ class SheetSeparation:
 
     The source names its own triangle or segment that contains a point, and the point lies on the sheet from which the
     paths over edges of cells to the corners of that triangle are shortest.
-
-    Attributes
-    ----------
-    mesh : Mesh
-        The mesh of the manifold.
-    given_vertices, given_cells : (v, d) float64, (c, k) int64
-        The source's own mesh, relative to the origin of the lattice.
-    spacing : float
-        Spacing h of the lattice.
     """
 
-    mesh: Mesh
+    mesh: Mesh  #: The mesh of the manifold.
+    #: given_vertices, given_cells (v, d) float64, (c, k) int64: the source's own mesh, relative to the origin of the
+    #: lattice.
     given_vertices: Floats
     given_cells: Ints
-    spacing: float
+    spacing: float  #: Spacing h of the lattice.
 
     def path_lengths(self, points: Floats, element: Ints, cells: Ints, group: Ints) -> tuple[Floats, float]:
         """Return lengths of paths (k, q), least on the point's own sheet, and a significant difference of two.

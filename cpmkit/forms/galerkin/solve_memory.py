@@ -28,26 +28,15 @@ BYTES_OF_STEPS = 4000.0
 
 @dataclass(frozen=True)
 class GalerkinWork:
-    """Work of a solve in units that do not depend on the machine.
+    """Work of a solve in units that do not depend on the machine."""
 
-    Attributes
-    ----------
-    unknowns, samples, patches : int
-        Numbers of unknowns, samples and patches of the function space.
-    closest_point_queries : int
-        Number of closest points computed, of the manifold and its boundaries.
-    nonzeros : int
-        Stored entries of the matrix.
-    operator_applications : int
-        Products of the matrix with a vector.
-    """
-
+    #: unknowns, samples, patches: Numbers of unknowns, samples and patches of the function space.
     unknowns: int
     samples: int
     patches: int
-    closest_point_queries: int
-    nonzeros: int
-    operator_applications: int
+    closest_point_queries: int  #: Number of closest points computed, of the manifold and its boundaries.
+    nonzeros: int  #: Stored entries of the matrix.
+    operator_applications: int  #: Products of the matrix with a vector.
 
     def as_dict(self) -> dict[str, Any]:
         """Return the measures as plain values."""
@@ -123,12 +112,8 @@ class SolveMemory:
     def check_samples_fit(self) -> None:
         """Raise if samples and matrices need more memory than there is, or nodes cannot be numbered.
 
-        The manifold is measured only if a manifold much folded in the same bounding box would not fit.
-
-        Raises
-        ------
-        ResolutionError
-            If they do not fit; the message has a spacing that would.
+        The manifold is measured only if a manifold much folded in the same bounding box would not fit. Raises
+        ResolutionError if they do not fit; the message has a spacing that would.
         """
         spacing, bounds = self.options.spacing, np.asarray(self.scene.surface.bounds, dtype=np.float64)
         check_numbered(bounds - lattice_of(self.scene.surface, spacing, self.options.origin).origin, spacing)
@@ -141,10 +126,7 @@ class SolveMemory:
     def check_fits(self, unknowns: float, solver: str) -> None:
         """Raise if a solve needs more memory than this process may have.
 
-        Raises
-        ------
-        ResolutionError
-            If it does; the message has a spacing that would fit, and the solver that needs less.
+        Raises ResolutionError if it does; the message has a spacing that would fit, and the solver that needs less.
         """
         needed, fitting = self.peak_bytes(unknowns, solver), partial(self.fitting_spacing, solver)
         check_memory(needed, unknowns, self.options.spacing, fitting, solver, "multigrid")

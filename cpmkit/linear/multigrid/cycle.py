@@ -37,24 +37,15 @@ ZERO_DIAGONAL_SHARE = 1e-14
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """One step from a finer level to the next coarser level; a form returns them from the finest on.
+    """One step from a finer level to the next coarser level; a form returns them from the finest on."""
 
-    Attributes
-    ----------
-    prolongation : csr_array (n, m)
-        P, from m coarser unknowns to the n finer unknowns; coarser operators are P' A P + ``added``.
-    strip : (k,) int64
-        The finer level's unknowns near conditions, which a smoother solves for exactly.
-    added : csr_array (m, m), optional
-        A further part of the coarser operator, such as the upwinding that its spacing needs.
-    lines : (r, k) int64, optional
-        Lines of coarser unknowns whose differences of order k - 1 are stabilised: splines that hardly touch the
-        manifold have entries so small that rounding determines their sign.
-    """
-
+    #: (n, m): P, from m coarser unknowns to the n finer unknowns; coarser operators are P' A P + ``added``.
     prolongation: csr_array
-    strip: Ints
+    strip: Ints  #: (k,): the finer level's unknowns near conditions, which a smoother solves for exactly.
+    #: csr_array (m, m): a further part of the coarser operator, such as the upwinding that its spacing needs.
     added: csr_array | None = None
+    #: (r, k): lines of coarser unknowns whose differences of order k - 1 are stabilised: splines that hardly touch the
+    #: manifold have entries so small that rounding determines their sign.
     lines: Ints | None = None
 
 
@@ -64,23 +55,13 @@ class Cycle:
 
     Entries are in float32, except where the diagonal's entries differ too much. That changes the cycle by about 1e-7,
     and not the solution, whose equations are in float64.
-
-    Attributes
-    ----------
-    smoothers : sequence of Smoother
-        Smoothers of all levels but the coarsest, from the finest on; none where the matrix is small.
-    prolongations : sequence of UnsignedCsr
-        To each of these levels from the next coarser one.
-    coarsest : object with a method ``solve``
-        Factors of the coarsest matrix.
-    is_rounded : bool
-        Whether entries are in float32.
     """
 
+    #: Smoothers of all levels but the coarsest, from the finest on; none where the matrix is small.
     smoothers: Sequence[Smoother]
-    prolongations: Sequence[UnsignedCsr]
-    coarsest: Any
-    is_rounded: bool = True
+    prolongations: Sequence[UnsignedCsr]  #: To each of these levels from the next coarser one.
+    coarsest: Any  #: object with a method ``solve``: factors of the coarsest matrix.
+    is_rounded: bool = True  #: Whether entries are in float32.
 
     @property
     def products(self) -> int:
@@ -102,23 +83,14 @@ def build_cycle(
 ) -> Cycle:
     """Return the V cycle of a symmetric matrix.
 
-    Parameters
-    ----------
-    matrix : csr_array (n, n)
-        A, positive definite, except for constants on free pieces and for ``waves``.
-    levels : sequence of Level
-        The steps to coarser levels, from the finest on.
-    piece : (n,) int64
-        For each unknown, the number of the piece of the manifold with a free constant that it is on, -1 for none.
-    waves : bool
-        Whether A has negative eigenvalues, with eigenfunctions that all levels resolve.
-    is_rounded : bool
-        Whether entries are rounded to float32 where the diagonal allows it.
+    Raises IndefiniteError if an eigenvalue has the wrong sign.
 
-    Raises
-    ------
-    IndefiniteError
-        If an eigenvalue has the wrong sign.
+    ``matrix`` csr_array (n, n): A, positive definite, except for constants on free pieces and for ``waves``.
+    ``levels``: the steps to coarser levels, from the finest on.
+    ``piece`` (n,): for each unknown, the number of the piece of the manifold with a free constant that it is on, -1 for
+        none.
+    ``waves``: whether A has negative eigenvalues, with eigenfunctions that all levels resolve.
+    ``is_rounded``: whether entries are rounded to float32 where the diagonal allows it.
     """
     diagonal = matrix.diagonal()
     diagonal = diagonal[diagonal > ZERO_DIAGONAL_SHARE * diagonal.max(initial=0.0)]
@@ -153,12 +125,8 @@ def build_cycle(
 def build_schwarz_cycle(matrix: csr_array, levels: Sequence[Level]) -> Cycle:
     """Return the cycle of a matrix with advection, down to a level that fits into one block.
 
-    From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there.
-
-    Raises
-    ------
-    RuntimeError
-        If a block is singular.
+    From the coarsest level on, a correction is prolonged to the next finer level and followed by a step there. Raises
+    RuntimeError if a block is singular.
     """
     matrices, prolongations = [matrix], []
     for level in levels:
@@ -186,10 +154,7 @@ def stabilise_lines(matrix: csr_array, lines: Ints) -> csr_array:
 def _smoother(matrix: csr_array, strip: Ints, waves: bool, kind: Any, sweeps: int) -> Smoother:
     """Return the smoother of a level, with entries of the type ``kind``, for which ``strip`` (k,) is solved exactly.
 
-    Raises
-    ------
-    IndefiniteError
-        If an entry of the diagonal or an eigenvalue has the wrong sign.
+    Raises IndefiniteError if an entry of the diagonal or an eigenvalue has the wrong sign.
     """
     diagonal = matrix.diagonal()
     swept = abs(diagonal) > ZERO_DIAGONAL_SHARE * diagonal.max()

@@ -48,20 +48,11 @@ class Chebyshev:
 
     It is for waves, for which sweeps diverge at few nodes a wavelength, and for large levels, whose products use all
     threads.
-
-    Attributes
-    ----------
-    matrix : UnsignedCsr
-        A.
-    inverse : (n,) float64
-        The diagonal of D^-1.
-    largest : float
-        Upper end of the interval of damped eigenvalues, an upper bound of all eigenvalues.
     """
 
-    matrix: UnsignedCsr
-    inverse: Floats
-    largest: float
+    matrix: UnsignedCsr  #: A.
+    inverse: Floats  #: (n,): the diagonal of D^-1.
+    largest: float  #: Upper end of the interval of damped eigenvalues, an upper bound of all eigenvalues.
     products: int = 6
 
     def before(self, b: Floats) -> tuple[Floats, Floats]:
@@ -93,20 +84,11 @@ class GaussSeidel:
     Two sweeps reduce the error as much as three steps of Chebyshev's iteration, and update the residual as well: an
     iteration reads the finest matrix five times instead of seven, and needs no eigenvalue. One sweep on the finest
     level takes one and a half to two times as many iterations.
-
-    Attributes
-    ----------
-    matrix : SymmetricCsr
-        A.
-    inverse : (n,) float64
-        Inverse of its diagonal.
-    sweeps : int
-        Number of sweeps before, and after, a coarser level.
     """
 
-    matrix: SymmetricCsr
-    inverse: Floats
-    sweeps: int
+    matrix: SymmetricCsr  #: A.
+    inverse: Floats  #: (n,): inverse of its diagonal.
+    sweeps: int  #: Number of sweeps before, and after, a coarser level.
 
     @property
     def products(self) -> int:
@@ -138,24 +120,13 @@ class GaussSeidel:
 
 @dataclass(frozen=True, eq=False)
 class WithStrip:
-    """A smoother preceded by an exact solve for the unknowns near conditions, and followed by one after the level.
+    """A smoother preceded by an exact solve for the unknowns near conditions, and followed by one after the level."""
 
-    Attributes
-    ----------
-    iteration : Smoother
-        The smoother of the other unknowns.
-    unknowns : (k,) int64
-        The unknowns near conditions, the strip.
-    rows : UnsignedCsr
-        Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
-    factors : object with a method ``solve``
-        Factors of A restricted to them.
-    """
-
-    iteration: Smoother
-    unknowns: Ints
+    iteration: Smoother  #: The smoother of the other unknowns.
+    unknowns: Ints  #: (k,): the unknowns near conditions, the strip.
+    #: Their rows of A, (k, n), rounded like the level's matrix: otherwise ``after`` is not the adjoint of ``before``.
     rows: UnsignedCsr
-    factors: Any
+    factors: Any  #: object with a method ``solve``: factors of A restricted to them.
 
     @property
     def products(self) -> int:
@@ -184,29 +155,18 @@ class Schwarz:
     unknowns need as many steps as the block is wide, or diverge. A block is extended by the neighbours of its unknowns,
     and only its own unknowns are corrected (restricted additive Schwarz: Cai and Sarkis, SIAM J. Sci. Comput. 21,
     1999).
-
-    Attributes
-    ----------
-    matrix : csr_array (n, n)
-        A, whose pattern is symmetric.
-    blocks : sequence of (own, unknowns, factors)
-        For each block its own unknowns (m,), these and their neighbours (k,), both ascending, and SuperLU's factors of
-        the rows and columns of ``unknowns``. Each unknown is an own unknown of one block.
     """
 
-    matrix: csr_array
+    matrix: csr_array  #: (n, n): A, whose pattern is symmetric.
+    #: sequence of (own, unknowns, factors): for each block its own unknowns (m,), these and their neighbours (k,), both
+    #: ascending, and SuperLU's factors of the rows and columns of ``unknowns``. Each unknown is an own unknown of one
+    #: block.
     blocks: Sequence[tuple[Ints, Ints, Any]]
     products: int = 1
 
     @classmethod
     def of(cls, matrix: csr_array) -> Schwarz:
-        """Return the smoother of a matrix.
-
-        Raises
-        ------
-        RuntimeError
-            If a block is singular.
-        """
+        """Return the smoother of a matrix. Raises RuntimeError if a block is singular."""
         blocks = []
         for own in bisect_unknowns(matrix):
             unknowns = np.unique(matrix[own].indices).astype(np.int64)

@@ -29,26 +29,16 @@ MAX_FACTORISED, MAX_FACTORISED_WAVES = 20_000, 100_000
 
 @dataclass(frozen=True)
 class MultigridSolver:
-    """Krylov iterations with a multigrid cycle.
+    """Krylov iterations with a multigrid cycle."""
 
-    Attributes
-    ----------
-    max_iterations : int
-        Most iterations; 20 are usual, 30 with conditions inside the manifold.
-    """
-
-    max_iterations: int = 300
+    max_iterations: int = 300  #: Most iterations; 20 are usual, 30 with conditions inside the manifold.
 
     def prepare(self, operator: Operator, levels: Sequence[Any] = ()) -> PreconditionedCG | PreconditionedGMRES:
         """Return the Krylov iteration with its cycle: matrices of all levels, their smoothers and the coarsest factors.
 
-        Raises
-        ------
-        SceneError
-            If the pattern of the operator is not symmetric, or it is large and there are no ``levels`` for it, or a
-            part of it is singular.
-        ConvergenceError
-            If the operator turns out to have an eigenvalue of the wrong sign.
+        Raises SceneError if the pattern of the operator is not symmetric, or it is large and there are no ``levels``
+        for it, or a part of it is singular. Raises ConvergenceError if the operator turns out to have an eigenvalue of
+        the wrong sign.
         """
         inner = without_border(operator)
         waves = bool(getattr(inner, "indefinite", False))
@@ -71,14 +61,8 @@ class MultigridSolver:
 
         The cycle of ``waves`` is that of A: smoothers damp components for which A is positive on all levels that
         resolve a wave, and the coarsest of these levels, on which A has negative eigenvalues, is factorised without
-        change.
-
-        Raises
-        ------
-        IndefiniteError
-            If an eigenvalue has the wrong sign.
-        RuntimeError
-            If a block of unknowns is singular.
+        change. Raises IndefiniteError if an eigenvalue has the wrong sign. Raises RuntimeError if a block of unknowns
+        is singular.
         """
         bordered = as_bordered(operator)
         if not inner.symmetric:
@@ -104,10 +88,7 @@ class MultigridSolver:
 def _check_coarsest(unknowns: int, size: int, waves: bool) -> None:
     """Raise if the coarsest level is too large to be factorised.
 
-    Raises
-    ------
-    SceneError
-        If its ``unknowns``, of ``size`` on the finest level, are too many.
+    Raises SceneError if its ``unknowns``, of ``size`` on the finest level, are too many.
     """
     if waves and unknowns > MAX_FACTORISED_WAVES:
         raise SceneError(

@@ -20,36 +20,20 @@ COMPONENT_WEIGHT = 40
 
 @dataclass(frozen=True, eq=False)
 class MeshDefects:
-    """Places at which a triangulation does not represent the surface.
+    """Places at which a triangulation does not represent the surface."""
 
-    Attributes
-    ----------
-    cracks : (k, 3) float64
-        Midpoints of open edges off rims.
-    nonmanifold_edges : (k, 3) float64
-        Midpoints of edges of four triangles or more at which no two sheets cross.
-    branch_ends : (k, 3) float64
-        Ends of lines of edges of three triangles or more that lie neither on another such line nor at the border.
-    folds : (k, 3) float64
-        Centres of triangles that fold over beside a rim.
-    uncovered : (k, 3) float64
-        Points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
-    component_change : int
-        Number of components gained, negative if lost, when vertices were moved onto rims.
-    small_components : int
-        Number of components with an area below two squares of the form's spacing: another lattice may have none.
-    area_error : float
-        The relative excess of the area over that computed from the nodes.
-    """
-
-    cracks: Floats
-    nonmanifold_edges: Floats
+    cracks: Floats  #: (k, 3): midpoints of open edges off rims.
+    nonmanifold_edges: Floats  #: (k, 3): midpoints of edges of four triangles or more at which no two sheets cross.
+    #: (k, 3): ends of lines of edges of three triangles or more that lie neither on another such line nor at the
+    #: border.
     branch_ends: Floats
-    folds: Floats
+    folds: Floats  #: (k, 3): centres of triangles that fold over beside a rim.
+    #: (k, 3): points of creases, rims and close sheets with no triangle within .3 spacings of the lattice.
     uncovered: Floats
-    component_change: int
+    component_change: int  #: Number of components gained, negative if lost, when vertices were moved onto rims.
+    #: Number of components with an area below two squares of the form's spacing: another lattice may have none.
     small_components: int
-    area_error: float
+    area_error: float  #: The relative excess of the area over that computed from the nodes.
 
     @property
     def wrong_area(self) -> bool:
@@ -76,20 +60,12 @@ def find_defects(
 ) -> MeshDefects:
     """Return the defects of a triangulation made from lattice nodes.
 
-    Parameters
-    ----------
-    rims : RimTest
-    nodes : LatticeNodes
-        The nodes that the triangulation was made from.
-    vertices, cells : (v, 3) float64, (m, 3) int64
-    on_rim : (v,) bool
-        Which vertices lie on rims.
-    folds : (k, 3) float64
-        Centres of triangles that fold over.
-    components_before : int
-        The number of components before vertices were moved onto rims.
-    spacing : float
-        Spacing of the form's lattice.
+    ``nodes``: the nodes that the triangulation was made from.
+    ``vertices``, ``cells`` (v, 3) float64, (m, 3) int64.
+    ``on_rim`` (v,): which vertices lie on rims.
+    ``folds`` (k, 3): centres of triangles that fold over.
+    ``components_before``: the number of components before vertices were moved onto rims.
+    ``spacing``: spacing of the form's lattice.
     """
     edges = edge_table(cells)
     border = open_edges(vertices, cells, edges)

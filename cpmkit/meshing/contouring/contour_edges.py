@@ -30,21 +30,11 @@ def connected_groups(i: Ints, j: Ints, count: int) -> tuple[int, Ints]:
 
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
-    """The edges of triangles; edge j of a triangle is opposite to its corner j.
+    """The edges of triangles; edge j of a triangle is opposite to its corner j."""
 
-    Attributes
-    ----------
-    ends : (e, 2) int64
-        The vertices of each edge, the lower number first.
-    of_cells : (m, 3) int64
-        The edges of each triangle.
-    count : (e,) int64
-        The number of triangles of each edge.
-    """
-
-    ends: Ints
-    of_cells: Ints
-    count: Ints
+    ends: Ints  #: (e, 2): the vertices of each edge, the lower number first.
+    of_cells: Ints  #: (m, 3): the edges of each triangle.
+    count: Ints  #: (e,): the number of triangles of each edge.
 
     def slots_of(self, edges: Ints, count: int) -> Ints:
         """Return the slots (k, count) of ``edges`` (k,), all of which have ``count`` triangles.
@@ -85,20 +75,12 @@ def halve_edges(cells: Ints, slots: Ints, midpoints: Ints) -> Ints:
 
 @dataclass(frozen=True, eq=False)
 class OpenEdges:
-    """The edges that belong to one triangle only.
+    """The edges that belong to one triangle only."""
 
-    Attributes
-    ----------
-    edge : (b,) int64
-        Numbers of these edges among all edges.
-    ends : (b, 2) int64
-        Vertices of each edge.
-    middles, conormals : (b, 3) float64
-        The midpoints of the edges, and the unit conormals there: perpendicular to the edge, out of its triangle.
-    """
-
-    edge: Ints
-    ends: Ints
+    edge: Ints  #: (b,): numbers of these edges among all edges.
+    ends: Ints  #: (b, 2): vertices of each edge.
+    #: middles, conormals (b, 3): the midpoints of the edges, and the unit conormals there: perpendicular to the edge,
+    #: out of its triangle.
     middles: Floats
     conormals: Floats
 

@@ -29,39 +29,21 @@ class LatticeNodes:
     """The corners of the lattice cells that a surface may meet.
 
     Edge k of a node leads to its neighbour along axis k.
-
-    Attributes
-    ----------
-    spacing : float
-        Spacing of this lattice.
-    offsets : (3,) float64
-        The shift of the lattice against the origin, in spacings.
-    codes : Codes
-        The numbering of nodes and cells; a cell has the index of its lowest corner.
-    table : (n,) int64
-        The codes of the nodes, sorted.
-    index, positions : (n, 3)
-        The nodes as integers, and their positions.
-    closest, normals : (n, 3) float64
-        The closest points of the nodes, and the unit vectors from these to the nodes.
-    distance : (n,) float64
-        Distance of each node from its closest point.
-    on_rim : (n,) bool
-        Whether the closest point lies on a rim of the surface.
-    nonplanar : (n, 3) bool
-        Whether the edge from a node along each axis belongs to a cell in which the surface does not look planar.
     """
 
-    spacing: float
-    offsets: Floats
-    codes: Codes
-    table: Ints
+    spacing: float  #: Spacing of this lattice.
+    offsets: Floats  #: (3,): the shift of the lattice against the origin, in spacings.
+    codes: Codes  #: The numbering of nodes and cells; a cell has the index of its lowest corner.
+    table: Ints  #: (n,): the codes of the nodes, sorted.
+    #: index, positions (n, 3): the nodes as integers, and their positions.
     index: Ints
     positions: Floats
+    #: closest, normals (n, 3): the closest points of the nodes, and the unit vectors from these to the nodes.
     closest: Floats
     normals: Floats
-    distance: Floats
-    on_rim: Bools
+    distance: Floats  #: (n,): distance of each node from its closest point.
+    on_rim: Bools  #: (n,): whether the closest point lies on a rim of the surface.
+    #: (n, 3): whether the edge from a node along each axis belongs to a cell in which the surface does not look planar.
     nonplanar: Bools
 
     @property
@@ -77,10 +59,7 @@ class LatticeNodes:
 def lattice_nodes(source: LocalSource, spacing: float, offsets: Floats) -> LatticeNodes:
     """Return the corners of all lattice cells that the surface may meet, with their closest points.
 
-    Raises
-    ------
-    ResolutionError
-        If the source has no point inside its bounds.
+    Raises ResolutionError if the source has no point inside its bounds.
     """
     for _, level in cell_levels(source, spacing, offsets):
         cells = level
@@ -137,16 +116,10 @@ def closest_points_and_normals(
 ) -> tuple[Floats, Floats]:
     """Return closest points (n, 3) and unit normals (n, 3) of the surface, from queries moved off the surface.
 
-    Parameters
-    ----------
-    source : LocalSource
-    points : (n, 3) float64
-        Points near the surface.
-    directions : (n, 3) float64
-        Approximate normals, along which points are moved. Where such a step leads along the surface, the points are
-        moved along the coordinate axis that leads farthest away from the surface.
-    length : float
-        The spacing; points are moved by at least a tenth of it.
+    ``points`` (n, 3): points near the surface.
+    ``directions`` (n, 3): approximate normals, along which points are moved. Where such a step leads along the surface,
+        the points are moved along the coordinate axis that leads farthest away from the surface.
+    ``length``: the spacing; points are moved by at least a tenth of it.
     """
     step = max(OFFSET_NOISES * source.noise, 0.1 * length)
     moved = points + step * directions

@@ -96,14 +96,9 @@ def _hole_loops(ends: Ints, on_rim: Bools, count: int) -> list[Ints]:
 
     A hole is a closed border of at most 80 open edges, a third of them on rims at most.
 
-    Parameters
-    ----------
-    ends : (b, 2) int64
-        The vertices of each open edge.
-    on_rim : (b,) bool
-        Whether each open edge lies beside a rim.
-    count : int
-        The number of vertices.
+    ``ends`` (b, 2): the vertices of each open edge.
+    ``on_rim`` (b,): whether each open edge lies beside a rim.
+    ``count``: the number of vertices.
     """
     borders, label = connected_groups(ends[:, 0], ends[:, 1], count)
     size = np.bincount(label[ends[:, 0]], minlength=borders)
@@ -233,14 +228,10 @@ def _split_vertices(cells: Ints, edges: EdgeTable, separated: Ints, pairs: Ints)
 
     A fan is a set of triangles at a vertex that are connected across edges.
 
-    Parameters
-    ----------
-    cells : (m, 3) int64
-    edges : EdgeTable
-    separated : (k,) int64
-        Edges across which only the triangles of a pair are in one fan; across other edges all triangles are.
-    pairs : (k, 2, 2) int64
-        The slots of the two pairs of each of these edges.
+    ``cells`` (m, 3).
+    ``separated`` (k,): edges across which only the triangles of a pair are in one fan; across other edges all triangles
+        are.
+    ``pairs`` (k, 2, 2): the slots of the two pairs of each of these edges.
     """
     slots = np.argsort(edges.of_cells.ravel(), kind="stable")
     same = np.flatnonzero(np.diff(edges.of_cells.ravel()[slots]) == 0)

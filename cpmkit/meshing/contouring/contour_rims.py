@@ -24,33 +24,20 @@ RIM_STAYS = 0.2
 
 @dataclass(frozen=True, eq=False)
 class RimTest:
-    """A test whether a surface ends near a point.
+    """A test whether a surface ends near a point."""
 
-    Attributes
-    ----------
-    source : LocalSource
-        The surface.
-    spacing : float
-        Spacing of the contouring lattice.
-    by_edge_numbers : bool
-        Whether the source marks closest points on rims. If not, queries on both sides of the surface decide.
-    """
-
-    source: LocalSource
-    spacing: float
+    source: LocalSource  #: The surface.
+    spacing: float  #: Spacing of the contouring lattice.
+    #: Whether the source marks closest points on rims. If not, queries on both sides of the surface decide.
     by_edge_numbers: bool
 
     def project(self, points: Floats, outward: Floats, normals: Floats, reach: Floats) -> tuple[Floats, Bools]:
         """Return the closest points (n, 3) of points moved outwards, and whether (n,) these lie on a rim near by.
 
-        Parameters
-        ----------
-        points : (n, 3) float64
-            Points on the surface or near it.
-        outward, normals : (n, 3) float64
-            Unit vectors tangent to the surface, towards the rim, and normal to the surface.
-        reach : (n,) float64
-            Distances by which the points are moved.
+        ``points`` (n, 3): points on the surface or near it.
+        ``outward``, ``normals`` (n, 3): unit vectors tangent to the surface, towards the rim, and normal to the
+            surface.
+        ``reach`` (n,): distances by which the points are moved.
         """
         answer = self.source.closest_point(points + reach[:, None] * outward)
         closest = answer.points

@@ -22,24 +22,12 @@ LATTICES = ((0.5, 0.1723), (0.3, 0.1723), (0.2, 0.4142), (0.12, 0.3371), (0.05, 
 
 @dataclass(frozen=True, eq=False)
 class TraceDefects:
-    """Points, relative to the lattice's origin, at which a trace does not represent the curve.
+    """Points, relative to the lattice's origin, at which a trace does not represent the curve."""
 
-    Attributes
-    ----------
-    missed : (k, d) float64
-        Points of the curve far from all segments.
-    missed_distances : (k,) float64
-        Distances of these points from the nearest vertex.
-    covered_twice : (k, d) float64
-        Points that two segments cover.
-    gaps : (k, d) float64
-        Points at which the trace ends but not the curve.
-    """
-
-    missed: Floats
-    missed_distances: Floats
-    covered_twice: Floats
-    gaps: Floats
+    missed: Floats  #: (k, d): points of the curve far from all segments.
+    missed_distances: Floats  #: (k,): distances of these points from the nearest vertex.
+    covered_twice: Floats  #: (k, d): points that two segments cover.
+    gaps: Floats  #: (k, d): points at which the trace ends but not the curve.
 
     @property
     def count(self) -> int:
@@ -50,17 +38,10 @@ class TraceDefects:
 def contour_curve(source: LocalSource, spacing: float) -> tuple[Mesh, TraceDefects]:
     """Return segments on a curve, and their defects; vertices lie at its ends, corners and junctions.
 
-    Parameters
-    ----------
-    source : LocalSource
-        A curve (m = 1) in the plane or in space. Its tangents are not used.
-    spacing : float
-        Spacing h of the form's lattice.
+    Raises ResolutionError if the curve is shorter than a step.
 
-    Raises
-    ------
-    ResolutionError
-        If the curve is shorter than a step.
+    ``source``: a curve (m = 1) in the plane or in space. Its tangents are not used.
+    ``spacing``: spacing h of the form's lattice.
     """
     best = None
     for step, shift in LATTICES:
@@ -133,14 +114,10 @@ def _distances_from_chords(
 ) -> Floats:
     """Return the distance (n,) of each point from the nearest chord, infinity if there is none within ``reach``.
 
-    Parameters
-    ----------
-    points : (n, d) float64
-    starts, stops : (c, d) float64
-        The ends of the chords.
-    reach : float
-    owners : ((n,) int64, (c,) int64), optional
-        The segment of each point and of each chord: chords of a point's own segment do not count.
+    ``points`` (n, d).
+    ``starts``, ``stops`` (c, d): the ends of the chords.
+    ``owners`` ((n,) int64, (c,) int64): the segment of each point and of each chord: chords of a point's own segment do
+        not count.
     """
     row, chord, distance, _ = near_chords(points, starts, stops, reach)
     distance = distance - np.broadcast_to(height, len(starts))[chord]

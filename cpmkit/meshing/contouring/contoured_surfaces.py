@@ -49,28 +49,15 @@ MAX_NONMANIFOLD_SHARE = 0.02
 
 @dataclass(frozen=True)
 class SurfaceReport:
-    """Properties of a triangulation that may cause warnings.
+    """Properties of a triangulation that may cause warnings."""
 
-    Attributes
-    ----------
-    lattice_spacing : float
-        Spacing of the lattice of contouring, in spacings of the form's lattice.
-    nonmanifold_share : float
-        The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 spacings
-        of contouring's lattice.
-    defects : MeshDefects
-        Defects that are left after repair.
-    missed : (k, 3) float64
-        Points of the surface far from all triangles: components too small for the lattice.
-    isolated_components : int
-        Components of hardly any area that were left out.
-    """
-
-    lattice_spacing: float
+    lattice_spacing: float  #: Spacing of the lattice of contouring, in spacings of the form's lattice.
+    #: The share of edges with three triangles or more before repair: junctions, and parts thinner than 1.6 spacings of
+    #: contouring's lattice.
     nonmanifold_share: float
-    defects: MeshDefects
-    missed: Floats
-    isolated_components: int = 0
+    defects: MeshDefects  #: Defects that are left after repair.
+    missed: Floats  #: (k, 3): points of the surface far from all triangles: components too small for the lattice.
+    isolated_components: int = 0  #: Components of hardly any area that were left out.
 
     @property
     def severity(self) -> int:
@@ -82,19 +69,11 @@ def contour_surface(source: LocalSource, spacing: float) -> tuple[Mesh, SurfaceR
     """Return a triangulation of a surface in space with vertices on it, border vertices on its rims, and a report.
 
     Dual contouring of unsigned distances: edges of a lattice are intersected with the surface, the crossings of each
-    cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex.
+    cell are grouped by whether they are connected on the surface in the cell, and each group becomes a vertex. Raises
+    ResolutionError if no triangle results.
 
-    Parameters
-    ----------
-    source : LocalSource
-        A surface (m = 2) in space. Neither its normals nor its orientation are used.
-    spacing : float
-        Spacing h of the form's lattice.
-
-    Raises
-    ------
-    ResolutionError
-        If no triangle results.
+    ``source``: a surface (m = 2) in space. Neither its normals nor its orientation are used.
+    ``spacing``: spacing h of the form's lattice.
     """
     best = _contour_on(source, spacing, *LATTICES[0])
     others = list(LATTICES[1:])
@@ -115,11 +94,7 @@ def _contour_on(
     """Return the repaired triangulation from one lattice, and its report.
 
     Its spacing is ``relative_spacing`` times the form's ``spacing``, its shift ``offsets`` (3,) in its own spacings.
-
-    Raises
-    ------
-    ResolutionError
-        If no triangle results.
+    Raises ResolutionError if no triangle results.
     """
     fine = relative_spacing * spacing
     nodes = lattice_nodes(source, fine, np.array(offsets))

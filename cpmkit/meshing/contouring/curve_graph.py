@@ -18,24 +18,12 @@ NEAR_CHORDS = 0.05
 
 @dataclass(frozen=True, eq=False)
 class CurveGraph:
-    """Segments on a curve, connected at its vertices.
+    """Segments on a curve, connected at its vertices."""
 
-    Attributes
-    ----------
-    vertices : (v, d) float64
-        Points of the curve.
-    segments : (s, 2) int64
-        The vertices at the ends of each segment.
-    midpoints_on_curve : (s, d) float64
-        The closest points on the curve of the middles of the segments.
-    ends : (k,) int64
-        The vertices at which the curve is known to end.
-    """
-
-    vertices: Floats
-    segments: Ints
-    midpoints_on_curve: Floats
-    ends: Ints
+    vertices: Floats  #: (v, d): points of the curve.
+    segments: Ints  #: (s, 2): the vertices at the ends of each segment.
+    midpoints_on_curve: Floats  #: (s, d): the closest points on the curve of the middles of the segments.
+    ends: Ints  #: (k,): the vertices at which the curve is known to end.
 
 
 def trace_curve(source: LocalSource, seeds: Floats, step: float) -> CurveGraph:

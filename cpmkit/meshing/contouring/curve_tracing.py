@@ -21,30 +21,14 @@ MET_SHARE = 0.7
 
 @dataclass(frozen=True, eq=False)
 class OpenEnds:
-    """Ends of a trace that is being continued.
+    """Ends of a trace that is being continued."""
 
-    Attributes
-    ----------
-    last : (f,) int64
-        The last point of each.
-    heading : (f, d) float64
-        The direction of the trace there.
-    sign : (f,) int64
-        By how much ``place`` changes at a step, 1 or -1.
-    target : (f, d) float64
-        The point of the curve to which each steps next.
-    turned : (f,) bool
-        Whether that step follows a corner.
-    beyond : (f, d) float64
-        A point beyond that corner, straight ahead of the trace before it.
-    """
-
-    last: Ints
-    heading: Floats
-    sign: Ints
-    target: Floats
-    turned: Bools
-    beyond: Floats
+    last: Ints  #: (f,): the last point of each.
+    heading: Floats  #: (f, d): the direction of the trace there.
+    sign: Ints  #: (f,): by how much ``place`` changes at a step, 1 or -1.
+    target: Floats  #: (f, d): the point of the curve to which each steps next.
+    turned: Bools  #: (f,): whether that step follows a corner.
+    beyond: Floats  #: (f, d): a point beyond that corner, straight ahead of the trace before it.
 
     def take(self, rows: Bools | Ints) -> OpenEnds:
         """Return the ends at ``rows``."""
@@ -58,33 +42,22 @@ class OpenEnds:
 
 @dataclass(eq=False)
 class CurveTracer:
-    """Traces a curve from many places at once; all open ends are stepped together.
-
-    Attributes
-    ----------
-    source : LocalSource
-    step : float
-        The length of a step.
-    points, directions : (n, d) float64
-        The points traced so far, and the direction of the trace at each.
-    piece, place : (n,) int64
-        The start from which each point was traced, and its number along the trace from there, of both signs.
-    segments : list of (k, 2) int64
-        Numbers of the points that are connected.
-    junctions : list of (k,) int64
-        Numbers of the corners after which the trace met points that it had already.
-    beyond : list of (k, d) float64
-        Points straight ahead of the trace before these corners, beyond them.
-    """
+    """Traces a curve from many places at once; all open ends are stepped together."""
 
     source: LocalSource
-    step: float
+    step: float  #: The length of a step.
+    #: points, directions (n, d): the points traced so far, and the direction of the trace at each.
     points: Floats
     directions: Floats
+    #: piece, place (n,): the start from which each point was traced, and its number along the trace from there, of both
+    #: signs.
     piece: Ints
     place: Ints
+    #: list of (k, 2) int64: numbers of the points that are connected.
     segments: list[Ints] = field(default_factory=list)
+    #: list of (k,) int64: numbers of the corners after which the trace met points that it had already.
     junctions: list[Ints] = field(default_factory=list)
+    #: list of (k, d) float64: points straight ahead of the trace before these corners, beyond them.
     beyond: list[Floats] = field(default_factory=list)
 
     @classmethod

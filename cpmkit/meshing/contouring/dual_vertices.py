@@ -50,16 +50,10 @@ def connected_on_surface(
     replaces one end, so that the half that is not flat, or the longer half, is left. At a crease the gap shrinks to
     zero, between two sheets it does not.
 
-    Parameters
-    ----------
-    source : LocalSource
-    a, b : (n, 3) float64
-    normal_a, normal_b : (n, 3) float64
-        Unit normals at ``a`` and ``b``, of either sign.
-    position_error : float
-        The length up to which the points are known.
-    box : ((n, 3), (n, 3)) float64
-        The lowest and the highest corner of each box.
+    ``a``, ``b`` (n, 3).
+    ``normal_a``, ``normal_b`` (n, 3): unit normals at ``a`` and ``b``, of either sign.
+    ``position_error``: the length up to which the points are known.
+    ``box`` ((n, 3), (n, 3)) float64: the lowest and the highest corner of each box.
     """
     connected = chord_is_flat(a, b, normal_a, normal_b, position_error)
     rows = np.flatnonzero(~connected)
@@ -169,13 +163,8 @@ def _connected_groups(
 
     An entry is a pair of a cell and a crossing of one of its edges; a group is named by one of its entries.
 
-    Parameters
-    ----------
-    source, nodes, crossings
-    start : (cells + 1,) int64
-        The first entry of each cell, and the number of entries.
-    member, cells : (k,) int64
-        The crossing of each entry, and the code of its cell.
+    ``start`` (cells + 1,): the first entry of each cell, and the number of entries.
+    ``member``, ``cells`` (k,): the crossing of each entry, and the code of its cell.
     """
     from cpmkit.meshing.contouring.contouring_kernels import nearest_pairs, unite, unite_flat
 
@@ -204,13 +193,8 @@ def _least_squares_vertices(
     Least squares about the mean of the crossings. Directions of small eigenvalues stay at the mean. Points that leave
     their cell by more than a tenth of its side are clipped.
 
-    Parameters
-    ----------
-    nodes, crossings
-    cells : (v,) int64
-        The code of the cell of each group.
-    member, piece : (k,) int64
-        The crossing and the group of each entry.
+    ``cells`` (v,): the code of the cell of each group.
+    ``member``, ``piece`` (k,): the crossing and the group of each entry.
     """
     count = len(cells)
     share = 1.0 / np.bincount(piece, minlength=count)

@@ -36,40 +36,22 @@ SAME_SHARE = 0.005
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """Points at which lattice edges cross the surface.
+    """Points at which lattice edges cross the surface."""
 
-    Attributes
-    ----------
-    node : (c, 3) int64
-        The lower end of the edge.
-    axis : (c,) int64
-        The direction of the edge.
-    points, normals : (c, 3) float64
-        The crossing, and the unit normal of the surface there, of either sign.
-    """
-
-    node: Ints
-    axis: Ints
+    node: Ints  #: (c, 3): the lower end of the edge.
+    axis: Ints  #: (c,): the direction of the edge.
+    #: points, normals (c, 3): the crossing, and the unit normal of the surface there, of either sign.
     points: Floats
     normals: Floats
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Distance and normal of the surface as seen from n points.
+    """Distance and normal of the surface as seen from n points."""
 
-    Attributes
-    ----------
-    distance : (n,) float64
-    normal : (n, 3) float64
-        The unit vector from the closest point to the point.
-    interior : (n,) bool
-        Whether the closest point lies off rims.
-    """
-
-    distance: Floats
-    normal: Floats
-    interior: Bools
+    distance: Floats  #: (n,)
+    normal: Floats  #: (n, 3): the unit vector from the closest point to the point.
+    interior: Bools  #: (n,): whether the closest point lies off rims.
 
     def take(self, rows: Bools | Ints) -> Observation:
         """Return the observations at ``rows``, integers or a mask."""
@@ -226,19 +208,11 @@ def _march(
     plane of the closest point (Newton) as long as the distance falls and the normal hardly changes; else over the empty
     sphere around the last safe point (sphere tracing).
 
-    Parameters
-    ----------
-    source : LocalSource
-    start, along : (n, 3) float64
-        The starts of the rays, and their unit directions.
-    length : float
-        The length to which tolerances refer.
-    first : Observation
-        Observations at the starts.
-    stop : (n,) float64
-        Lengths of the rays.
-    newton : bool
-        Whether Newton's steps are tried. They may miss a sheet where two sheets cross.
+    ``start``, ``along`` (n, 3): the starts of the rays, and their unit directions.
+    ``length``: the length to which tolerances refer.
+    ``first``: observations at the starts.
+    ``stop`` (n,): lengths of the rays.
+    ``newton``: whether Newton's steps are tried. They may miss a sheet where two sheets cross.
     """
     hit, normal = np.full(len(start), np.nan), np.zeros_like(start)
     rows = np.arange(len(start))

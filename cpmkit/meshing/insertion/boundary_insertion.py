@@ -39,30 +39,19 @@ from cpmkit.types import Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Insertion:
-    """A mesh with boundaries among its facets, and properties of the insertion that may cause warnings.
+    """A mesh with boundaries among its facets, and properties of the insertion that may cause warnings."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        Flat, with ``cut``, ``owner`` and ``beyond_tip``.
-    point_vertices : dict
-        The vertices (k,) of each boundary that consists of points on a surface and has no facets.
-    empty : tuple of int
-        Numbers of boundaries without any edge or vertex in the mesh.
-    coincident : frozenset of (int, int)
-        A boundary and an earlier one that it lies on in places; the edges there belong to the earlier one.
-    counts : dict
-        Numbers of ``disconnected`` points of curves between which there is no path, ``pruned``
-        tails, ``joined`` tips, and ``tips`` that are left and extended.
-    max_distances : dict of float
-        The largest distance of each boundary from the mesh, without parts past a rim.
-    """
-
-    mesh: Mesh
+    mesh: Mesh  #: Flat, with ``cut``, ``owner`` and ``beyond_tip``.
+    #: The vertices (k,) of each boundary that consists of points on a surface and has no facets.
     point_vertices: dict[int, Ints] = field(default_factory=dict)
-    empty: tuple[int, ...] = ()
+    empty: tuple[int, ...] = ()  #: Numbers of boundaries without any edge or vertex in the mesh.
+    #: frozenset of (int, int): a boundary and an earlier one that it lies on in places; the edges there belong to the
+    #: earlier one.
     coincident: frozenset[tuple[int, int]] = frozenset()
+    #: Numbers of ``disconnected`` points of curves between which there is no path, ``pruned`` tails, ``joined`` tips,
+    #: and ``tips`` that are left and extended.
     counts: dict[str, int] = field(default_factory=dict)
+    #: The largest distance of each boundary from the mesh, without parts past a rim.
     max_distances: dict[int, float] = field(default_factory=dict)
 
 
@@ -73,16 +62,11 @@ def insert_boundaries(
 
     Vertices that are inserted lie on the original flat cells.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Valid, flat, not cut. Its facets may have any number of cells.
-    boundaries : sequence of LocalSource
-        Relative to the same origin: curves and points on a surface, points on a curve.
-    spacing : float
-        Spacing h of the lattice.
-    movable : bool
-        Whether vertices of curves are moved onto these later: nearby vertices may then become vertices of a curve.
+    ``mesh``: valid, flat, not cut. Its facets may have any number of cells.
+    ``boundaries``: relative to the same origin: curves and points on a surface, points on a curve.
+    ``spacing``: spacing h of the lattice.
+    ``movable``: whether vertices of curves are moved onto these later: nearby vertices may then become vertices of a
+        curve.
     """
     if not boundaries:
         return Insertion(mesh)

@@ -41,32 +41,16 @@ class BoundaryEdge(NamedTuple):
 
 @dataclass(eq=False)
 class ConstrainedTriangulation:
-    """A triangulation, the edges of it that lie on boundaries, and the options for inserting a point.
-
-    Attributes
-    ----------
-    triangulation : SplitTriangulation
-    snap_share : float
-        A point nearer than this, in L, to a vertex or an edge is put there.
-    owner : int
-        The number of the boundary that is being inserted.
-    at_end : bool
-        Whether the point being inserted is the end of a curve, which stays where it is.
-    close : set of int
-        Boundaries so close to others that their points are not snapped.
-    edges : dict
-        The boundary edge of each edge on a boundary.
-    owners_at : dict
-        The numbers of the boundaries at each vertex.
-    """
+    """A triangulation, the edges of it that lie on boundaries, and the options for inserting a point."""
 
     triangulation: SplitTriangulation
-    snap_share: float = SNAP_SHARE
-    owner: int = 0
-    at_end: bool = False
+    snap_share: float = SNAP_SHARE  #: A point nearer than this, in L, to a vertex or an edge is put there.
+    owner: int = 0  #: The number of the boundary that is being inserted.
+    at_end: bool = False  #: Whether the point being inserted is the end of a curve, which stays where it is.
+    #: set of int: boundaries so close to others that their points are not snapped.
     close: set[int] = field(default_factory=set)
-    edges: dict[Edge, BoundaryEdge] = field(default_factory=dict)
-    owners_at: dict[int, set[int]] = field(default_factory=dict)
+    edges: dict[Edge, BoundaryEdge] = field(default_factory=dict)  #: The boundary edge of each edge on a boundary.
+    owners_at: dict[int, set[int]] = field(default_factory=dict)  #: The numbers of the boundaries at each vertex.
 
     def insert_point(self, root: int, place: Vector) -> int:
         """Return the vertex at a point ``place`` of the original triangle ``root``, a new vertex unless one is near."""

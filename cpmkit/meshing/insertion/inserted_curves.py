@@ -31,29 +31,15 @@ def simplify_curve(search: TriangleSearch, line: Polyline, source: LocalSource, 
 
 
 class InsertionPolyline(NamedTuple):
-    """The polyline of a curve, ready for insertion.
+    """The polyline of a curve, ready for insertion."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64
-        Points in the direction of the curve.
-    closed : bool
-    on : (n,) int64
-        The earlier boundary on which each point lies, -1 for none.
-    partners : (n, 2) int64
-        The number of an earlier polyline that nearly coincides, and its point there, -1 where there is none.
-    number : int
-        Number of this polyline.
-    rows : (k,) int64
-        Numbers of the points of the simplified curve; all other points lie between these.
-    """
-
-    points: Floats
+    points: Floats  #: (n, 3): points in the direction of the curve.
     closed: bool
-    on: Ints
+    on: Ints  #: (n,): the earlier boundary on which each point lies, -1 for none.
+    #: (n, 2): the number of an earlier polyline that nearly coincides, and its point there, -1 where there is none.
     partners: Ints
-    number: int
-    rows: Ints
+    number: int  #: Number of this polyline.
+    rows: Ints  #: (k,): numbers of the points of the simplified curve; all other points lie between these.
 
 
 def refine_curve(
@@ -63,14 +49,8 @@ def refine_curve(
 
     Where it nearly coincides with an earlier polyline, it has a point beside each point of that.
 
-    Parameters
-    ----------
-    search : TriangleSearch
-    curve : SimplifiedCurve
-    on : (n,) int64
-        The earlier boundary on which each point of ``curve.loop`` lies, -1 for none. A new point lies on a boundary if
-        both neighbours do.
-    earlier : sequence of InsertionPolyline
+    ``on`` (n,): the earlier boundary on which each point of ``curve.loop`` lies, -1 for none. A new point lies on a
+        boundary if both neighbours do.
     """
     points, original_rows = curve.loop, np.arange(len(curve.loop)) % len(curve.points)
     partners = curve.partners[original_rows]
@@ -100,11 +80,7 @@ def refine_curve(
 def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPolyline]) -> tuple[Floats, Ints]:
     """Return points of a segment beside the points that an earlier polyline has between the partners of its ends.
 
-    Parameters
-    ----------
-    ends, partners : (2, 3) float64, (2, 2) int64
-        Ends of the segment, and their partners.
-    earlier : sequence of InsertionPolyline
+    ``ends``, ``partners`` (2, 3) float64, (2, 2) int64: ends of the segment, and their partners.
 
     Returns
     -------
@@ -139,17 +115,10 @@ def runs_on_surface(
     Each part comes with whether it is closed, and then continues from its last point to the first. The number of the
     curve's point is -1 where a part passes a rim.
 
-    Parameters
-    ----------
-    triangulation : SplitTriangulation
-    search : TriangleSearch
-        Search over the roots.
-    points : (n, 3) float64
-        Points of the curve.
-    matched : Projections
-        One projection of each point.
-    closed : bool
-        Whether the curve is closed.
+    ``search``: search over the roots.
+    ``points`` (n, 3): points of the curve.
+    ``matched``: one projection of each point.
+    ``closed``: whether the curve is closed.
     """
     off = _past_rim(_rim_offsets(triangulation, points, matched), closed)
     if not off.any():

@@ -31,14 +31,8 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
     Two curves coincide at a point where their distance vanishes, and along a stretch on which they stay near and change
     sides three times or more: the same curve with other vertices. Parallel curves never do.
 
-    Parameters
-    ----------
-    points : (n, d) float64
-        Consecutive points of the curve.
-    curve : LocalSource
-    earlier : sequence of LocalSource
-        Boundaries inserted before.
-    spacing : float
+    ``points`` (n, d): consecutive points of the curve.
+    ``earlier``: boundaries inserted before.
     """
     numbers = np.full(len(points), -1)
     share = np.arange(SEGMENT_POINTS)[:, None] / SEGMENT_POINTS
@@ -57,14 +51,9 @@ def coincident_boundary(points: Floats, curve: LocalSource, earlier: Sequence[Lo
 def _are_entwined(off: Floats, chords: Floats, reach: float) -> Bools:
     """Return which places (n,) of a polyline lie on stretches that cross another, near curve three times or more.
 
-    Parameters
-    ----------
-    off : (n, d) float64
-        Vectors from the other curve to the places.
-    chords : (m, d) float64
-        Chords of the polyline: offsets turn with these around a corner.
-    reach : float
-        The distance within which the curves are near.
+    ``off`` (n, d): vectors from the other curve to the places.
+    ``chords`` (m, d): chords of the polyline: offsets turn with these around a corner.
+    ``reach``: the distance within which the curves are near.
     """
     is_close = norms(off) < reach
     stretch = np.cumsum(np.diff(is_close, prepend=is_close[:1]))
@@ -107,30 +96,17 @@ def _with_boxes_near(points: Floats, others: Sequence[LocalSource], spacing: flo
 
 @dataclass(frozen=True, eq=False)
 class SimplifiedCurve:
-    """A curve as a polyline with as few points as its shape allows.
+    """A curve as a polyline with as few points as its shape allows."""
 
-    Attributes
-    ----------
-    points : (n, 3) float64
-        Points in the direction of the curve; a closed curve continues from the last to the first.
-    closed : bool
-    source : LocalSource
-        The curve on which the points lie.
-    owner : int
-        The number of the boundary to which the curve belongs.
-    partners : (n, 2) int64
-        The number of an earlier curve, and the number of its point beside which this point was placed; -1 for none.
-        A point with several partners is repeated.
-    fixed : (n,) bool
-        Points that must stay: ends and corners.
-    """
-
+    #: (n, 3): points in the direction of the curve; a closed curve continues from the last to the first.
     points: Floats
     closed: bool
-    source: LocalSource
-    owner: int
+    source: LocalSource  #: The curve on which the points lie.
+    owner: int  #: The number of the boundary to which the curve belongs.
+    #: (n, 2): the number of an earlier curve, and the number of its point beside which this point was placed; -1 for
+    #: none. A point with several partners is repeated.
     partners: Ints
-    fixed: Bools
+    fixed: Bools  #: (n,): points that must stay: ends and corners.
 
     @classmethod
     def of(cls, points: Floats, closed: bool, source: LocalSource, owner: int) -> SimplifiedCurve:
@@ -170,15 +146,10 @@ class SimplifiedCurve:
     def with_points(self, points: Floats, dropped: Bools, partners: Ints, least: float) -> SimplifiedCurve:
         """Return the curve without the points ``dropped`` and with ``points`` inserted in order along the polyline.
 
-        Parameters
-        ----------
-        points : (k, 3) float64
-            New points on the curve, in its direction.
-        dropped : (n,) bool
-        partners : (k, 2) int64
-            Partners of the new points.
-        least : float
-            New points nearer than this to a point that stays are replaced by that point.
+        ``points`` (k, 3): new points on the curve, in its direction.
+        ``dropped`` (n,).
+        ``partners`` (k, 2): partners of the new points.
+        ``least``: new points nearer than this to a point that stays are replaced by that point.
         """
         from scipy.spatial import cKDTree
 
@@ -211,12 +182,7 @@ def align_close_curves(
     An earlier curve gets a point beside each end and corner of later ones. A later curve gets the closest points of
     the points of earlier ones in place of its own. Where two cross and separate, both keep their points.
 
-    Parameters
-    ----------
-    curves : sequence of SimplifiedCurve
-    spacing : float
-    coincident : container of (int, int)
-        Pairs of the number of a curve and of a boundary on which it lies in places.
+    ``coincident`` container of (int, int): pairs of the number of a curve and of a boundary on which it lies in places.
     """
     aligned = list(curves)
     pairs = [

@@ -76,21 +76,11 @@ def edge_key(a: int, b: int) -> Edge:
 
 @dataclass(eq=False)
 class SplitTriangulation:
-    """A triangulation that is being split. The original triangles are the *roots* of the parts they are split into.
+    """A triangulation that is being split. The original triangles are the *roots* of the parts they are split into."""
 
-    Attributes
-    ----------
-    original : Mesh
-        The original triangles, with vertices in space.
-    longest : float
-        An upper bound of :meth:`size`.
-    midvertices : dict
-        The vertex at which each former edge was split.
-    """
-
-    original: Mesh
-    longest: float
-    midvertices: dict[Edge, int] = field(default_factory=dict)
+    original: Mesh  #: The original triangles, with vertices in space.
+    longest: float  #: An upper bound of :meth:`size`.
+    midvertices: dict[Edge, int] = field(default_factory=dict)  #: The vertex at which each former edge was split.
     _points: dict[int, Vector] = field(default_factory=dict)
     _corners: dict[int, tuple[int, int, int]] = field(default_factory=dict)
     _fans: dict[int, list[int]] = field(default_factory=dict)
@@ -283,16 +273,10 @@ class SplitTriangulation:
     ) -> dict[int, tuple[float, int]]:
         """Return the length of the shortest path over edges to each vertex, and the vertex before it (Dijkstra).
 
-        Parameters
-        ----------
-        start : dict
-            The vertices where paths may start, and the length with which a path starts at each.
-        limit : float
-            Largest length of a path.
-        goal : int, optional
-            A vertex at which the search may stop.
-        neighbours : callable, optional
-            Returns the vertices to which paths lead from a vertex; by default over all edges.
+        ``start``: the vertices where paths may start, and the length with which a path starts at each.
+        ``limit``: largest length of a path.
+        ``goal``: a vertex at which the search may stop.
+        ``neighbours``: returns the vertices to which paths lead from a vertex; by default over all edges.
         """
         neighbours = neighbours or self.neighbours
         done: dict[int, tuple[float, int]] = {}

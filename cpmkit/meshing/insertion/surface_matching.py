@@ -22,24 +22,12 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Projections:
-    """Projections of points onto triangles, sorted by point and then by distance.
+    """Projections of points onto triangles, sorted by point and then by distance."""
 
-    Attributes
-    ----------
-    point : (k,) int64
-        The row of the projected point.
-    cell : (k,) int64
-        The triangle on which the projection lies.
-    shares : (k, 3) float64
-        Barycentric coordinates of the projection in this triangle; zeros are exact on edges.
-    distance : (k,) float64
-        Distance between the point and its projection.
-    """
-
-    point: Ints
-    cell: Ints
-    shares: Floats
-    distance: Floats
+    point: Ints  #: (k,): the row of the projected point.
+    cell: Ints  #: (k,): the triangle on which the projection lies.
+    shares: Floats  #: (k, 3): barycentric coordinates of the projection in this triangle; zeros are exact on edges.
+    distance: Floats  #: (k,): distance between the point and its projection.
 
     def take(self, rows: Ints | Bools) -> Projections:
         """Return the projections at ``rows``, integers or a mask."""
@@ -61,16 +49,10 @@ class Projections:
 
 @dataclass(frozen=True, eq=False)
 class TriangleSearch:
-    """Flat triangles onto which points are projected.
-
-    Attributes
-    ----------
-    mesh : Mesh
-    sizes : (m,) float64
-        The local edge length L of each triangle: projections up to L farther than the nearest one are candidates.
-    """
+    """Flat triangles onto which points are projected."""
 
     mesh: Mesh
+    #: (m,): the local edge length L of each triangle: projections up to L farther than the nearest one are candidates.
     sizes: Floats
 
     @cached_property

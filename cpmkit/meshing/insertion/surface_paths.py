@@ -47,19 +47,11 @@ class InsertedPoint(NamedTuple):
 
 @dataclass(eq=False)
 class PathFinder:
-    """Finds paths over a triangulation, and splits the triangles that they cross.
-
-    Attributes
-    ----------
-    constrained : ConstrainedTriangulation
-    search : TriangleSearch
-        Search over the roots, the original triangles.
-    inserted : dict
-        The points of curves inserted so far; keys are the numbers of the curve and of the point.
-    """
+    """Finds paths over a triangulation, and splits the triangles that they cross."""
 
     constrained: ConstrainedTriangulation
-    search: TriangleSearch
+    search: TriangleSearch  #: Search over the roots, the original triangles.
+    #: The points of curves inserted so far; keys are the numbers of the curve and of the point.
     inserted: dict[tuple[int, ...], InsertedPoint] = field(default_factory=dict)
 
     @property
@@ -68,10 +60,11 @@ class PathFinder:
         return self.constrained.triangulation
 
     def path(self, v: int, w: int) -> list[int] | None:
-        """Return the vertices of a path over edges from v to w, both included; None if they are not connected.
+        """Return the vertices of a path over edges from v to w, both included; None if all paths are long detours.
 
-        The path is as straight as possible: in a plane of the normals at its ends, else through the projection of its
-        middle, else the shortest path over existing edges.
+        The path is as straight as possible: in the plane of the mean normal of its ends, else through the projection of
+        its middle, else in the plane of the normal at v or at w; triangles that it crosses are split. Failing these it
+        is the shortest path over existing edges.
         """
         path = self._bisected_path(v, w, 4)
         if path is None:
@@ -182,10 +175,7 @@ class PathFinder:
     def path_beside_boundary(self, start: tuple[int, int], goal: tuple[int, int]) -> list[int] | None:
         """Return a path between two vertices that runs parallel to a boundary; None if there is none.
 
-        Parameters
-        ----------
-        start, goal : (int, int)
-            A vertex of the path, and the vertex of the boundary beside it.
+        ``start``, ``goal`` (int, int): a vertex of the path, and the vertex of the boundary beside it.
         """
         net, owners = self.triangulation, self.constrained.owners_at
         (v, at), (w, to) = start, goal
@@ -210,13 +200,9 @@ def erase_short_loops(triangulation: SplitTriangulation, path: list[int], backwa
 
     Such loops come from projections that jump, from cusps of offset curves and from noise in polylines.
 
-    Parameters
-    ----------
-    triangulation : SplitTriangulation
-    path : list of int
-        Vertices; a closed path ends where it starts.
-    backward : set of int
-        The vertices between which projections go back while the curve continues: it lies off the surface there.
+    ``path``: vertices; a closed path ends where it starts.
+    ``backward``: the vertices between which projections go back while the curve continues: it lies off the surface
+        there.
     """
     path = _without_loops(triangulation, path, backward)
     if len(path) > 2 and path[0] == path[-1]:

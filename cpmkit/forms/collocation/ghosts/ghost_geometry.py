@@ -43,25 +43,14 @@ def coefficient_and_factor(
     Order 1, with u read on the boundary: ``[alpha u + t gamma] / (alpha + beta t)``, for Dirichlet g.
 
     Differs from King et al. (2024), eq. 8 and section 4.3: there h = t, and a ghost on the boundary then
-    reads itself with weight -1, which no smoother damps.
+    reads itself with weight -1, which no smoother damps. Raises ResolutionError if the condition makes the solution
+    grow so strongly that the spacing is too coarse.
 
-    Parameters
-    ----------
-    law : OneSided
-        The law, with its alpha.
-    beta : (n,) float64
-        Its beta at the boundary's points nearest to the ghosts.
-    t, s : (n,) float64
-        Distance of the ghost from the boundary, and from its mirror point.
-    first_order : (n,) bool
-        Whether the ghost is of order 1.
-    spacing : float
-        Spacing of the lattice.
-
-    Raises
-    ------
-    ResolutionError
-        If the condition makes the solution grow so strongly that the spacing is too coarse.
+    ``law``: the law, with its alpha.
+    ``beta`` (n,): its beta at the boundary's points nearest to the ghosts.
+    ``t``, ``s`` (n,): distance of the ghost from the boundary, and from its mirror point.
+    ``first_order`` (n,): whether the ghost is of order 1.
+    ``spacing``: spacing of the lattice.
     """
     if isinstance(law, Value):
         ratio = np.where(first_order, 0.0, t / np.maximum(t, 0.5 * spacing))
@@ -83,10 +72,7 @@ def coefficient_and_factor(
 def checked_beta(law: OneSided, kind: str, points: Floats, label: str) -> Floats:
     """Return beta (n,) of the ``law`` of a condition of this ``kind`` at ``points`` (n, d) of a boundary or edge.
 
-    Raises
-    ------
-    InputError
-        If the law is mixed and beta is zero at all points.
+    Raises InputError if the law is mixed and beta is zero at all points.
     """
     beta = beta_at(law, points, label)
     if isinstance(law, Mixed) and len(points) and not beta.any():
@@ -96,36 +82,19 @@ def checked_beta(law: OneSided, kind: str, points: Floats, label: str) -> Floats
 
 @dataclass(frozen=True, eq=False)
 class GhostGeometry:
-    """The g ghosts of boundary ``index``: their nodes' distances and sides, and the directions across the boundary.
+    """The g ghosts of boundary ``index``: their nodes' distances and sides, and the directions across the boundary."""
 
-    Attributes
-    ----------
-    index : int
-        The boundary's number.
-    boundaries : BoundariesOnBand
-        All boundaries of the scene.
-    lattice : Lattice
-        Origin and spacing.
-    seen : SideView
-        Distances and sides of the nodes' closest points; its rows are the nodes.
-    foot_point : (g, d) float64
-        The points that the nodes read without a boundary: their closest points, or mirror points past an edge.
-    direction : (g, d) float64
-        Unit vectors from there towards the boundary and across it.
-    past_edge : (g,) bool
-        True for nodes past an edge that the boundary separates from the part that they continue; for them
-        ``foot_point`` is the node's own place in the tangent plane of the edge.
-    own_feet : ClosestPoints, optional
-        The surface's records of ``foot_point``; given where several of its sheets share the band.
-    """
-
-    index: int
-    boundaries: BoundariesOnBand
-    lattice: Lattice
-    seen: SideView
+    index: int  #: The boundary's number.
+    boundaries: BoundariesOnBand  #: All boundaries of the scene.
+    lattice: Lattice  #: Origin and spacing.
+    seen: SideView  #: Distances and sides of the nodes' closest points; its rows are the nodes.
+    #: (g, d): the points that the nodes read without a boundary: their closest points, or mirror points past an edge.
     foot_point: Floats
-    direction: Floats
+    direction: Floats  #: (g, d): unit vectors from there towards the boundary and across it.
+    #: (g,): True for nodes past an edge that the boundary separates from the part that they continue; for them
+    #: ``foot_point`` is the node's own place in the tangent plane of the edge.
     past_edge: Bools
+    #: The surface's records of ``foot_point``; given where several of its sheets share the band.
     own_feet: ClosestPoints | None = None
 
     def __len__(self) -> int:

@@ -40,36 +40,17 @@ from cpmkit.types import Bools, Floats, Ints
 
 @dataclass(frozen=True, eq=False)
 class Ghosts:
-    """The g ghosts of one boundary: first those that are unknowns, then those at which only E u is needed.
+    """The g ghosts of one boundary: first those that are unknowns, then those at which only E u is needed."""
 
-    Attributes
-    ----------
-    geometry : GhostGeometry
-        The nodes of the ghosts, and the directions across the boundary.
-    unknowns : int
-        Number of ghosts that are unknowns.
-    numbers : (band nodes,) int64
-        For each node of the band its ghost, -1 for none.
-    formula : RowFormula
-        The formulas of the ghosts' values.
-    sources : RowFormula
-        The formulas by which ghosts read right-hand sides, on the side that they continue.
-    side_views : sequence of SideView
-        For each boundary, the distances and sides of the points that ghosts read.
-    orders : (g,) int64
-        Order of accuracy of each ghost.
-    behind : (g,) float64
-        For a ghost that reads one point, its distance from the boundary over that of the points where right-hand sides
-        are read; NaN for others.
-    """
-
-    geometry: GhostGeometry
-    unknowns: int
-    numbers: Ints
-    formula: RowFormula
-    sources: RowFormula
-    side_views: Sequence[SideView]
-    orders: Ints
+    geometry: GhostGeometry  #: The nodes of the ghosts, and the directions across the boundary.
+    unknowns: int  #: Number of ghosts that are unknowns.
+    numbers: Ints  #: (band nodes,): for each node of the band its ghost, -1 for none.
+    formula: RowFormula  #: The formulas of the ghosts' values.
+    sources: RowFormula  #: The formulas by which ghosts read right-hand sides, on the side that they continue.
+    side_views: Sequence[SideView]  #: For each boundary, the distances and sides of the points that ghosts read.
+    orders: Ints  #: (g,): order of accuracy of each ghost.
+    #: (g,): for a ghost that reads one point, its distance from the boundary over that of the points where right-hand
+    #: sides are read; NaN for others.
     behind: Floats
 
     @property

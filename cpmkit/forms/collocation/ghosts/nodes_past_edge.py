@@ -56,23 +56,13 @@ LEAST_SINGULAR_SHARE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class RimCorners:
-    """Nodes whose closest points are corners of a rim.
+    """Nodes whose closest points are corners of a rim."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Numbers of the nodes.
-    points : (k, s, d) float64
-        For each of the s sides of the corner, a point of the rim on it.
-    loops : (k, s) int64
-        The loops of the edge that these points are on.
-    beyond : (k, s) float64
-        How far the node is beyond each side: these times the conormals there sum up to its offset from the corner.
-    """
-
-    rows: Ints
-    points: Floats
-    loops: Ints
+    rows: Ints  #: (k,): numbers of the nodes.
+    points: Floats  #: (k, s, d): for each of the s sides of the corner, a point of the rim on it.
+    loops: Ints  #: (k, s): the loops of the edge that these points are on.
+    #: (k, s): how far the node is beyond each side: these times the conormals there sum up to its offset from the
+    #: corner.
     beyond: Floats
 
     def take(self, chosen: Bools) -> RimCorners:
@@ -85,16 +75,10 @@ def rim_corners(
 ) -> list[RimCorners]:
     """Return the corners among ``feet`` on rims of surfaces and solids; curves have no corners.
 
-    Parameters
-    ----------
-    surface : LocalSource
-        The manifold.
-    feet : ClosestPoints
-        Closest points of n nodes, on rims.
-    beyond, outward : (n, d) float64
-        The offsets of the nodes from them, and the outward conormals there.
-    spacing : float
-        Spacing of the lattice.
+    ``surface``: the manifold.
+    ``feet``: closest points of n nodes, on rims.
+    ``beyond``, ``outward`` (n, d): the offsets of the nodes from them, and the outward conormals there.
+    ``spacing``: spacing of the lattice.
     """
     dimension = surface.dimensions_at(feet)
     corners = []

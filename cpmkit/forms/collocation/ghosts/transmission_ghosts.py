@@ -36,28 +36,15 @@ DIFFUSIVITY_MISMATCH_SHARE, MISREAD_POINTS_SHARE = 0.01, 0.1
 
 @dataclass(frozen=True, eq=False)
 class CoupledGhosts:
-    """Ghosts of order 2 of a transmission.
+    """Ghosts of order 2 of a transmission."""
 
-    Attributes
-    ----------
-    rows : (k,) int64
-        Their numbers among the boundary's ghosts.
-    terms_beyond, own_terms : list of ExtraPoint
-        Points that they read on the side that they continue, and on the side of their nodes.
-    data : list of BoundaryData
-        The jumps of value and flux.
-    source_factor : (k,) float64
-        Factor of a right-hand side read at the boundary.
-    source_terms : list of ExtraPoint
-        Further points at which the right-hand side is read.
-    """
-
-    rows: Ints
+    rows: Ints  #: (k,): their numbers among the boundary's ghosts.
+    #: terms_beyond, own_terms: Points that they read on the side that they continue, and on the side of their nodes.
     terms_beyond: list[ExtraPoint]
     own_terms: list[ExtraPoint]
-    data: list[BoundaryData]
-    source_factor: Floats
-    source_terms: list[ExtraPoint]
+    data: list[BoundaryData]  #: The jumps of value and flux.
+    source_factor: Floats  #: (k,): factor of a right-hand side read at the boundary.
+    source_terms: list[ExtraPoint]  #: Further points at which the right-hand side is read.
 
 
 def second_order_ghosts(geometry: GhostGeometry, law: Interface, rows: Ints) -> CoupledGhosts | None:
@@ -161,20 +148,12 @@ def second_order_weights(
     On each side a polynomial of degree k interpolates the k values there; the two conditions at the boundary determine
     the polynomials.
 
-    Parameters
-    ----------
-    law : Interface
-        The law, with its resistance.
-    materials : two (n,) float64
-        Conductivities on the ghost's own side, and on the side that it continues.
-    own, beyond : (n, k) float64
-        Distances of the points on these sides from the boundary.
-    at : (n,) float64
-        Distance of the ghost from the boundary.
-    carries_left : (n,) bool
-        Whether the ghost continues the left side.
-    spacing : float
-        Unit of length in which the small systems are well scaled.
+    ``law``: the law, with its resistance.
+    ``materials`` two (n,) float64: conductivities on the ghost's own side, and on the side that it continues.
+    ``own``, ``beyond`` (n, k): distances of the points on these sides from the boundary.
+    ``at`` (n,): distance of the ghost from the boundary.
+    ``carries_left`` (n,): whether the ghost continues the left side.
+    ``spacing``: unit of length in which the small systems are well scaled.
     """
     n, k = own.shape
     powers, size = np.arange(k + 1), k + 1

@@ -160,45 +160,22 @@ class BoundarySamples:
     """Points at which conditions are imposed: `POINTS_OF_EDGE` on each edge of triangles, one at each end of segments.
 
     A facet has these samples once for each cell beside it, at the same points and in the same order along the facet.
-
-    Attributes
-    ----------
-    points : (b, d) float64
-        Positions relative to the lattice's origin.
-    weights : (b,) float64
-        Quadrature weights for integrals along the boundary; 1 where the boundary is a point.
-    conormals : (b, d) float64
-        Unit vectors tangent to the manifold and normal to the boundary, out of the cell; zero where the boundary is a
-        point of a surface.
-    normals : (b, c, d) float64
-        Orthonormal bases of the normal space of the manifold.
-    cell : (b,) int64
-        The cell of each sample.
-    centres : (b, d) float64
-        The mean of the corners of that cell.
-    half : (b,) int64
-        The half facet in `HalfFacets` that each sample lies on; -1 at points of a surface.
-    facet : (b,) int64
-        The number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
-    place : (b,) int64
-        The number of the sample along the facet, from 0.
-    owner : (b,) int64
-        The number of the boundary; -1 on rims where no boundary lies.
-    beyond_tip : (b,) bool
-        Whether the facet lies on the continuation of its boundary past a tip.
     """
 
-    points: Floats
-    weights: Floats
+    points: Floats  #: (b, d): positions relative to the lattice's origin.
+    weights: Floats  #: (b,): quadrature weights for integrals along the boundary; 1 where the boundary is a point.
+    #: (b, d): unit vectors tangent to the manifold and normal to the boundary, out of the cell; zero where the boundary
+    #: is a point of a surface.
     conormals: Floats
-    normals: Floats
-    cell: Ints
-    centres: Floats
-    half: Ints
+    normals: Floats  #: (b, c, d): orthonormal bases of the normal space of the manifold.
+    cell: Ints  #: (b,): the cell of each sample.
+    centres: Floats  #: (b, d): the mean of the corners of that cell.
+    half: Ints  #: (b,): the half facet in `HalfFacets` that each sample lies on; -1 at points of a surface.
+    #: (b,): the number of the facet in ``mesh.cut``; -1 on rims where no boundary lies, and at points of a surface.
     facet: Ints
-    place: Ints
-    owner: Ints
-    beyond_tip: Bools
+    place: Ints  #: (b,): the number of the sample along the facet, from 0.
+    owner: Ints  #: (b,): the number of the boundary; -1 on rims where no boundary lies.
+    beyond_tip: Bools  #: (b,): whether the facet lies on the continuation of its boundary past a tip.
 
     def __len__(self) -> int:
         return len(self.points)
@@ -218,18 +195,12 @@ def boundary_samples(
 ) -> BoundarySamples:
     """Return the samples on the facets of boundaries, and with ``rims`` also those on all other facets of the rim.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        Flat or quadratic cells.
-    half : HalfFacets
-        Facets of the mesh on boundaries and rims, once for each cell beside them.
-    corners : (m, k) int64
-        The vertices of the cells after cutting.
-    rims : bool
-        Whether samples on rims where no boundary lies are included.
-    points : mapping of int to (k,) int64, optional
-        For each boundary that consists of points of a surface, by number, the vertices at these points.
+    ``mesh``: flat or quadratic cells.
+    ``half``: facets of the mesh on boundaries and rims, once for each cell beside them.
+    ``corners`` (m, k): the vertices of the cells after cutting.
+    ``rims``: whether samples on rims where no boundary lies are included.
+    ``points`` mapping of int to (k,) int64: for each boundary that consists of points of a surface, by number, the
+        vertices at these points.
     """
     chosen = np.flatnonzero((half.cut >= 0) | rims)
     facet_points = points_on_edges if mesh.manifold_dim == 2 else ends_of_segments

@@ -44,20 +44,12 @@ def left_of_boundaries(
 ) -> Bools:
     """Return whether each boundary sample (b,) is on the left of its boundary.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        The mesh, cut along the boundaries.
-    half : HalfFacets
-        Facets of the mesh on boundaries and rims, once for each cell beside them.
-    corners : (m, k) int64
-        The vertices of the cells after cutting.
-    samples : BoundarySamples
-        Samples on these half facets.
-    boundaries : sequence of OrientedBoundary
-        The boundaries, numbered as in ``mesh.owner``.
-    lattice : Lattice
-        The coordinates of samples are relative to its origin.
+    ``mesh``: the mesh, cut along the boundaries.
+    ``half``: facets of the mesh on boundaries and rims, once for each cell beside them.
+    ``corners`` (m, k): the vertices of the cells after cutting.
+    ``samples``: samples on these half facets.
+    ``boundaries``: the boundaries, numbered as in ``mesh.owner``.
+    ``lattice``: the coordinates of samples are relative to its origin.
     """
     n = len(half.cell)
     if not n or not len(samples):
@@ -177,19 +169,12 @@ def local_widths(
     ``w(y) = min(h, (sum_j N_j(y) A_j / sum_j N_j(y) L_j) / .89)``, with A_j and L_j the integrals of spline j over the
     manifold and over its side of the boundary.
 
-    Parameters
-    ----------
-    values : csr_array (b, n)
-        Evaluates the splines N_j at the samples.
-    areas : (n,) float64
-        A_j.
-    samples : BoundarySamples
-        The samples.
-    sides : sequence of (b,) bool
-        Disjoint sets of samples, such as those on one side of a boundary. L_j is summed over each set by itself;
-        samples in no set have the width h.
-    spacing : (b,) float64
-        The spacing h of the splines at the samples.
+    ``values`` csr_array (b, n): evaluates the splines N_j at the samples.
+    ``areas`` (n,): A_j.
+    ``samples``: the samples.
+    ``sides`` sequence of (b,) bool: disjoint sets of samples, such as those on one side of a boundary. L_j is summed
+        over each set by itself; samples in no set have the width h.
+    ``spacing`` (b,): the spacing h of the splines at the samples.
     """
     width, measured = np.array(spacing, dtype=np.float64), np.stack(sides, axis=1) & (samples.half >= 0)[:, None]
     lengths = values @ (values.T @ np.where(measured, samples.weights[:, None], 0.0))
@@ -200,32 +185,17 @@ def local_widths(
 
 @dataclass(frozen=True, eq=False)
 class OneSidedLimits:
-    """Limits of coefficients at boundary samples, on the side of their cells; coefficients may jump at boundaries.
+    """Limits of coefficients at boundary samples, on the side of their cells; coefficients may jump at boundaries."""
 
-    Attributes
-    ----------
-    samples : BoundarySamples
-        The b samples.
-    widths : (b,) float64
-        The local width of the manifold, see :func:`local_widths`.
-    around : (b,) float64
-        The mean of the logarithm of the coefficient near each sample.
-    lattice : Lattice
-        The coordinates of samples are relative to its origin.
-    """
-
-    samples: BoundarySamples
-    widths: Floats
-    around: Floats
-    lattice: Lattice
+    samples: BoundarySamples  #: The b samples.
+    widths: Floats  #: (b,): the local width of the manifold, see :func:`local_widths`.
+    around: Floats  #: (b,): the mean of the logarithm of the coefficient near each sample.
+    lattice: Lattice  #: The coordinates of samples are relative to its origin.
 
     def value(self, data: Data, label: str) -> Floats:
         """Return the limits (b,) of positive ``data``, which have the name ``label`` in error messages.
 
-        Raises
-        ------
-        InputError
-            If the data are not positive where they are evaluated.
+        Raises InputError if the data are not positive where they are evaluated.
         """
         return self._extrapolated(data, label)[0] if callable(data) else self._positive_values(data, 0.0, label)
 
@@ -313,10 +283,7 @@ class OneSidedLimits:
     def conductivity(self, data: Data, label: str, side: str) -> Floats:
         """Return the conductivity (b,) prescribed on one ``side`` of the boundary called ``label``.
 
-        Raises
-        ------
-        SceneError
-            If the conductivity differs from the problem's diffusivity, whose logarithm is :attr:`around`.
+        Raises SceneError if the conductivity differs from the problem's diffusivity, whose logarithm is :attr:`around`.
         """
         prescribed, a = self.value(data, f"a conductivity of {label}"), np.exp(self.around)
         off = np.abs(prescribed / a - 1)

@@ -39,20 +39,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class AddedTerms:
-    """Terms that several conditions add to the matrix and the load.
+    """Terms that several conditions add to the matrix and the load."""
 
-    Attributes
-    ----------
-    matrix : csr_array (n, n)
-        The sum of their terms in the matrix.
-    load : csr_array (n, k)
-        Maps the values of the data of all conditions, one after the other, to the load.
-    data : list of (Data, (k_i, d) float64, str)
-        For each condition the data, the points at which they are evaluated, and their label in error messages.
-    """
-
-    matrix: csr_array
-    load: csr_array
+    matrix: csr_array  #: (n, n): the sum of their terms in the matrix.
+    load: csr_array  #: (n, k): maps the values of the data of all conditions, one after the other, to the load.
+    #: list of (Data, (k_i, d) float64, str): for each condition the data, the points at which they are evaluated, and
+    #: their label in error messages.
     data: list[tuple[Data, Floats, str]]
 
     def loads(self, channels: int, time: float | None) -> Floats:
@@ -63,34 +55,20 @@ class AddedTerms:
 
 @dataclass(frozen=True, eq=False)
 class ConditionTerms:
-    """The conditions of a scene as terms in n unknowns.
+    """The conditions of a scene as terms in n unknowns."""
 
-    Attributes
-    ----------
-    conditions : tuple of ImposedCondition
-        The laws, each with the samples at which it is imposed.
-    samples : BoundarySamples
-        The samples on boundaries and rims.
-    values, slopes : csr_array (b, n)
-        Evaluate u and du/db at the samples, with b the conormal out of the cell of each sample.
-    a : (b,) float64
-        The diffusivity on the side of each sample. For a tensor A it is b . A b, and ``slopes`` are derivatives along
-        A b / (b . A b).
-    widths : (b,) float64
-        The local width w of the manifold between boundaries, at most h; penalties are proportional to 1 / w.
-    lattice : Lattice
-        The coordinates of samples are relative to its origin.
-    outward_speed : (b,) float64, optional
-        v . b with b out of the cell of each sample, if the equation has a velocity v.
-    """
-
-    conditions: tuple[ImposedCondition, ...]
-    samples: BoundarySamples
+    conditions: tuple[ImposedCondition, ...]  #: The laws, each with the samples at which it is imposed.
+    samples: BoundarySamples  #: The samples on boundaries and rims.
+    #: values, slopes (b, n): evaluate u and du/db at the samples, with b the conormal out of the cell of each sample.
     values: csr_array
     slopes: csr_array
+    #: (b,): the diffusivity on the side of each sample. For a tensor A it is b . A b, and ``slopes`` are derivatives
+    #: along A b / (b . A b).
     a: Floats
+    #: (b,): the local width w of the manifold between boundaries, at most h; penalties are proportional to 1 / w.
     widths: Floats
-    lattice: Lattice
+    lattice: Lattice  #: The coordinates of samples are relative to its origin.
+    #: (b,): v . b with b out of the cell of each sample, if the equation has a velocity v.
     outward_speed: Floats | None = None
 
     @property
@@ -155,14 +133,9 @@ class ConditionTerms:
         fluxes. This converges with the order of the energy, not that of the gradient. Summed over all boundaries of a
         connected piece it balances the integral of f over the piece, to the tolerance of the solver.
 
-        Parameters
-        ----------
-        u : (n, channels) float64
-            The unknowns of the solution.
-        chosen : (b,) bool
-            Which samples: those on one side of a boundary, or on the rim.
-        time : float, optional
-            The time at which data are evaluated.
+        ``u`` (n, channels): the unknowns of the solution.
+        ``chosen`` (b,): which samples: those on one side of a boundary, or on the rim.
+        ``time``: the time at which data are evaluated.
 
         Returns
         -------
@@ -195,7 +168,10 @@ class ConditionTerms:
 
     @cached_property
     def _terms(self) -> list[AddedTerms]:
-        """The terms of all conditions, by the kind of their laws."""
+        """The terms of values, fluxes, Robin conditions, couplings and advection, one entry for each kind.
+
+        Spectral and nonlinear laws add nothing here: see :attr:`boundary_mass` and :meth:`linearise`.
+        """
         kinds: list[tuple[Callable[..., AddedTerms], Any]] = [
             (self._one_sided, conditions_with_law(self.conditions, Value, Flux, Mixed)),
             (self._interface, conditions_with_law(self.conditions, Interface)),
@@ -283,32 +259,19 @@ def condition_terms(
 ) -> ConditionTerms:
     """Return the terms that the conditions of a scene add to the matrix and the load.
 
-    Parameters
-    ----------
-    conditions, samples, lattice
-        The attributes of :class:`ConditionTerms`.
-    left : (b,) bool
-        Whether each sample is on the left of its boundary.
-    rows : two csr_array (b, n)
-        Evaluate u, and du/db along the conormals, at the samples.
-    areas : (n,) float64
-        The integral of each spline over the manifold.
-    diffusivity : Data or tensor
-        The diffusivity of the equation.
-    logarithms : (n,) float64
-        The integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over tangents.
-    slopes_along : callable, optional
-        Maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; given if the diffusivity
-        is a tensor.
-    spacings : (b,) or (1,) float64
-        The spacing of the splines at the samples.
+    Raises InputError if the diffusivity is not positive everywhere. Raises SceneError if a condition gives a
+    conductivity that differs from the problem's diffusivity, or any if that is a tensor.
 
-    Raises
-    ------
-    InputError
-        If the diffusivity is not positive everywhere.
-    SceneError
-        If a condition gives a conductivity that differs from the problem's diffusivity, or any if that is a tensor.
+    ``conditions``, ``samples``, ``lattice``: the attributes of :class:`ConditionTerms`.
+    ``left`` (b,): whether each sample is on the left of its boundary.
+    ``rows`` two csr_array (b, n): evaluate u, and du/db along the conormals, at the samples.
+    ``areas`` (n,): the integral of each spline over the manifold.
+    ``diffusivity``, Data or tensor: the diffusivity of the equation.
+    ``logarithms`` (n,): the integral of each spline times the logarithm of the diffusivity, or of a tensor's mean over
+        tangents.
+    ``slopes_along``: maps directions (b, d) to the matrix (b, n) of derivatives along them at the samples; given if the
+        diffusivity is a tensor.
+    ``spacings`` (b,) or (1,): the spacing of the splines at the samples.
     """
     values, slopes = rows
     constrained = np.zeros(len(samples), dtype=bool)

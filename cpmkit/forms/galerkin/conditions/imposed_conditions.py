@@ -36,30 +36,15 @@ LEAST_SLOPE = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class ImposedCondition:
-    """A law, and the samples at which it is imposed.
+    """A law, and the samples at which it is imposed."""
 
-    Attributes
-    ----------
-    law : Law
-        The law of the scene's condition; past the tips of a boundary a coupling without jump and flux.
-    label : str
-        Name of the place in messages.
-    rows : (k,) int64
-        The samples; for a law that couples both sides those on the left.
-    across : (k,) int64
-        For a law that couples both sides the samples at the same points on the right; else empty.
-    beyond_tip : bool
-        Whether the samples lie on the continuation of a boundary past its tip, across which u is continuous.
-    kind : str
-        The name of the condition.
-    """
-
-    law: Any
-    label: str
-    rows: Ints
-    across: Ints
+    law: Any  #: Law: the law of the scene's condition; past the tips of a boundary a coupling without jump and flux.
+    label: str  #: Name of the place in messages.
+    rows: Ints  #: (k,): the samples; for a law that couples both sides those on the left.
+    across: Ints  #: (k,): for a law that couples both sides the samples at the same points on the right; else empty.
+    #: Whether the samples lie on the continuation of a boundary past its tip, across which u is continuous.
     beyond_tip: bool = False
-    kind: str = ""
+    kind: str = ""  #: The name of the condition.
 
     @property
     def constrains_value(self) -> bool:
@@ -99,26 +84,15 @@ def impose_conditions(
 ) -> tuple[ImposedCondition, ...]:
     """Return the conditions of a scene, each with the samples at which it is imposed.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene; ``samples.owner`` are the numbers of its boundaries.
-    samples : BoundarySamples
-        The samples on boundaries, and on rims if :func:`needs_rims`.
-    left : (b,) bool
-        Whether each sample is on the left of its boundary.
-    surface : LocalSource
-        The manifold relative to the lattice's origin, with the numbers of the loops of its rim.
-    lattice : Lattice
-        The coordinates of samples are relative to its origin.
+    Raises SceneError if a law couples two sides where there are not two, if a condition other than a value is given at
+    a point of a surface, or if a condition is given for an edge or a loop that the manifold does not have. Raises
+    InputError if beta of a Robin condition is zero at all of its points.
 
-    Raises
-    ------
-    SceneError
-        If a law couples two sides where there are not two, if a condition other than a value is given at a point of a
-        surface, or if a condition is given for an edge or a loop that the manifold does not have.
-    InputError
-        If beta of a Robin condition is zero at all of its points.
+    ``scene``: the scene; ``samples.owner`` are the numbers of its boundaries.
+    ``samples``: the samples on boundaries, and on rims if :func:`needs_rims`.
+    ``left`` (b,): whether each sample is on the left of its boundary.
+    ``surface``: the manifold relative to the lattice's origin, with the numbers of the loops of its rim.
+    ``lattice``: the coordinates of samples are relative to its origin.
     """
     conditions = [*_on_boundaries(scene, samples, left, lattice), *_on_rims(scene, samples, surface, lattice)]
     conditions += _tip_continuations(samples)
@@ -165,10 +139,7 @@ def _paired_samples(
 ) -> tuple[Ints, Ints]:
     """Return the samples (k,) on the left and the samples (k,) on the right of a boundary, at the same points.
 
-    Raises
-    ------
-    SceneError
-        If the boundary has one side or more than two somewhere.
+    Raises SceneError if the boundary has one side or more than two somewhere.
     """
     key = POINTS_OF_EDGE * samples.facet + samples.place
     sides = [
@@ -191,10 +162,7 @@ def _on_rims(
 ) -> Iterator[ImposedCondition]:
     """Yield the conditions on the edge of the manifold with their samples, if :func:`needs_rims`.
 
-    Raises
-    ------
-    SceneError
-        If the manifold has no edge, or no loop with the number of a condition.
+    Raises SceneError if the manifold has no edge, or no loop with the number of a condition.
     """
     if not needs_rims(scene):
         return
@@ -264,24 +232,13 @@ def point_warnings(
 
 @dataclass(frozen=True, eq=False)
 class StateFluxSamples:
-    """Boundary samples with the condition du/db = j(u).
+    """Boundary samples with the condition du/db = j(u)."""
 
-    Attributes
-    ----------
-    condition : ImposedCondition
-        The condition; its law has j, its derivative and the value at which Newton's method starts.
-    points : (k, d) float64
-        The points of the samples, in the scene's coordinates.
-    values : csr_array (k, n)
-        Evaluates u at the samples.
-    spacing : float
-        The spacing h of the lattice.
-    """
-
+    #: The condition; its law has j, its derivative and the value at which Newton's method starts.
     condition: ImposedCondition
-    points: Floats
-    values: csr_array
-    spacing: float
+    points: Floats  #: (k, d): the points of the samples, in the scene's coordinates.
+    values: csr_array  #: (k, n): evaluates u at the samples.
+    spacing: float  #: The spacing h of the lattice.
 
     @property
     def guess(self) -> float:

@@ -62,14 +62,9 @@ def one_sided_products(
 
     A product is a pair of linear forms (k, 1, 2), of which the transposed product is added too.
 
-    Parameters
-    ----------
-    alpha, beta : (k,) float64
-        Factors of du/db and of u in the conditions, never both zero.
-    a : (k,) float64
-        The diffusivity on this side.
-    weights, widths : (k,) float64
-        The weights s of the samples, and the local width w.
+    ``alpha``, ``beta`` (k,): factors of du/db and of u in the conditions, never both zero.
+    ``a`` (k,): the diffusivity on this side.
+    ``weights``, ``widths`` (k,): the weights s of the samples, and the local width w.
     """
     e, g = alpha / a, widths / (NITSCHE_PENALTY * a)
     g = np.where((e * beta > 0) | (alpha == 0), g, 0.0)
@@ -87,12 +82,9 @@ def interface_products(
 
     All are linear forms (k, 2, 2), on the left and on the right.
 
-    Parameters
-    ----------
-    a, widths : two (k,) float64
-        The diffusivity and the local width on the left, and on the right.
-    resistance, weights, penalty : (k,) float64
-        The resistance R, zero where u is continuous; the weights s of the samples; the penalty B.
+    ``a``, ``widths`` two (k,) float64: the diffusivity and the local width on the left, and on the right.
+    ``resistance``, ``weights``, ``penalty`` (k,): the resistance R, zero where u is continuous; the weights s of the
+        samples; the penalty B.
     """
     r = [width / diffusivity for width, diffusivity in zip(widths, a, strict=True)]
     k = r[0] / (r[0] + r[1])
@@ -120,14 +112,9 @@ def side_factors(*factors: Floats) -> Floats:
 def form_rows(factors: Floats, rows: Ints, traces: csr_array) -> csr_array:
     """Return the matrix (k, n) that evaluates linear forms at k samples.
 
-    Parameters
-    ----------
-    factors : (k, s, 2) float64
-        Factors of u and of du/db on each side.
-    rows : (k, s) int64
-        The sample on each side.
-    traces : csr_array (2 b, n)
-        Evaluates u at all b samples, then du/db.
+    ``factors`` (k, s, 2): factors of u and of du/db on each side.
+    ``rows`` (k, s): the sample on each side.
+    ``traces`` csr_array (2 b, n): evaluates u at all b samples, then du/db.
     """
     from scipy.sparse import csr_array
 

@@ -27,15 +27,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class EnrichedSpace(FunctionSpace):
-    """Splines of one spacing, and singular functions at the ends of boundaries.
+    """Splines of one spacing, and singular functions at the ends of boundaries."""
 
-    Attributes
-    ----------
-    functions : sequence of SingularFunction
-        The m functions psi_k, one or more.
-    """
-
-    functions: Sequence[SingularFunction]
+    functions: Sequence[SingularFunction]  #: The m functions psi_k, one or more.
 
     @property
     def size(self) -> int:

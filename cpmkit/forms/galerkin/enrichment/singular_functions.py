@@ -38,30 +38,17 @@ RADIUS_SHARE = 0.9
 
 @dataclass(frozen=True, eq=False)
 class TipDisc:
-    """A disc around a tip; X points beyond the tip, and the boundary is ``Y = curvature X^2 / 2`` where X < 0.
+    """A disc around a tip; X points beyond the tip, and the boundary is ``Y = curvature X^2 / 2`` where X < 0."""
 
-    Attributes
-    ----------
-    origin : (d,) float64
-        The tip.
-    heading, leftward : (d,) float64
-        Orthonormal, tangent to the surface: the axes of X and Y.
-    curvature : float
-        The boundary's curvature at the tip.
-    radius : float
-        Radius R of the disc; zero where no disc fits.
-    cells : (k,) int64
-        The cells of the mesh in the disc, ascending.
-    sides : (k,) int64
-        The side of each cell: behind the tip 1 to the left of the boundary and -1 to its right, ahead of the tip 0.
-    """
-
-    origin: Floats
+    origin: Floats  #: (d,): the tip.
+    #: heading, leftward (d,): orthonormal, tangent to the surface: the axes of X and Y.
     heading: Floats
     leftward: Floats
-    curvature: float
-    radius: float
-    cells: Ints
+    curvature: float  #: The boundary's curvature at the tip.
+    radius: float  #: Radius R of the disc; zero where no disc fits.
+    cells: Ints  #: (k,): the cells of the mesh in the disc, ascending.
+    #: (k,): the side of each cell: behind the tip 1 to the left of the boundary and -1 to its right, ahead of the tip
+    #: 0.
     sides: Ints
 
     def plane(self, points: Floats) -> tuple[Floats, Floats]:
@@ -92,18 +79,10 @@ class TipDisc:
 
 @dataclass(frozen=True, eq=False)
 class TipDiscFinder:
-    """Search for discs around the tips of boundaries in a mesh.
+    """Search for discs around the tips of boundaries in a mesh."""
 
-    Attributes
-    ----------
-    mesh : Mesh
-        A mesh of triangles, cut along the boundaries.
-    spacing : float
-        Spacing h of the lattice.
-    """
-
-    mesh: Mesh
-    spacing: float
+    mesh: Mesh  #: A mesh of triangles, cut along the boundaries.
+    spacing: float  #: Spacing h of the lattice.
 
     @cached_property
     def _owner(self) -> Ints:
@@ -213,17 +192,10 @@ FLUX, VALUE, THROUGH = range(3)
 
 @dataclass(frozen=True, eq=False)
 class SingularFunction:
-    """A singular function psi of a tip.
+    """A singular function psi of a tip."""
 
-    Attributes
-    ----------
-    disc : TipDisc
-        The support of psi.
-    frequency, phase : float
-        The frequency k and the phase p.
-    """
-
-    disc: TipDisc
+    disc: TipDisc  #: The support of psi.
+    #: frequency, phase: The frequency k and the phase p.
     frequency: float
     phase: float
 

@@ -33,26 +33,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class LevelSplines:
-    """The splines of one level.
+    """The splines of one level."""
 
-    Attributes
-    ----------
-    dof_map : DofMap
-        The dof map over the region of the level and its halo; ``dof_map.patch`` (s,) are patches of the samples there.
-    rows : (s,) int64
-        The numbers of these samples, ascending.
-    inside : (p,) bool
-        Whether each patch is in the region of this level.
-    subdivided : (p,) bool
-        Whether each patch is in the region of the next level.
-    prolongation : csr_array (n, m), optional
-        Prolongation from the splines of the level before; None for level 0.
-    """
-
+    #: The dof map over the region of the level and its halo; ``dof_map.patch`` (s,) are patches of the samples there.
     dof_map: DofMap
-    rows: Ints
-    inside: Bools
-    subdivided: Bools
+    rows: Ints  #: (s,): the numbers of these samples, ascending.
+    inside: Bools  #: (p,): whether each patch is in the region of this level.
+    subdivided: Bools  #: (p,): whether each patch is in the region of the next level.
+    #: csr_array (n, m): prolongation from the splines of the level before; None for level 0.
     prolongation: csr_array | None
 
     @property
@@ -79,18 +67,11 @@ class LevelSplines:
 def level_splines(first: DofMap, points: Floats, corners: Any, cell: Any, regions: Regions) -> list[LevelSplines]:
     """Return the splines of all levels.
 
-    Parameters
-    ----------
-    first : DofMap
-        The dof map of level 0, over all samples.
-    points : (q, d) float64
-        The samples, relative to the lattice's origin.
-    corners : (m, k) int
-        The vertices of the cells of the mesh after cutting.
-    cell : (q,) int32
-        The mesh cell of each sample.
-    regions : Regions
-        The subdivided cells.
+    ``first``: the dof map of level 0, over all samples.
+    ``points`` (q, d): the samples, relative to the lattice's origin.
+    ``corners`` (m, k) int: the vertices of the cells of the mesh after cutting.
+    ``cell`` (q,) int32: the mesh cell of each sample.
+    ``regions``: the subdivided cells.
     """
     everywhere = np.ones(len(first.cells), dtype=bool)
     subdivided = _is_subdivided(first.cells, everywhere, regions, 0)

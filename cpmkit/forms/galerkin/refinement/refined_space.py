@@ -37,18 +37,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class RefinedDofMap(DofMap):
-    """A dof map whose patches belong to several levels; its cells and nodes are those of the magnified levels.
+    """A dof map whose patches belong to several levels; its cells and nodes are those of the magnified levels."""
 
-    Attributes
-    ----------
-    levels : (p,) int64
-        The level of each patch.
-    node_levels : (n,) int64
-        The level of each unknown.
-    """
-
-    levels: Ints
-    node_levels: Ints
+    levels: Ints  #: (p,): the level of each patch.
+    node_levels: Ints  #: (n,): the level of each unknown.
 
     @property
     def places(self) -> Floats:
@@ -83,26 +75,14 @@ class RefinedSamples(QuantisedSamples):
 
 @dataclass(frozen=True, eq=False)
 class RefinedSpace(FunctionSpace):
-    """Truncated hierarchical splines; :attr:`splines` are the magnified levels.
+    """Truncated hierarchical splines; :attr:`splines` are the magnified levels."""
 
-    Attributes
-    ----------
-    levels : sequence of LevelSplines
-        The splines of each level.
-    used : sequence of (k_l,) int64
-        The splines of each level that :attr:`splines` contains, in its order.
-    regions : Regions
-        The subdivided cells.
-    passes : int
-        Number of solves of the scene that led to the regions.
-    gain : float
-        The factor by which refinement was expected, after the first solve, to reduce the number of unknowns.
-    """
-
-    levels: Sequence[LevelSplines]
+    levels: Sequence[LevelSplines]  #: The splines of each level.
+    #: sequence of (k_l,) int64: the splines of each level that :attr:`splines` contains, in its order.
     used: Sequence[Ints]
-    regions: Regions
-    passes: int = 0
+    regions: Regions  #: The subdivided cells.
+    passes: int = 0  #: Number of solves of the scene that led to the regions.
+    #: The factor by which refinement was expected, after the first solve, to reduce the number of unknowns.
     gain: float = 0.0
 
     @property
@@ -206,14 +186,9 @@ def build_refined_space(
 ) -> RefinedSpace:
     """Return the function space of truncated hierarchical splines over the ``levels``.
 
-    Parameters
-    ----------
-    samples, interior
-        All samples, and the number of samples on the manifold and on no boundary.
-    corners : (m, k) int
-        The vertices of the mesh cells after cutting.
-    levels, regions, stabilisation
-        The attributes of :class:`RefinedSpace`.
+    ``samples``, ``interior``: all samples, and the number of samples on the manifold and on no boundary.
+    ``corners`` (m, k) int: the vertices of the mesh cells after cutting.
+    ``levels``, ``regions``, ``stabilisation``: the attributes of :class:`RefinedSpace`.
     """
     dof_map, used = _build_refined_dof_map(samples, corners, levels, regions)
     magnified = Samples(dof_map.magnify(dof_map.patch, samples.points), samples.weights, samples.normals, samples.cell)

@@ -24,21 +24,12 @@ HALF = 1 << (BITS - 1)
 
 @dataclass(frozen=True, eq=False)
 class Regions:
-    """The subdivided cells, by level.
+    """The subdivided cells, by level."""
 
-    Attributes
-    ----------
-    spacing : float
-        Spacing h of level 0.
-    dim : int
-        Dimension of the space.
-    subdivided : tuple of (k_l,) int64
-        Codes of the cells of level l that are subdivided into cells of level l + 1, ascending; each lies in a
-        subdivided cell of the level before.
-    """
-
-    spacing: float
-    dim: int
+    spacing: float  #: Spacing h of level 0.
+    dim: int  #: Dimension of the space.
+    #: tuple of (k_l,) int64: codes of the cells of level l that are subdivided into cells of level l + 1, ascending;
+    #: each lies in a subdivided cell of the level before.
     subdivided: tuple[Ints, ...] = ()
 
     @property
@@ -213,12 +204,8 @@ def grade_towards_tips(mesh: Mesh, spacing: float) -> Mesh:
 
     Edges shorter than a thousandth of a spacing are not subdivided.
 
-    Parameters
-    ----------
-    mesh : Mesh
-        A mesh of flat triangles.
-    spacing : float
-        Spacing h of the lattice.
+    ``mesh``: a mesh of flat triangles.
+    ``spacing``: spacing h of the lattice.
     """
     from scipy.spatial import cKDTree
 

@@ -34,22 +34,13 @@ EVERY_SAMPLE = slice(None)
 
 @dataclass(frozen=True)
 class Stabilisation:
-    """Dimensionless factors of the terms of the stabilisation.
+    """Dimensionless factors of the terms of the stabilisation."""
 
-    Attributes
-    ----------
-    e1, e2 : float
-        Factors of the squares of the first and second derivatives along normals.
-    g : float
-        Factor of the ghost penalty.
-    e3 : float
-        Factor of the square of the third derivative along normals, for cubic splines.
-    """
-
+    #: e1, e2: Factors of the squares of the first and second derivatives along normals.
     e1: float
     e2: float
-    g: float
-    e3: float = 0.0
+    g: float  #: Factor of the ghost penalty.
+    e3: float = 0.0  #: Factor of the square of the third derivative along normals, for cubic splines.
 
 
 #: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
@@ -79,18 +70,12 @@ def stiffness_with_floor(
 ) -> csr_array:
     """Return the matrix (n, n) of sum w (a grad u . grad v + c u v), with stabilisation and floor.
 
-    Parameters
-    ----------
-    space : SplineSpace
-        The splines and their samples.
-    a : float or (q,) or (q, d, d) float64
-        The diffusivity at the samples: numbers, or symmetric tensors whose tangential part is used.
-    stabilisation : Stabilisation
-        Its factors.
-    c : float or (q,) float64, optional
-        The coefficient of u v at the samples; None where there is no such term.
-    scale : (q,) float64, optional
-        The coefficient at the samples to which stabilisation and floor are proportional; by default ``a``.
+    ``space``: the splines and their samples.
+    ``a`` float or (q,) or (q, d, d) float64: the diffusivity at the samples: numbers, or symmetric tensors whose
+        tangential part is used.
+    ``stabilisation``: its factors.
+    ``c`` float or (q,) float64: the coefficient of u v at the samples; None where there is no such term.
+    ``scale`` (q,): the coefficient at the samples to which stabilisation and floor are proportional; by default ``a``.
     """
     data = energy_data(space, a, c, stabilisation, scale)
     diagonal = space.matrix(data).diagonal()

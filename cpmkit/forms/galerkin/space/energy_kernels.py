@@ -216,28 +216,16 @@ def add_energy(
     The gradient is the tangential one, its normal part the derivative along normals, and H the Hessian. For cubic
     splines e3 h^4 a times the square of the third derivative along n is added too.
 
-    Parameters
-    ----------
-    unknowns : (p, w)
-        The unknowns that each patch reads.
-    spacing : float
-        h.
-    splines : tuple
-        That of the degree in `SPLINES`.
-    order, start : (q,), (p + 1,)
-        The samples sorted by patch, and where the samples of each patch start.
-    places, weights, directions
-        As in `QuantisedSamples`.
-    a : (q,), (1,) or (0,) float64
-        At the samples, constant, or absent: then only the term with c is added.
-    tensors : (q, d, d), (1, d, d) or (0, d, d) float64
-        A, or none where A is a times the identity.
-    c : (q,), (1,) or (0,) float64
-        At the samples, constant, or absent.
-    e1, e2, e3 : float
-        Factors of the stabilisation.
-    matrix : (indptr, indices, data)
-        The matrix in CSR format, of which ``data`` is added to.
+    ``unknowns`` (p, w): the unknowns that each patch reads.
+    ``spacing``: h.
+    ``splines``, tuple: that of the degree in `SPLINES`.
+    ``order``, ``start`` (q,), (p + 1,): the samples sorted by patch, and where the samples of each patch start.
+    ``places``, ``weights``, ``directions``: as in `QuantisedSamples`.
+    ``a`` (q,), (1,) or (0,): at the samples, constant, or absent: then only the term with c is added.
+    ``tensors`` (q, d, d), (1, d, d) or (0, d, d): A, or none where A is a times the identity.
+    ``c`` (q,), (1,) or (0,): at the samples, constant, or absent.
+    ``e1``, ``e2``, ``e3``: factors of the stabilisation.
+    ``matrix`` (indptr, indices, data): the matrix in CSR format, of which ``data`` is added to.
     """
     indptr, indices, data = matrix
     codim, d = directions.shape[1], places.shape[1]

@@ -35,20 +35,11 @@ class FunctionSpace:
     The unknowns are the n coefficients c_j. In refined spaces the functions are linear combinations of the N splines in
     :attr:`splines`: the prolongation R (N, spline_count) maps unknowns to the coefficients of these. In enriched spaces
     further unknowns follow the c_j.
-
-    Attributes
-    ----------
-    splines : SplineSpace
-        The splines that are evaluated and integrated, with their q samples.
-    interior : int
-        Number p of the samples on the manifold, which precede those on boundaries.
-    stabilisation : Stabilisation
-        Factors of the stabilisation.
     """
 
-    splines: SplineSpace
-    interior: int
-    stabilisation: Stabilisation
+    splines: SplineSpace  #: The splines that are evaluated and integrated, with their q samples.
+    interior: int  #: Number p of the samples on the manifold, which precede those on boundaries.
+    stabilisation: Stabilisation  #: Factors of the stabilisation.
 
     __getstate__ = state_without_cached
 

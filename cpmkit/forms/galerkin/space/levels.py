@@ -30,18 +30,13 @@ def two_scale(
 ) -> tuple[Any, Any, Any]:
     """Return row pointers (n + 1,), columns, ascending in each row, and weights of the prolongation P (n, m).
 
-    Parameters
-    ----------
-    cells, unknowns : (p, d), (p, (degree + 1)^d)
-        Lattice cells of the finer patches, and the unknowns that they read.
-    n : int
-        Number of finer unknowns.
-    parent : (p,)
-        The coarser patch that contains each finer patch.
-    coarse_cells, coarse_unknowns
-        Lattice cells of the coarser patches, and the unknowns that they read.
-    shares : (degree + 2,)
-        Coefficients of the two-scale relation: a coarser spline as a sum of finer splines, along an axis.
+    ``cells``, ``unknowns`` (p, d), (p, (degree + 1)^d): lattice cells of the finer patches, and the unknowns that they
+        read.
+    ``n``: number of finer unknowns.
+    ``parent`` (p,): the coarser patch that contains each finer patch.
+    ``coarse_cells``, ``coarse_unknowns``: lattice cells of the coarser patches, and the unknowns that they read.
+    ``shares`` (degree + 2,): coefficients of the two-scale relation: a coarser spline as a sum of finer splines, along
+        an axis.
     """
     p, d = cells.shape
     width, along = unknowns.shape[1], len(shares) - 1
@@ -151,13 +146,9 @@ LARGEST_REMAINING_SHARE = 0.9
 def coarser_levels(dof_map: DofMap, boundary_patches: Ints) -> list[Level]:
     """Return the coarser levels of a multigrid hierarchy with their prolongations, the finest first.
 
-    Parameters
-    ----------
-    dof_map : DofMap
-        Dof map of the finest level.
-    boundary_patches : (k,) int64
-        The patches with samples on boundaries. On each level the unknowns that these patches read, or the coarser
-        patches that contain them, form the strip, which the smoother treats by blocks.
+    ``dof_map``: dof map of the finest level.
+    ``boundary_patches`` (k,): the patches with samples on boundaries. On each level the unknowns that these patches
+        read, or the coarser patches that contain them, form the strip, which the smoother treats by blocks.
     """
     level = replace(dof_map, patch=np.unique(boundary_patches))
     levels: list[Level] = []

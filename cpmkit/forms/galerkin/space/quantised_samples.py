@@ -26,31 +26,20 @@ SAMPLES_AT_ONCE = 1 << 16
 
 @dataclass(frozen=True, eq=False)
 class QuantisedSamples:
-    """Samples stored as fixed-point numbers, relative to the lattice cells of their patches.
+    """Samples stored as fixed-point numbers, relative to the lattice cells of their patches."""
 
-    Attributes
-    ----------
-    dof_map : DofMap
-        The dof map of these samples.
-    places : (q, d) int32, float64 for curves
-        Position relative to the node at the centre of the patch's lattice cell, in units of `PLACE_UNIT` spacings.
-    directions : (q, c, e) int32, float64 for curves
-        The normals in units of `NORMAL_UNIT`, orthonormalised when they are decoded. For surfaces e = 2: a position on
-        the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves e = d.
-    weights : (q,) float64
-        Quadrature weights, as of `Samples`.
-    cell_starts : (m + 1,) int32
-        The first sample of each cell of the mesh, for the first samples, which are ordered by cell.
-    further_cells : (k,) int32
-        The cells of the k last samples, which are not ordered by cell.
-    """
-
-    dof_map: DofMap
+    dof_map: DofMap  #: The dof map of these samples.
+    #: (q, d) int32, float64 for curves: position relative to the node at the centre of the patch's lattice cell, in
+    #: units of `PLACE_UNIT` spacings.
     places: Any
+    #: (q, c, e) int32, float64 for curves: the normals in units of `NORMAL_UNIT`, orthonormalised when they are
+    #: decoded. For surfaces e = 2: a position on the octahedron |x| + |y| + |z| = 1 unfolded into a square; for curves
+    #: e = d.
     directions: Any
-    weights: Floats
+    weights: Floats  #: (q,): quadrature weights, as of `Samples`.
+    #: (m + 1,) int32: the first sample of each cell of the mesh, for the first samples, which are ordered by cell.
     cell_starts: Any
-    further_cells: Any
+    further_cells: Any  #: (k,) int32: the cells of the k last samples, which are not ordered by cell.
 
     @classmethod
     def of(cls, samples: Samples, dof_map: DofMap) -> QuantisedSamples:

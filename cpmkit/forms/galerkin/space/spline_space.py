@@ -119,32 +119,22 @@ def _rows(dof_map: DofMap, patch: Ints, entries: Floats) -> csr_array:
 
 @dataclass(frozen=True, eq=False)
 class SplineSpace:
-    """Splines with the samples over which they are integrated, and the sparsity pattern of their matrices.
+    """Splines with the samples over which they are integrated, and the sparsity pattern of their matrices."""
 
-    Attributes
-    ----------
-    dof_map : DofMap
-        The patches of the samples, and the n unknowns, which are coefficients of splines.
-    samples : QuantisedSamples
-        The samples of ``dof_map``, in its order: those on the manifold, then those on boundaries.
-    heaviest : (n,) int32
-        For each unknown an index into ``dof_map.unknowns.ravel()`` where it stands: in the patch with the largest sum
-        of weights among those that read it.
-    runs : (r, degree + 2) int32
-        All sequences of degree + 2 neighbouring unknowns along an axis, one more than a patch reads. Where an unknown
-        has several neighbours in one direction, there is a run through each of them.
-    short_runs : (s, degree + 1) int32
-        Sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that is in no run, and,
-        for curves in space, along axes on which a piece of the curve stays in one layer of cells.
-    indptr, indices : (n + 1,), (z,) int32 or int64
-        The sparsity pattern of every matrix in CSR format, columns ascending.
-    """
-
-    dof_map: DofMap
+    dof_map: DofMap  #: The patches of the samples, and the n unknowns, which are coefficients of splines.
+    #: The samples of ``dof_map``, in its order: those on the manifold, then those on boundaries.
     samples: QuantisedSamples
+    #: (n,) int32: for each unknown an index into ``dof_map.unknowns.ravel()`` where it stands: in the patch with the
+    #: largest sum of weights among those that read it.
     heaviest: Any
+    #: (r, degree + 2) int32: all sequences of degree + 2 neighbouring unknowns along an axis, one more than a patch
+    #: reads. Where an unknown has several neighbours in one direction, there is a run through each of them.
     runs: Any
+    #: (s, degree + 1) int32: sequences of degree + 1 unknowns along an axis inside one patch: through each unknown that
+    #: is in no run, and, for curves in space, along axes on which a piece of the curve stays in one layer of cells.
     short_runs: Any
+    #: indptr, indices (n + 1,), (z,) int32 or int64: the sparsity pattern of every matrix in CSR format, columns
+    #: ascending.
     indptr: Any
     indices: Any
 
