@@ -108,8 +108,8 @@ def _help(context: click.Context) -> str:
 def facade_page() -> str:
     """Return a section for each group of the names that a plugin may import."""
     parts = []
-    for group, names in plugin.GROUPS.items():
-        entries = "\n\n".join(_of_facade(name) for name in names)
+    for group, modules in plugin.GROUPS.items():
+        entries = "\n\n".join(_of_facade(name) for names in modules.values() for name in names)
         parts.append(f"## {group}\n\n```{{eval-rst}}\n{entries}\n```\n")
     return "\n".join(parts)
 

@@ -84,7 +84,7 @@ def _public() -> dict[str, str]:
     """Return the modules that hold the public names of cpmkit, which it imports on first use."""
     tree = ast.parse(modules()["cpmkit"].read_text(encoding="utf-8"))
     tables = [node.value for node in tree.body if isinstance(node, ast.Assign) and node.targets[0].id == PUBLIC]
-    return {name: f"cpmkit.{module}" for name, module in ast.literal_eval(tables[0]).items()}
+    return {name: f"cpmkit.{module}" for module, names in ast.literal_eval(tables[0]).items() for name in names}
 
 
 @cache

@@ -25,28 +25,18 @@ if TYPE_CHECKING:  # for type checkers and editors, the same names as in the tab
     from cpmkit.applications.vector_fields import TangentField as TangentField
     from cpmkit.applications.vector_fields import vector_field as vector_field
 
-#: Public names and the modules that hold them, imported on first use.
+#: Modules and the public names that they define, imported on first use.
 _PUBLIC = {
-    "ColouredSurface": "colouring",
-    "Distance": "geodesics",
-    "LogarithmicMap": "parallel_transport",
-    "SignedDistance": "signed_distances",
-    "SurfaceMap": "harmonic_maps",
-    "TangentField": "vector_fields",
-    "Texture": "texture",
-    "TexturedMesh": "texture",
-    "TransportedField": "parallel_transport",
-    "bake": "texture",
-    "diffusion_curves": "colouring",
-    "geodesic_distance": "geodesics",
-    "harmonic_map": "harmonic_maps",
-    "logarithmic_map": "parallel_transport",
-    "signed_distance": "signed_distances",
-    "transport_vector": "parallel_transport",
-    "vector_field": "vector_fields",
+    "colouring": ("ColouredSurface", "diffusion_curves"),
+    "geodesics": ("Distance", "geodesic_distance"),
+    "harmonic_maps": ("SurfaceMap", "harmonic_map"),
+    "parallel_transport": ("LogarithmicMap", "TransportedField", "logarithmic_map", "transport_vector"),
+    "signed_distances": ("SignedDistance", "signed_distance"),
+    "texture": ("Texture", "TexturedMesh", "bake"),
+    "vector_fields": ("TangentField", "vector_field"),
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = sorted(name for names in _PUBLIC.values() for name in names)
 
 if not TYPE_CHECKING:  # else a type checker would accept every name, even if misspelt
-    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC, __name__)
+    __getattr__, __dir__ = lazy_names(__name__, _PUBLIC.items(), __name__)

@@ -14,8 +14,6 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from cpmkit.errors import ECHOED_CHARACTERS, InputError, shown
 
 #: Most bytes in the name of a file; names of folders, unfinished files and frames of a series may have 255.
@@ -136,6 +134,8 @@ def write_png(path: str | Path, colours: Any) -> Path:
     InputError
         If the name does not end in ``.png``, or the colours are not of this shape or not finite.
     """
+    import numpy as np
+
     path, image = Path(path), np.asarray(colours, dtype=np.float64)
     if path.suffix.lower() != ".png":
         raise InputError(f"An image must be a .png file, got {shown(path.name)}.")

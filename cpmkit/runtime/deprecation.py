@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from typing import Any, TypeVar
 
@@ -13,7 +13,7 @@ from cpmkit.errors import CpmkitWarning, InputError
 
 
 def lazy_names(
-    package: str, modules: Mapping[str, str], inside: str, advice: str = ""
+    package: str, table: Iterable[tuple[str, Iterable[str]]], inside: str, advice: str = ""
 ) -> tuple[Callable[[str], Any], Callable[[], list[str]]]:
     """Return the functions ``__getattr__`` and ``__dir__`` of a package whose names are imported on first use.
 
@@ -21,14 +21,15 @@ def lazy_names(
     ----------
     package : str
         Name of the package.
-    modules : mapping
-        The module that defines each name, relative to ``inside``.
+    table : iterable of (module, names)
+        Modules, relative to ``inside``, and the names that they define.
     inside : str
         Name of the package that contains these modules.
     advice : str
         End of the error's message for a name that is not in the table.
     """
     namespace = vars(sys.modules[package])
+    modules = {name: module for module, names in table for name in names}
 
     def get(name: str) -> Any:
         """Return the object with this name, imported from its module and stored in the package."""

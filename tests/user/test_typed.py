@@ -46,8 +46,9 @@ def test_type_checkers_see_the_names_of_the_table(package):
     tree = ast.parse(Path(package.__file__).read_text(encoding="utf-8"))
     (block,) = [node for node in tree.body if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING"]
     seen = {name.name: node.module for node in block.body for name in node.names if name.asname == name.name}
-    assert seen == {name: f"{package.__name__}.{module}" for name, module in package._PUBLIC.items()}
-    assert set(package._PUBLIC) <= set(dir(package))
+    table = {name: f"{package.__name__}.{module}" for module, names in package._PUBLIC.items() for name in names}
+    assert seen == table
+    assert set(table) <= set(dir(package))
 
 
 def test_a_misspelt_name_is_answered_with_the_one_that_may_be_meant():
