@@ -36,6 +36,8 @@ class KrylovSolver(ABC):
 
     #: Most iterations from one true residual to the next.
     round_iterations: ClassVar[int] = 10**9
+    #: Consecutive rounds that stop early without halving the residual of any channel, after which a solve ends.
+    stalled_rounds: ClassVar[int] = 1
 
     @abstractmethod
     def correct(self, residual: Any, target: Floats, most: int, progress: Progress) -> tuple[Any, int, int]:
@@ -71,17 +73,18 @@ class KrylovSolver(ABC):
         """Return u (n, channels) with ``A u = b``, and a report, without the fallback.
 
         Each round computes the true residual and corrects the channels in which it is above the tolerance. The rounds
-        end when one has stopped early without halving the residual of any channel, as rounding then limits it.
+        end when rounding limits the residual: when `stalled_rounds` of them have not halved it.
         """
         size = np.linalg.norm(b, axis=0)
         u = np.zeros_like(b) if guess is None else guess.copy()
         u[:, size == 0] = 0.0  # the exact solution there, where no relative residual is defined
         iterations = products = 0
-        accepted, stopped_early, before = tolerance / self.slack, False, size
+        accepted, stopped_early, before, stalled = tolerance / self.slack, False, size, 0
         residual = b if guess is None else b - self.operator.apply(u)
         while True:
             norms = np.linalg.norm(residual, axis=0)
-            if stopped_early and not np.any(norms < 0.5 * before):
+            stalled = stalled + 1 if stopped_early and not np.any(norms < 0.5 * before) else 0
+            if stalled == self.stalled_rounds:
                 break
             products += b.shape[1]
             unsolved = np.flatnonzero(norms > accepted * size)
@@ -230,6 +233,8 @@ class ReferenceSolver:
 
 class PreparedReference(KrylovSolver):
     """An operator, ready to solve by BiCGSTAB."""
+
+    stalled_rounds = 8  # after a breakdown an iteration from the true residual may go on
 
     def correct(self, residual: Floats, target: Floats, most: int, progress: Progress) -> tuple[Floats, int, int]:
         """Return x (n, k) with ``A x = residual``, the iterations and products, as :meth:`KrylovSolver.correct`.

@@ -14,6 +14,7 @@ from cpmkit.forms.galerkin.space import energy
 from cpmkit.forms.galerkin.space.energy import Stabilisation
 from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace, derivative_rows, value_rows
+from cpmkit.linear.constant_functions import RowGroups
 from cpmkit.linear.csr_matrices import UnsignedCsr
 from cpmkit.linear.direct import factorize_matrix
 from cpmkit.linear.krylov import conjugate_gradients
@@ -207,6 +208,13 @@ class FunctionSpace:
         """The projection matrix in the format whose product with vectors is compiled."""
         return UnsignedCsr.of(self.projection_matrix)
 
+    @cached_property
+    def _projection_groups(self) -> RowGroups:
+        """The functions of each connected component of the projection matrix."""
+        from scipy.sparse.csgraph import connected_components
+
+        return RowGroups.of(*connected_components(self.projection_matrix, directed=False))
+
     def solve_projection(self, loads: Floats) -> Floats:
         """Return the solutions u (n, k) of (M + h^2 S) u = ``loads``.
 
@@ -217,13 +225,16 @@ class FunctionSpace:
         u, inverse_diagonal = np.zeros_like(loads), 1 / self.projection_matrix.diagonal()[:, None]
         columns = np.flatnonzero(np.any(loads != 0, axis=0))
         if len(columns):
-            b, apply = np.ascontiguousarray(loads[:, columns]), self._compiled_projection.apply
+            # Each piece of the manifold in a unit of its own, a power of two: small loads are solved as exactly.
+            groups = self._projection_groups
+            size = groups.reduced(np.maximum, np.abs(loads[:, columns]))
+            unit = groups.at(np.ldexp(1.0, np.clip(np.frexp(size)[1], -1000, 1000)))
+            b, apply = loads[:, columns] / unit, self._compiled_projection.apply
             target, most = 1e-13 * np.linalg.norm(b, axis=0), 1_000  # 130 to 190 steps are usual
-            u[:, columns], steps = conjugate_gradients(
-                apply, lambda r: inverse_diagonal * r, b, target, most, no_progress
-            )
+            x, steps = conjugate_gradients(apply, lambda r: inverse_diagonal * r, b, target, most, no_progress)
             if steps == most:
-                u[:, columns] = factorize_matrix(self.projection_matrix, symmetric_pattern=True).solve(b)
+                x = factorize_matrix(self.projection_matrix, symmetric_pattern=True).solve(b)
+            u[:, columns] = x * unit
         return u
 
     def project(self, values: Floats) -> Floats:
