@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Generic
 import numpy as np
 
 from cpmkit.forms.options import Options, Own
-from cpmkit.grid.lattice import cell_levels, nodes_of_blocks
+from cpmkit.grid.band import stencil_codes
+from cpmkit.grid.lattice import Codes, cell_levels, nodes_of_blocks
 from cpmkit.grid.spacings import check_memory
 from cpmkit.grid.stencils import base_offset
 from cpmkit.manifold.local_source import LocalSource, largest_dim, localize
@@ -220,8 +221,10 @@ class CostModel(ABC, Generic[Own]):
             return 0.0
         degree: int = getattr(self.options.own, "degree")  # noqa: B009
         levels = cell_levels(source, self.options.spacing, base_offset(degree))
-        side, count = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)
-        return nodes_of_blocks(count, side, source.dim, source.largest_dim, degree)
+        side, blocks = next((side, blocks) for side, blocks in levels if side == 1 or len(blocks) > COUNTED_CELLS)
+        if side == 1:
+            return float(len(stencil_codes(blocks, Codes.around(blocks, degree + 1), degree)))
+        return nodes_of_blocks(len(blocks), side, source.dim, source.largest_dim, degree)
 
 
 @dataclass(frozen=True)
