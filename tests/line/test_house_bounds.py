@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-#: Lines that the core may have, 6 percent above what it has. Raise it with a reason here.
-LINES = 66_700
+#: Lines that the core may have, a tenth above the 50,000 that it has. Raise it with a reason here.
+LINES = 55_000
 #: Private words in identifiers of the core and the plugins: the deprecated aliases ``told`` and ``asked``.
 PRIVATE_NAMES = 6
 
