@@ -108,6 +108,7 @@ if TYPE_CHECKING:
     from cpmkit.runtime.threads import run_parcels as run_parcels
     from cpmkit.runtime.threads import thread_count as thread_count
     from cpmkit.scene.boundary import Boundary as Boundary
+    from cpmkit.scene.boundary import BoundarySet as BoundarySet
     from cpmkit.scene.boundary import named_sides as named_sides
     from cpmkit.scene.conditions import Condition as Condition
     from cpmkit.scene.conditions import Dirichlet as Dirichlet
@@ -262,7 +263,7 @@ GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
         "linear.protocols": ("Stiffness",),
         "manifold.abilities": ("warnings_of",),
         "mesh.normals_of_mesh": ("edge_support", "vertex_normals"),
-        "scene.boundary": ("named_sides",),
+        "scene.boundary": ("BoundarySet", "named_sides"),
         "scene.scene": ("conditions_depend_on_time",),
         "solution.display_mesh": ("DisplayMesh",),
         "types": ("no_progress",),

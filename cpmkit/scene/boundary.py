@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -177,6 +177,40 @@ class Boundary:
         condition = self.both or self.across or (self.left if side == "left" else self.right)
         assert condition is not None
         return condition
+
+
+@runtime_checkable
+class BoundarySet(Protocol):
+    """A point or curve inside the manifold, with a condition on each side of it."""
+
+    @property
+    def name(self) -> str:
+        """The name of the boundary in reports and in ``evaluate(side=...)``."""
+
+    @property
+    def source(self) -> ClosestPointSource:
+        """The closest-point source of the boundary."""
+
+    @property
+    def left_of(self) -> Floats | None:
+        """A point (d,) on the left of each connected piece, or None; needed by sources without normals or tangents."""
+
+    def condition(self, side: Side, /) -> Condition:
+        """Return the condition on ``side``."""
+
+
+def as_boundary(value: Any) -> Boundary:
+    """Return a boundary set as a `Boundary`; raise a SceneError for anything else."""
+    if isinstance(value, Boundary):
+        return value
+    if not isinstance(value, BoundarySet):
+        raise SceneError(
+            "boundaries must be a list of cpmkit.Boundary, or of objects with name, source, left_of and "
+            f"condition(side), got {shown(value)}."
+        )
+    left, right = value.condition("left"), value.condition("right")
+    sides = {"across" if left.couples else "both": left} if left is right else {"left": left, "right": right}
+    return Boundary(value.name, value.source, left_of=value.left_of, **sides)
 
 
 def named_sides(boundaries: Sequence[Boundary], side: Sides, has_left: Sequence[bool] | None = None) -> dict[str, Side]:

@@ -13,7 +13,7 @@ from cpmkit.errors import SceneError, shown
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPointSource, check_source
 from cpmkit.runtime.messages import html_table
-from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary
+from cpmkit.scene.boundary import ONE_SIDED_WORDS, Boundary, BoundarySet, as_boundary
 from cpmkit.scene.conditions import Condition, Neumann, as_condition, same_condition
 from cpmkit.scene.data import Data, Functional, evaluate_data, takes_time
 from cpmkit.scene.edge_conditions import (
@@ -47,7 +47,7 @@ class Scene(Generic[Family]):
         vertices and faces.
     problem : Equation
         The equation, such as ``Laplace()``, ``Poisson(f)`` or ``ScreenedPoisson(f, c)``.
-    boundaries : sequence of Boundary
+    boundaries : sequence of Boundary or BoundarySet
         Points and curves inside the manifold, with conditions.
     edge : Condition, list or table, or number, text, sequence or function
         The condition on the rim of an open surface or at the ends of an open curve; or a list of pairs (condition,
@@ -82,7 +82,7 @@ class Scene(Generic[Family]):
             self,
             surface: Surface,
             problem: Equation[Family],
-            boundaries: Sequence[Boundary] = (),
+            boundaries: Sequence[Boundary | BoundarySet] = (),
             edge: EdgeInput | Mapping[int, EdgeInput] = ...,
         ) -> None: ...
 
@@ -105,11 +105,8 @@ class Scene(Generic[Family]):
         arrays = VertexArrays(self.surface)
         object.__setattr__(self, "problem", arrays.in_fields(self.problem, self.problem.kind))
         object.__setattr__(self, "edge", map_conditions(self.edge, lambda one: arrays.in_fields(one, "the edge")))
-        for each in self.boundaries:
-            if not isinstance(each, Boundary):
-                raise SceneError(f"boundaries must be a list of cpmkit.Boundary, got {shown(each)}.")
         boundaries = []
-        for each in (boundary.on(self.surface) for boundary in self.boundaries):
+        for each in (as_boundary(boundary).on(self.surface) for boundary in self.boundaries):
             old = each.given_conditions
             new = {side: arrays.in_fields(condition, f"boundary {each.name!r}") for side, condition in old.items()}
             boundaries.append(each if all(new[side] is old[side] for side in old) else replace(each, **new))

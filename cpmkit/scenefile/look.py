@@ -137,10 +137,10 @@ class Look:
 
 
 def check_one_of(value: object, accepted: Sequence[str], label: str) -> None:
-    """Raise InputError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
+    """Raise SceneError if ``value`` is none of the ``accepted``; ``label`` is its name in the message."""
     if value not in accepted:
         hint = did_you_mean(value, accepted)
-        raise InputError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")
+        raise SceneError(f"{label} must be {' or '.join(map(repr, accepted))}, got {shown(value)}{hint}.")
 
 
 #: A sequence of numbers.

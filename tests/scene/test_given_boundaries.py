@@ -68,3 +68,25 @@ def test_what_is_neither_points_nor_vertices_is_refused():
     for given in ("ring", None, [[1.0, 2.0], [3.0]], np.ones((2, 3, 3)), 0.5):
         with pytest.raises(ck.CpmkitError, match=r"or points \(k, d\), or numbers of the surface's vertices, got"):
             ck.Boundary("pins", given, both=ONE)
+
+
+@pytest.mark.parametrize("form", ["galerkin", "collocation"])
+@pytest.mark.parametrize("sides", [(1.0, 1.0), (2.0, -1.0), ("across", "across")])
+def test_boundaries_of_other_classes_solve_like_those_of_the_core(form, sides):
+    class Equator:
+        name, left_of = "equator", None
+        source = ck.source("analytic.circle", center=[0, 0, 0], normal=[0, 0, 1], radius=1.0)
+        conditions = dict.fromkeys(ck.plugin.SIDES, ck.Transmission(jump=1.0))
+
+        def condition(self, side):
+            return self.conditions[side]
+
+    if sides[0] != "across":
+        Equator.conditions = {side: ck.Dirichlet(value) for side, value in zip(("left", "right"), sides, strict=True)}
+    given = {"across": Equator.conditions["left"]} if sides[0] == "across" else Equator.conditions
+    sphere, problem = ck.source("analytic.sphere"), ck.ScreenedPoisson(lambda x: x[:, 0] + x[:, 2])
+    values = [
+        ck.solve(ck.Scene(sphere, problem, [boundary]), 0.25, form=form).evaluate([[0.6, 0.0, 0.8], [0.0, 0.6, -0.8]])
+        for boundary in (Equator(), ck.Boundary("equator", Equator.source, **given))
+    ]
+    np.testing.assert_array_equal(*values)

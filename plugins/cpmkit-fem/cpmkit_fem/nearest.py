@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cpmkit.plugin import SIDES, Boundary, Floats, Ints, Scene, SceneError, Value
+from cpmkit.plugin import SIDES, BoundarySet, Floats, Ints, Scene, SceneError, Value
 from cpmkit_fem.cell_mesh import CellMesh
 from cpmkit_fem.gaps import ends_in_gaps
 from cpmkit_fem.rim import RimPart
@@ -41,7 +41,7 @@ def pin_warnings(parts: Sequence[RimPart]) -> tuple[str, ...]:
     )
 
 
-def _nearest_part(boundary: Boundary, mesh: CellMesh) -> RimPart:
+def _nearest_part(boundary: BoundarySet, mesh: CellMesh) -> RimPart:
     left, right = (boundary.condition(side) for side in SIDES)
     if left is not right or not isinstance(left.law, Value):
         raise SceneError(
@@ -52,7 +52,7 @@ def _nearest_part(boundary: Boundary, mesh: CellMesh) -> RimPart:
     return RimPart(left.law, mesh, vertices[:, None], f"boundary {boundary.name!r}", boundary.source)
 
 
-def _nearest_vertices(boundary: Boundary, mesh: CellMesh) -> Ints:
+def _nearest_vertices(boundary: BoundarySet, mesh: CellMesh) -> Ints:
     """Return the vertices nearest to some point of the boundary, without gaps along edges."""
     from scipy.spatial import cKDTree
 
@@ -60,7 +60,7 @@ def _nearest_vertices(boundary: Boundary, mesh: CellMesh) -> Ints:
     return np.union1d(nearest, ends_in_gaps(boundary.source, mesh, nearest))
 
 
-def _samples(boundary: Boundary, mesh: CellMesh) -> Floats:
+def _samples(boundary: BoundarySet, mesh: CellMesh) -> Floats:
     """Return points of the boundary, denser than vertices: closest points of samples of the triangles near it."""
     corners = mesh.nodes[mesh.corners]
     nearby = boundary.source.closest_point(corners.mean(axis=1)).distance <= mesh.longest_edges
