@@ -88,15 +88,11 @@ def propagate_signs(
     Signs follow a minimum spanning tree of the pairs of neighbours, whose weights are small where directions agree
     well. With ``tangents`` (s, d) the samples lie on a curve, and only samples ahead or behind are neighbours.
 
-    Returns
-    -------
-    directions : (s, d) float64
-    piece : (s,) int64
-        The connected piece of each sample; signs of different pieces are independent.
-    consistent : bool
-        False where a direction comes back reversed along some closed path.
-    sure : bool
-        True where all neighbours along which signs were propagated agree well: denser samples would change nothing.
+    Returned ``directions`` (s, d).
+    Returned ``piece`` (s,): the connected piece of each sample; signs of different pieces are independent.
+    Returned ``consistent``: False where a direction comes back reversed along some closed path.
+    Returned ``sure``: True where all neighbours along which signs were propagated agree well: denser samples would
+        change nothing.
     """
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components, minimum_spanning_tree

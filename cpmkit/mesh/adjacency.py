@@ -185,12 +185,9 @@ def has_distinct_vertices(mesh: Mesh) -> bool:
 def repaired_cells(mesh: Mesh) -> tuple[Ints, Ints, RepairReport]:
     """Return the cells of the repaired mesh, and their relation to those of ``mesh``.
 
-    Returns
-    -------
-    vertex_of : (v,) int64
-        The vertex of ``mesh`` that each vertex of the repaired mesh copies.
-    cells : (n, k) int64
-    report : RepairReport
+    Returned ``vertex_of`` (v,): the vertex of ``mesh`` that each vertex of the repaired mesh copies.
+    Returned ``cells`` (n, k).
+    Returned ``report``.
     """
     place = _welded_vertices(mesh.vertices)
     cells = place[mesh.cells]

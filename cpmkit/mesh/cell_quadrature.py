@@ -226,15 +226,11 @@ def quadratic_rule(mesh: Mesh) -> tuple[Floats, Floats, Floats, Floats]:
 
     Segments get the three points of Gauss's rule of degree 5, triangles six points of degree 4.
 
-    Returns
-    -------
-    points : (m, q, d) float64
-    tangents : (m, q, a, d) float64
-        Derivatives of the position along the a coordinates of a cell: one of a segment, two of a triangle.
-    weights : (m, q) float64
-        Contain the length or area element.
-    shares : (q, k) float64
-        The shape functions of the k nodes of a cell: its corners, then its midpoints.
+    Returned ``points`` (m, q, d).
+    Returned ``tangents`` (m, q, a, d): derivatives of the position along the a coordinates of a cell: one of a segment,
+        two of a triangle.
+    Returned ``weights`` (m, q): contain the length or area element.
+    Returned ``shares`` (q, k): the shape functions of the k nodes of a cell: its corners, then its midpoints.
     """
     shares, slopes, weights = (_point_functions, _segment_functions, _triangle_functions)[mesh.manifold_dim]()
     nodes = mesh.vertices[mesh.cells]

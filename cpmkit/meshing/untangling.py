@@ -173,13 +173,8 @@ def remove_double_boundary_edges(mesh: Mesh, before: Floats, moved: Floats) -> t
     ``mesh``: triangles.
     ``before``, ``moved`` (v, d): the vertices of the mesh, and the same with the boundary vertices moved onto the
         boundaries.
-
-    Returns
-    -------
-    mesh : Mesh
-        With the same cells and fewer facets on boundaries.
-    released : (k,) int64
-        Vertices that no longer lie on a boundary.
+    Returned ``mesh``: with the same cells and fewer facets on boundaries.
+    Returned ``released`` (k,): vertices that no longer lie on a boundary.
     """
     released = [np.zeros(0, dtype=np.int64)]
     for _ in range(4):  # the third edge of a triangle may give the next triangle two edges on the boundary

@@ -73,13 +73,8 @@ def inverse_index(values: Any, n: int) -> tuple[Ints, Any]:
 
     ``values`` (k,) integers: integers from 0 to n - 1.
     ``n``: number of integers that may occur.
-
-    Returns
-    -------
-    starts : (n + 1,) int64
-        The positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
-    places : (k,) of the type of ``values``
-        Positions in ``values``.
+    Returned ``starts`` (n + 1,): the positions of i are ``places[starts[i] : starts[i + 1]]``, ascending.
+    Returned ``places`` (k,) of the type of ``values``: positions in ``values``.
     """
     starts = np.zeros(n + 1, dtype=np.int64)
     for value in values:

@@ -123,13 +123,8 @@ class Sheets:
         ``columns`` (n, s) int: sites that the stencils read.
         ``readable`` (sites,): whether a site may be chosen.
         ``every``: True to test also sites without twins, for a complete list of ``missing``.
-
-        Returns
-        -------
-        selected : (n, s) int
-            The sites after replacement.
-        missing : two (k,) int64
-            Row and column of the entries for which no site exists on the stencil's own sheet.
+        Returned ``selected`` (n, s) int: the sites after replacement.
+        Returned ``missing``: row and column of the entries for which no site exists on the stencil's own sheet.
         """
         selected = columns.copy()
         row, column = np.nonzero(np.ones_like(columns) if every else self.counts(columns))
@@ -205,16 +200,10 @@ class BoundaryOnSheets:
         ``points`` (n, d): points of the surface.
         ``nearest``: their closest points on the boundary, on any sheet.
         ``radius``: the boundary's samples are searched within this distance.
-
-        Returns
-        -------
-        feet : ClosestPoints
-            The points of the boundary.
-        offset : (n, d) float64
-            Vectors from there to the points: the chord, or a vector of its length in the direction of the walk on the
-            surface.
-        on_sheet : (n,) bool
-            False where the boundary has no part within reach that is on the point's sheet.
+        Returned ``feet``: the points of the boundary.
+        Returned ``offset`` (n, d): vectors from there to the points: the chord, or a vector of its length in the
+            direction of the walk on the surface.
+        Returned ``on_sheet`` (n,): False where the boundary has no part within reach that is on the point's sheet.
         """
         targets = SurfacePoints.on(self.surface, points, self.spacing)
         offset, on_sheet = self._offsets(SurfacePoints.on(self.surface, nearest.points, self.spacing), targets)

@@ -264,14 +264,9 @@ def _samples_inside(
 ) -> tuple[Ints, ClosestPoints, Floats]:
     """Return the samples from which gradients near bends are extrapolated.
 
-    Returns
-    -------
-    rows : (k,) int64
-        Points of the batch all of whose samples may be used.
-    samples : ClosestPoints
-        s samples for each of these points.
-    weights : (k, s) float64
-        Weights of the samples.
+    Returned ``rows`` (k,): points of the batch all of whose samples may be used.
+    Returned ``samples``: s samples for each of these points.
+    Returned ``weights`` (k, s): weights of the samples.
     """
     distances = np.array(CONTINUATION_DISTANCES_SPACINGS) * reader.spacing
     offsets = (distances - bends.distance[:, None])[:, :, None] * bends.inward[:, None]

@@ -193,11 +193,8 @@ def visible_ghosts(
     ``numbers`` sequence of (nodes,) int64: for each boundary, the number of each node's ghost, -1 where it has none
         that can be read here.
     ``directors`` sequence of (ghosts, d) float64: for each boundary, the directors of its ghosts' nodes.
-
-    Returns
-    -------
-    boundary, number : (n, s) int64
-        The boundary whose ghost is read and the ghost's number; both -1 where the node itself is read.
+    Returned ``boundary``, ``number`` (n, s): the boundary whose ghost is read and the ghost's number; both -1 where the
+        node itself is read.
     """
     boundary = np.full(nodes.shape, -1)
     number = np.full(nodes.shape, -1)

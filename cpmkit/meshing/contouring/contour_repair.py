@@ -156,15 +156,11 @@ def _edges_of_four(
 ) -> tuple[Ints, Ints, Floats, Bools]:
     """Return the edges of four triangles, the order of these, the angles between them, and whether sheets cross there.
 
-    Returns
-    -------
-    edge : (k,) int64
-    slots : (k, 4) int64
-        The slots, see :meth:`EdgeTable.slots_of`, of the triangles in their order around the edge.
-    gaps : (k, 4) float64
-        The angles between neighbouring triangles.
-    crossing : (k,) bool
-        Whether two sheets cross there.
+    Returned ``edge`` (k,).
+    Returned ``slots`` (k, 4): the slots, see :meth:`EdgeTable.slots_of`, of the triangles in their order around the
+        edge.
+    Returned ``gaps`` (k, 4): the angles between neighbouring triangles.
+    Returned ``crossing`` (k,): whether two sheets cross there.
     """
     edge = np.flatnonzero(edges.count == 4)
     slots = edges.slots_of(edge, 4)

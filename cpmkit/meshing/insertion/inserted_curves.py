@@ -81,11 +81,8 @@ def _parallel_points(ends: Floats, partners: Ints, earlier: Sequence[InsertionPo
     """Return points of a segment beside the points that an earlier polyline has between the partners of its ends.
 
     ``ends``, ``partners`` (2, 3) float64, (2, 2) int64: ends of the segment, and their partners.
-
-    Returns
-    -------
-    points : (k, 3) float64
-    partners : (k, 2) int64
+    Returned ``points`` (k, 3).
+    Returned ``partners`` (k, 2).
     """
     none = np.zeros((0, 3)), np.zeros((0, 2), dtype=np.int64)
     number = int(partners[0, 0])

@@ -172,18 +172,11 @@ def ghost_formula(
 
     They are without the edge's conditions. A ghost whose mirror point is beyond another boundary is of order 1.
 
-    Returns
-    -------
-    rows : RowFormula
-        The formulas, with points on the side that the ghosts continue.
-    own_terms : list of ExtraPoint
-        Points that are read on the ghosts' own side.
-    coupled : list of CoupledGhosts
-        Ghosts of a transmission that read several points.
-    orders : (g,) int64
-        Order of each ghost, lower than the condition's where there is no room for it.
-    at_one_point : (g,) bool
-        Whether the ghost reads a single point, besides its own node.
+    Returned ``rows``: the formulas, with points on the side that the ghosts continue.
+    Returned ``own_terms``: points that are read on the ghosts' own side.
+    Returned ``coupled``: ghosts of a transmission that read several points.
+    Returned ``orders`` (g,): order of each ghost, lower than the condition's where there is no room for it.
+    Returned ``at_one_point`` (g,): whether the ghost reads a single point, besides its own node.
     """
     count, points, feet = len(geometry), geometry.seen.foot.copy(), geometry.start
     coefficient, orders, at_one_point = np.zeros(count), np.empty(count, dtype=np.int64), np.ones(count, dtype=bool)

@@ -274,14 +274,9 @@ def view_nodes_past_edge(
     These are the nodes ``behind``, and others near which the boundary is parallel to the edge inside the manifold.
     Their places are taken to be in the tangent plane of the edge.
 
-    Returns
-    -------
-    side_view : SideView
-        ``side_view`` with the feet on the boundary and distances of these nodes replaced.
-    places : (g, d) float64
-        The nodes' places in the tangent plane of the edge; zero for nodes that are not past it.
-    separated : (g,) bool
-        Whether the boundary separates the node from the manifold.
+    Returned ``side_view``: ``side_view`` with the feet on the boundary and distances of these nodes replaced.
+    Returned ``places`` (g, d): the nodes' places in the tangent plane of the edge; zero for nodes that are not past it.
+    Returned ``separated`` (g,): whether the boundary separates the node from the manifold.
     """
     places, separated = np.zeros((len(side_view.rows), band.dim)), np.zeros(len(side_view.rows), dtype=bool)
     past = np.flatnonzero(band.feet.edge[side_view.rows] >= 0)

@@ -208,12 +208,8 @@ class OneSidedLimits:
         two points, and extrapolated to the boundary unless b . A b there is at most half its value at the nearer point,
         which is then used.
 
-        Returns
-        -------
-        a : (b,) float64
-            s; at points of a surface, which have no conormal, the mean of A over tangents.
-        directions : (b, d) float64
-            A b / s, tangent to the manifold.
+        Returned ``a`` (b,): s; at points of a surface, which have no conormal, the mean of A over tangents.
+        Returned ``directions`` (b, d): A b / s, tangent to the manifold.
         """
         label, normals, b = "the diffusivity", self.samples.normals, self.samples.conormals
 
@@ -249,12 +245,9 @@ class OneSidedLimits:
         smooth across the boundary, it is evaluated at the sample itself. It counts as smooth if its third difference is
         at most its second: then a jump would be a smaller error than the extrapolation.
 
-        Returns
-        -------
-        values : (b,) float64
-            The limits.
-        along : (b,) bool
-            Whether the function was evaluated against the conormal or at the sample, not towards the cell's centre.
+        Returned ``values`` (b,): the limits.
+        Returned ``along`` (b,): whether the function was evaluated against the conormal or at the sample, not towards
+            the cell's centre.
         """
 
         def logarithm(step: Floats | float) -> Floats:
