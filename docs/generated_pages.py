@@ -31,7 +31,7 @@ DATA = {
     "Progress": "A callable that gets the name of a stage and the share of it that is done, from 0 to 1.",
     "SIDES": "Both sides, left first.",
     "Side": '``"left"`` or ``"right"``.',
-    "Surface": "A surface as scenes accept it: a closest point source, an object with vertices and faces, or this pair.",
+    "Surface": "A surface that scenes accept: a closest point source, an object with vertices and faces, or this pair.",
 }
 
 
