@@ -15,7 +15,7 @@ import numpy as np
 
 from cpmkit.errors import ResolutionError
 from cpmkit.grid.lattice import Codes, cell_levels, find_codes, nodes_of_blocks
-from cpmkit.grid.spacings import COUNTED_BLOCKS, check_fits
+from cpmkit.grid.spacings import COUNTED_BLOCKS, check_band_memory
 from cpmkit.grid.stencils import base_offset, stencil_range, tensor_offsets
 from cpmkit.manifold.local_source import LocalSource
 from cpmkit.manifold.source import ClosestPoints
@@ -104,7 +104,7 @@ def surface_cells(source: LocalSource, spacing: float, degree: int) -> Ints:
         unknowns = nodes_of_blocks(len(blocks), side, source.dim, manifold_dim, degree)
         if side == 1 or len(blocks) > COUNTED_BLOCKS:
             # Coarse blocks overestimate thin parts: only a clear excess is refused early.
-            check_fits(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
+            check_band_memory(source, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
     return blocks
 
 

@@ -51,7 +51,7 @@ def suggest_spacing(surface: ClosestPointSource) -> float:
     return float(f"{spacing:.2g}")
 
 
-def check_fits(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
+def check_band_memory(source: LocalSource, unknowns: float, spacing: float, degree: int, excess: float = 1.0) -> None:
     """Raise if a band of ``source`` with this number of unknowns does not fit into the memory of this process.
 
     ``excess`` is the factor by which the memory may be exceeded: above 1 while ``unknowns`` is a rough estimate.

@@ -154,7 +154,7 @@ def digest_run(plan: RunPlan, time: float) -> str:
     data = [start.u, *([] if start.rate is None else [start.rate]), problem.forcing(start.time), problem.forcing(time)]
     data += [after_step(problem.form, plan.evolution, replace(start, time=when)).u for when in (start.time, time)]
     if problem.reaction is not None:
-        data += [problem.reacting(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
+        data += [problem.reaction_load(replace(start, u=start.u.copy(), time=when)) for when in (start.time, time)]
     digest = hashlib.blake2b(digest_size=16)
     for array in [*tables, *data]:
         digest.update(np.ascontiguousarray(array).data)

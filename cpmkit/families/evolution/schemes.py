@@ -45,7 +45,7 @@ def backward_euler(problem: SemiDiscrete, solver: ShiftedSolver, history: Histor
     h = step.length
     right_side = problem.times_mass(history[-1].u) + h * problem.forcing(step.end)
     if problem.reaction is not None:
-        right_side += h * problem.reacting(history[-1])
+        right_side += h * problem.reaction_load(history[-1])
     return Moment(solver.solve(h, right_side, extrapolate(history, h)), None, h, time=step.end)
 
 
@@ -57,7 +57,7 @@ def bdf2(problem: SemiDiscrete, solver: ShiftedSolver, history: History, step: S
     gh = (1 + ratio) / (1 + 2 * ratio) * step.length
     right_side = problem.times_mass(bdf2_start(history[-1].u, before.u, ratio)) + gh * problem.forcing(step.end)
     if problem.reaction is not None:
-        now, past = problem.reacting(history[-1]), problem.reacting(before)
+        now, past = problem.reaction_load(history[-1]), problem.reaction_load(before)
         right_side += gh * (now + ratio * (now - past))
     return Moment(solver.solve(gh, right_side, extrapolate(history, step.length)), None, step.length)
 

@@ -88,7 +88,7 @@ class SemiDiscrete:
         """Return the part (n, channels) of the forcing b that comes from boundary and edge conditions, at a time."""
         return self.by_group(lambda group: self.columns(group, self.form.condition_load(group.stiffness, time)))
 
-    def reacting(self, moment: Moment) -> Floats:
+    def reaction_load(self, moment: Moment) -> Floats:
         """Return the load r(u) (n, channels) of the reaction at a moment.
 
         The last two loads are cached by the array ``u`` itself, whatever its moment's time: for the same values at

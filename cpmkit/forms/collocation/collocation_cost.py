@@ -13,7 +13,7 @@ from cpmkit.forms.collocation.layout_checks import check_layout, geometry_warnin
 from cpmkit.forms.collocation.options import CollocationOptions
 from cpmkit.forms.cost_model import CostModel, Explanation, Part, condition_name, sides_in_words, solver_part
 from cpmkit.grid.lattice import COARSEST_BAND_SHARE, cell_levels, lattice_of, nodes_of_blocks
-from cpmkit.grid.spacings import bytes_per_unknown, check_fits, fitting_spacing
+from cpmkit.grid.spacings import bytes_per_unknown, check_band_memory, fitting_spacing
 from cpmkit.grid.stencils import base_offset
 from cpmkit.linear.solver_options import choose_solver
 from cpmkit.manifold.abilities import HasNormals, HasTangents, advice_of
@@ -123,7 +123,7 @@ class CollocationCost(CostModel[CollocationOptions]):
         levels = cell_levels(surface, lattice.spacing, base_offset(degree))
         side, blocks = next((side, len(blocks)) for side, blocks in levels if side == 1 or len(blocks) > DRY_RUN_CELLS)
         unknowns = nodes_of_blocks(blocks, side, surface.dim, surface.largest_dim, degree)
-        check_fits(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
+        check_band_memory(surface, unknowns, spacing, degree, excess=1.0 if side == 1 else 4.0)
         return lattice.spacing * side
 
     def _parts(self, counts: Mapping[str, int], layout: Layout) -> list[Part]:

@@ -16,7 +16,7 @@ from cpmkit.forms.galerkin.coefficients import SampleCoefficients
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import ImposedCondition, conditions_with_law, rim_loops
 from cpmkit.forms.galerkin.galerkin_operator import GalerkinOperator, build_operator
-from cpmkit.forms.galerkin.space.energy import mean_coefficient
+from cpmkit.forms.galerkin.space.energy import scalar_coefficient
 from cpmkit.linear.operators import Border, CsrOperator, with_diagonal
 from cpmkit.linear.protocols import Stiffness
 from cpmkit.runtime.memory import state_without_cached
@@ -63,7 +63,7 @@ class EquationAssembly:
             matrix = (matrix + conditions.matrix).tocsr()
         if terms.conservative:
             matrix = (matrix + conditions.outflow_matrix).tocsr()
-        return build_operator(matrix, conditions, mean_coefficient(space.splines, a), c, advection)
+        return build_operator(matrix, conditions, scalar_coefficient(space.splines, a), c, advection)
 
     @cached_property
     def mass_in_time(self) -> CsrOperator:
@@ -117,7 +117,7 @@ class EquationAssembly:
         logarithms = np.zeros(len(space.areas))
         patch = space.dof_map.patch[sampled.interior :]
         if a is not None:
-            means = mean_coefficient(space.splines, a)
+            means = scalar_coefficient(space.splines, a)
             varies = means.min() < means.max()
             logarithms = space.spline_loads(np.log(means)[:, None])[:, 0] if varies else np.log(means[0]) * space.areas
             if a.ndim == 3:

@@ -168,7 +168,7 @@ def energy_data(
             a = np.asarray(a) * squares.reshape(-1, *(1,) * (np.ndim(a) - 1))
         if scale is not None and np.ndim(a) < 3:
             a = np.multiply.outer(np.broadcast_to(a, len(space.samples)), np.eye(d))
-        scalars = mean_coefficient(space, a) if scale is None else scale
+        scalars = scalar_coefficient(space, a) if scale is None else scale
         tensors = np.ascontiguousarray(a, dtype=np.float64) if np.ndim(a) == 3 else tensors
     return _summed_energy(space, scalars, tensors, np.zeros(0) if c is None else _as_array(c), stabilisation)
 
@@ -198,7 +198,7 @@ def add_ghosts(space: SplineSpace, a: Floats | float, stabilisation: Stabilisati
     It is g a h^(m - 2) times the sum of squared differences of order degree + 1 along the runs of the space, and of
     order degree along its short runs: sequences of neighbouring unknowns along an axis. The manifold has dimension m.
     """
-    means = space.means(mean_coefficient(space, a))
+    means = space.means(scalar_coefficient(space, a))
     scale = stabilisation.g * space.dof_map.spacing ** (space.manifold_dim - 2)
     add_differences(space, space.runs, scale * means[space.runs].mean(axis=1), data)
     add_differences(space, space.short_runs, scale * means[space.short_runs].mean(axis=1), data)
@@ -211,7 +211,7 @@ def add_floor(space: SplineSpace, a: Floats | float, diagonal: Floats, data: Flo
     through these unknowns inside a patch. For splines of degree 1 these would penalise slopes: then the floor is on
     second differences along runs, and only beside boundaries, since elsewhere it would only cost iterations.
     """
-    means = space.means(mean_coefficient(space, a))
+    means = space.means(scalar_coefficient(space, a))
     ratio = diagonal / means
     median = float(np.median(ratio))
     light = ratio < LIGHT_SHARE * median
@@ -239,7 +239,7 @@ def add_differences(space: SplineSpace, runs: Ints, factors: Floats, data: Float
     add_squares(runs, *by_unknown, differences(runs.shape[1] - 1), factors, (space.indptr, space.indices, data))
 
 
-def mean_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
+def scalar_coefficient(space: SplineSpace, a: Floats | float) -> Floats:
     """Return a scalar coefficient (q,) at the samples, or (1,) where it is constant.
 
     A tensor (q, d, d) is replaced by its mean over tangents.
