@@ -44,7 +44,8 @@ def measure(spacing):
     import numpy as np
 
     from cpmkit.forms.galerkin.dof_map import build_dof_map
-    from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
+    from cpmkit.forms.galerkin.options import STABILISATIONS
+    from cpmkit.forms.galerkin.space.energy import load, stiffness_with_floor
     from cpmkit.forms.galerkin.space.levels import coarser_levels
     from cpmkit.forms.galerkin.space.spline_space import build_spline_space
     from cpmkit.linear.multigrid.solver import MultigridSolver

@@ -14,14 +14,8 @@ import numpy as np
 from trimesh.creation import icosphere
 
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.space.energy import (
-    STABILISATIONS,
-    add_ghosts,
-    energy_data,
-    load,
-    stiffness_with_floor,
-    values_at_samples,
-)
+from cpmkit.forms.galerkin.options import STABILISATIONS
+from cpmkit.forms.galerkin.space.energy import add_ghosts, energy_data, load, stiffness_with_floor, values_at_samples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space
 from cpmkit.mesh.cell_quadrature import Samples
 

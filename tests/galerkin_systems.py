@@ -4,7 +4,8 @@ import numpy as np
 from galerkin_scenes import sphere, together
 from scipy.sparse import csr_array
 
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS, add_ghosts, energy_data, mass, stiffness_with_floor
+from cpmkit.forms.galerkin.options import STABILISATIONS
+from cpmkit.forms.galerkin.space.energy import add_ghosts, energy_data, mass, stiffness_with_floor
 from cpmkit.forms.galerkin.space.spline_space import value_rows
 from cpmkit.plugin import CsrOperator
 

@@ -10,7 +10,8 @@ from cpmkit.forms.galerkin.conditions.boundary_sides import left_of_boundaries
 from cpmkit.forms.galerkin.conditions.condition_terms import ConditionTerms, condition_terms
 from cpmkit.forms.galerkin.conditions.imposed_conditions import impose_conditions, needs_rims
 from cpmkit.forms.galerkin.dof_map import build_dof_map
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS, load, stiffness_with_floor
+from cpmkit.forms.galerkin.options import STABILISATIONS
+from cpmkit.forms.galerkin.space.energy import load, stiffness_with_floor
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space, derivative_rows, value_rows
 from cpmkit.grid.lattice import Lattice
 from cpmkit.mesh.adjacency import cut_corners, half_facets

@@ -59,6 +59,15 @@ def test_a_kind_imports_its_own_plugin_and_no_other():
     assert modules & LIBRARIES == set()
 
 
+def test_kernels_are_imported_where_a_scene_is_discretised():
+    assert "numba" not in imported_by("import cpmkit.solving")
+
+
+def test_a_mesh_is_made_without_what_a_solution_needs():
+    mesh = "cpmkit.source('mesh.triangles', vertices=[[0, 0, 0], [1, 0, 0], [0, 1, 0.0]], faces=[[0, 1, 2]])"
+    imported_by(f"import sys, cpmkit; {mesh}; assert not {{'cpmkit.facade', 'cpmkit.scene.scene'}} & set(sys.modules)")
+
+
 def test_every_public_name_exists():
     import cpmkit
 

@@ -19,13 +19,8 @@ import numpy as np
 
 from cpmkit.errors import InputError
 from cpmkit.forms.galerkin.conditions.boundary_samples import BoundarySamples
-from cpmkit.forms.galerkin.space.energy import (
-    Stabilisation,
-    add_ghosts,
-    gradient_load,
-    kernel_arguments,
-    stabilisation_data,
-)
+from cpmkit.forms.galerkin.options import Stabilisation
+from cpmkit.forms.galerkin.space.energy import add_ghosts, gradient_load, kernel_arguments, stabilisation_data
 from cpmkit.forms.galerkin.space.pattern_kernels import scatter
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
 from cpmkit.forms.galerkin.space.sample_kernels import row_length, second_of, slope_of, value_of

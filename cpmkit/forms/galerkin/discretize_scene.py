@@ -10,7 +10,7 @@ import numpy as np
 from cpmkit.forms.galerkin.dof_map import build_dof_map
 from cpmkit.forms.galerkin.enrichment.enriched_space import EnrichedSpace
 from cpmkit.forms.galerkin.form import Galerkin, galerkin
-from cpmkit.forms.galerkin.options import GalerkinOptions
+from cpmkit.forms.galerkin.options import STABILISATIONS, GalerkinOptions
 from cpmkit.forms.galerkin.options import check as check
 from cpmkit.forms.galerkin.refinement.hierarchical_splines import level_splines
 from cpmkit.forms.galerkin.refinement.refined_space import RefinedDofMap, build_refined_space
@@ -21,7 +21,6 @@ from cpmkit.forms.galerkin.scene_sampling import (
     sample_inserted,
 )
 from cpmkit.forms.galerkin.solve_memory import SolveMemory
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS
 from cpmkit.forms.galerkin.space.function_space import FunctionSpace
 from cpmkit.forms.galerkin.space.quantised_samples import SAMPLES_AT_ONCE, QuantisedSamples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space, spline_slopes, spline_values

@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from cpmkit.errors import InputError, SceneError, shown
-from cpmkit.forms.galerkin.space.energy import STABILISATIONS
-from cpmkit.forms.galerkin.space.spline_space import DEGREES
 from cpmkit.forms.options import Options
 from cpmkit.manifold.abilities import has_finite_feet
 from cpmkit.mesh.cell_quadrature import SAMPLINGS
@@ -19,6 +17,27 @@ from cpmkit.runtime.options import DeclaredOptions, one_of, option
 from cpmkit.scene.diffusivities import StateDiffusivity
 from cpmkit.scene.laws import Nonlinear
 from cpmkit.scene.scene import Scene
+
+
+@dataclass(frozen=True)
+class Stabilisation:
+    """Dimensionless factors of the terms of the stabilisation."""
+
+    #: e1, e2: Factors of the squares of the first and second derivatives along normals.
+    e1: float
+    e2: float
+    g: float  #: Factor of the ghost penalty.
+    e3: float = 0.0  #: Factor of the square of the third derivative along normals, for cubic splines.
+
+
+#: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
+STABILISATIONS = {
+    1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
+    2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
+    3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
+}
+#: The degrees that splines may have.
+DEGREES = (1, 2, 3)
 
 #: The families of equations that the form solves.
 FAMILIES = ("steady", "time", "eigen", "biharmonic", "coupled")

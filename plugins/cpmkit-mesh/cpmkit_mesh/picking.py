@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from cpmkit.plugin import (
     HasMesh,
     InputError,
     MissingDependencyError,
-    Solution,
-    Surface,
-    as_source,
     shown,
     written_whole,
 )
 from cpmkit_mesh.polyline import in_three_dimensions
+
+if TYPE_CHECKING:
+    from cpmkit.plugin import Solution, Surface
 
 #: Largest distance of neighbouring points of a line, in steps; a longer gap is a jump to another part of the surface.
 LARGEST_GAP_STEPS = 4.0
@@ -172,6 +172,8 @@ def pick_line(shown: Surface | Solution, path: str | Path | None = None, *, clos
 
     See :func:`cpmkit.pick_line`.
     """
+    from cpmkit.plugin import Solution, as_source
+
     surface = shown.scene.surface if isinstance(shown, Solution) else as_source(shown)
     place = None if path is None else check_line_file(path, surface)
     canvas = Canvas(start_line(surface, _size(surface) / LINE_STEPS, closed), shown_mesh(shown, surface))
@@ -246,6 +248,8 @@ def shown_mesh(shown: Any, surface: ClosestPointSource) -> Any:
         As :func:`pick_line` does.
     """
     pyvista = _pyvista()
+    from cpmkit.plugin import Solution
+
     if isinstance(shown, Solution):
         return shown.to_pyvista()
     if not isinstance(surface, HasMesh):

@@ -14,13 +14,13 @@ grows with refinement and with contrasts of a.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import comb
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import lines_through
+from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.types import Floats, Ints
 
 if TYPE_CHECKING:
@@ -32,23 +32,6 @@ if TYPE_CHECKING:
 EVERY_SAMPLE = slice(None)
 
 
-@dataclass(frozen=True)
-class Stabilisation:
-    """Dimensionless factors of the terms of the stabilisation."""
-
-    #: e1, e2: Factors of the squares of the first and second derivatives along normals.
-    e1: float
-    e2: float
-    g: float  #: Factor of the ghost penalty.
-    e3: float = 0.0  #: Factor of the square of the third derivative along normals, for cubic splines.
-
-
-#: Stabilisation by degree and name: "accurate" has half the error of "default" and twice the iterations.
-STABILISATIONS = {
-    1: {"default": Stabilisation(1e-1, 1e-2, 1e-4), "accurate": Stabilisation(1e-2, 1e-2, 1e-4)},
-    2: {"default": Stabilisation(1e-2, 1e-2, 1e-4), "accurate": Stabilisation(1e-3, 1e-3, 1e-4)},
-    3: {"default": Stabilisation(1e-2, 1e-2, 1e-4, 1e-2), "accurate": Stabilisation(1e-3, 1e-3, 1e-5, 1e-3)},
-}
 #: The floor is added for unknowns whose diagonal entry over the coefficient is below this share of the median.
 LIGHT_SHARE = 1e-4
 #: The factor of the floor as a share of that median. For splines of degree 1 the matrix of a circle in a

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from cpmkit.forms.galerkin.dof_map import DofMap
+from cpmkit.forms.galerkin.options import Stabilisation
 from cpmkit.forms.galerkin.space import energy
-from cpmkit.forms.galerkin.space.energy import Stabilisation
 from cpmkit.forms.galerkin.space.levels import coarser_levels
 from cpmkit.forms.galerkin.space.spline_space import SplineSpace, derivative_rows, value_rows
 from cpmkit.linear.constant_functions import RowGroups

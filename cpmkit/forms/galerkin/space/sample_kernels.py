@@ -13,8 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from cpmkit.forms.galerkin.options import DEGREES
 from cpmkit.forms.galerkin.space.quantised_samples import PLACE_UNIT, decode_normals
-from cpmkit.forms.galerkin.space.spline_space import DEGREES, spline_pieces
+from cpmkit.forms.galerkin.space.spline_space import spline_pieces
 from cpmkit.runtime.compilation import compiled, inlined
 from cpmkit.types import Floats, Ints
 

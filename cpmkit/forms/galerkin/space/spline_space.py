@@ -22,10 +22,6 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
 
-#: The degrees that splines may have.
-DEGREES = (1, 2, 3)
-
-
 @cache
 def spline_pieces(degree: int) -> Floats:
     """Return the polynomials in t of the degree + 1 splines that are not zero on a cell, along an axis.

@@ -6,14 +6,8 @@ from galerkin_scenes import SHIFT, Drawn, plane, plane_circle, space_circle, sph
 from galerkin_systems import stiffness
 
 from cpmkit.forms.galerkin.dof_map import connected_pieces, dof_map_from_patches
-from cpmkit.forms.galerkin.space.energy import (
-    STABILISATIONS,
-    Stabilisation,
-    load,
-    mass,
-    stiffness_with_floor,
-    values_at_samples,
-)
+from cpmkit.forms.galerkin.options import STABILISATIONS, Stabilisation
+from cpmkit.forms.galerkin.space.energy import load, mass, stiffness_with_floor, values_at_samples
 from cpmkit.forms.galerkin.space.spline_space import build_spline_space, value_rows
 from cpmkit.mesh.cell_quadrature import Samples
 

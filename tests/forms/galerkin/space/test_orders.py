@@ -6,13 +6,8 @@ from galerkin_scenes import SHIFT, plane_circle, space_circle, sphere
 from galerkin_systems import stiffness
 from scipy.sparse.linalg import eigsh, splu
 
-from cpmkit.forms.galerkin.space.energy import (
-    STABILISATIONS,
-    load,
-    mass,
-    stiffness_with_floor,
-    values_at_samples,
-)
+from cpmkit.forms.galerkin.options import STABILISATIONS
+from cpmkit.forms.galerkin.space.energy import load, mass, stiffness_with_floor, values_at_samples
 
 
 def order(spacings, errors):
