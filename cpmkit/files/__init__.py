@@ -1,1 +1,1 @@
-"""Files found, read without trust and written whole."""
+"""Files found, read without trust and written whole; the plain values (numbers, lists, tables) in them."""

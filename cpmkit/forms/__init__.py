@@ -1,1 +1,1 @@
-"""Ways of discretising that the families of equations are written over."""
+"""What the forms share: their contract, choice, options, costs, and warnings about a scene and its spacing."""

@@ -1,1 +1,1 @@
-"""The problem: a manifold, boundaries inside it, conditions and their laws, an equation. No lattice."""
+"""The problem: a manifold from a source or an object, boundaries inside it, conditions and laws, an equation."""

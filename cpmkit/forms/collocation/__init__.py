@@ -1,1 +1,1 @@
-"""The paper's closest point method, in the paper's order: sheets, boundary, ghosts, tables."""
+"""The paper's closest point method: a scene laid out on a band (sheets, boundaries, ghosts), and its matrices."""
